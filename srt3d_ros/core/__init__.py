@@ -1,0 +1,1 @@
+"""Sensor model, photons, sketching, reconstruction and metrics. Imports NumPy and torch only."""

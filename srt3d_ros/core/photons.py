@@ -1,0 +1,80 @@
+"""PhotonFrame: the photons of one frame, as events or as the gates of a SPAD array."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import require
+
+TOA_DTYPES = (np.uint16, np.uint32, np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonEvents:
+    """One entry per detected photon, in any order.
+
+    Args:
+        pixel: uint32 [N], row · cols + col.
+        toa: uint16, uint32 or float32 [N], time of arrival in bins, 0 ≤ toa < T.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+    """
+
+    pixel: np.ndarray
+    toa: np.ndarray
+    stamp_ns: int = 0
+
+    def __post_init__(self):
+        require(self.toa.dtype in TOA_DTYPES, "toa dtype", str(self.toa.dtype), "uint16, uint32 or float32")
+        require(self.pixel.dtype == np.uint32, "pixel dtype", str(self.pixel.dtype), "uint32")
+        require(self.pixel.shape == self.toa.shape and self.pixel.ndim == 1, "pixel and toa shapes",
+                f"{self.pixel.shape} and {self.toa.shape}", "the same [N]")
+
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return len(self.toa)
+
+    @cached_property
+    def is_sorted(self) -> bool:
+        """True if `pixel` never decreases, which makes sketching several times faster."""
+        return bool((self.pixel[1:] >= self.pixel[:-1]).all())
+
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput if a photon lies outside the sensor's pixels or bins."""
+        if self.photons == 0:
+            return
+        worst = int(self.pixel.max())
+        require(worst < sensor.pixels, "pixel", worst,
+                f"an index below {sensor.rows} × {sensor.cols} = {sensor.pixels}")
+        low, high = self.toa.min(), self.toa.max()      # a NaN makes both NaN
+        require(bool(low >= 0 and high < sensor.num_bins), "toa", high if not high < sensor.num_bins else low,
+                f"bins in [0, {sensor.num_bins})")
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonGates:
+    """G laser cycles of a SPAD array: one ToA word per pixel and cycle.
+
+    Args:
+        words: uint16 [G, rows, cols]; bin = word − sensor.gates.first_word, sensor.gates.no_detection = no photon.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+    """
+
+    words: np.ndarray
+    stamp_ns: int = 0
+
+    def __post_init__(self):
+        require(self.words.dtype == np.uint16, "gates dtype", str(self.words.dtype), "uint16")
+        require(self.words.ndim == 3, "gates shape", self.words.shape, "[cycles, rows, cols]")
+
+    def to_events(self, sensor: SensorModel) -> PhotonEvents:
+        """The same photons as events sorted by pixel."""
+        words = self.words.reshape(len(self.words), -1).T
+        seen = words != sensor.gates.no_detection
+        pixel = np.broadcast_to(np.arange(words.shape[0], dtype=np.uint32)[:, None], words.shape)[seen]
+        return PhotonEvents(pixel, words[seen] - np.uint16(sensor.gates.first_word), self.stamp_ns)
+
+
+PhotonFrame = PhotonEvents | PhotonGates

@@ -1,0 +1,79 @@
+"""Where a pixel looks: unit rays in the sensor's frame, from which range gives a point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.errors import require
+
+DEFAULT_FOV_DEG = 30.0
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera: ray ∝ ((col − cx) / fx, (row − cy) / fy, 1), in the optical frame (z forward, x right, y down).
+
+    Args:
+        fx, fy: focal lengths, pixels.
+        cx, cy: principal point, pixels; the centre of pixel (0, 0) is at (0, 0).
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    kind = "pinhole"
+
+    def __post_init__(self):
+        for name in ("fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
+            require(np.isfinite(value), f"projection.{name}", value, "a finite number of pixels")
+            require(name[0] == "c" or value > 0, f"projection.{name}", value, "a focal length above 0 pixels")
+
+    @classmethod
+    def from_fov(cls, rows: int, cols: int, fov_deg: float = DEFAULT_FOV_DEG) -> "Pinhole":
+        """Square pixels, principal point in the middle, `fov_deg` degrees across the larger side."""
+        require(0 < fov_deg < 180, "fov_deg", fov_deg, "an angle between 0 and 180 degrees")
+        focal = max(rows, cols) / 2 / np.tan(np.radians(fov_deg) / 2)
+        return cls(focal, focal, (cols - 1) / 2, (rows - 1) / 2)
+
+    def rays(self, rows: int, cols: int) -> np.ndarray:
+        """Unit rays, float32 [rows, cols, 3]."""
+        x = (np.arange(cols) - self.cx) / self.fx
+        y = (np.arange(rows) - self.cy) / self.fy
+        return _unit(np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols)), np.ones((rows, cols)))
+
+
+@dataclass(frozen=True)
+class AngularScan:
+    """A scanner with evenly spaced angles: x forward, y left, z up (REP-103).
+
+    The ray of (row, col) has azimuth `azimuth_start_rad + col · azimuth_step_rad` (positive to the left)
+    and elevation `elevation_start_rad + row · elevation_step_rad` (positive up).
+    """
+
+    azimuth_start_rad: float
+    azimuth_step_rad: float
+    elevation_start_rad: float
+    elevation_step_rad: float
+    kind = "angular_scan"
+
+    def __post_init__(self):
+        for name in ("azimuth_start_rad", "azimuth_step_rad", "elevation_start_rad", "elevation_step_rad"):
+            value = getattr(self, name)
+            require(np.isfinite(value), f"projection.{name}", value, "a finite angle in radians")
+
+    def rays(self, rows: int, cols: int) -> np.ndarray:
+        """Unit rays, float32 [rows, cols, 3]."""
+        azimuth = self.azimuth_start_rad + self.azimuth_step_rad * np.arange(cols)
+        elevation = (self.elevation_start_rad + self.elevation_step_rad * np.arange(rows))[:, None]
+        z = np.broadcast_to(np.sin(elevation), (rows, cols))
+        return _unit(np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), z)
+
+
+Projection = Pinhole | AngularScan
+
+
+def _unit(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    ray = np.stack([x, y, z], axis=-1)
+    return (ray / np.linalg.norm(ray, axis=-1, keepdims=True)).astype(np.float32)

@@ -1,0 +1,172 @@
+"""SensorModel: everything about a single-photon lidar that its photons do not say."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from srt3d_ros.core.projection import Pinhole, Projection
+from srt3d_ros.errors import InvalidInput, require
+
+SPEED_OF_LIGHT = 299_792_458.0
+MAX_SIDE = 65_536
+MAX_PIXELS = 2**24
+MAX_BINS = 65_535
+
+
+@dataclass(frozen=True)
+class GateWords:
+    """How a gated SPAD array writes its ToA words: bin = word − `first_word`; `no_detection` = nothing seen."""
+
+    first_word: int = 0
+    no_detection: int = 65_535
+
+    def __post_init__(self):
+        for name in ("first_word", "no_detection"):
+            value = getattr(self, name)
+            require(0 <= value <= 65_535, f"gates.{name}", value, "a 16-bit word, 0 … 65535")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorModel:
+    """Geometry, timing and calibration of a sensor; immutable.
+
+    A surface at depth bin d puts `irf[irf_ref]` on bin d: p(toa = b) ∝ irf[b − d + irf_ref], and lies at
+    range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m along its pixel's ray.
+
+    Args:
+        rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
+        num_bins: T, bins of one laser period (or of the gate that wraps like one).
+        bin_width_s: seconds.
+        irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, non-negative, not all zero;
+            normalised to sum 1 here.
+        irf_ref: index into `irf` that marks the depth; the peak unless given.
+        toa_offset_bins: bins between the laser pulse and bin 0.
+        range_offset_m: metres added to every range.
+        gain: float32 [rows, cols], relative detection efficiency; 1 if absent.
+        delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late; 0 if absent.
+        mask: bool [rows, cols], False where a pixel must not be used (hot, dead); all True if absent.
+        projection: Pinhole or AngularScan; a pinhole of 30° across the larger side unless given.
+        gates: ToA words of a gated array, for the `gates` topic.
+        frame_id: the sensor's frame in tf.
+
+    Raises:
+        InvalidInput: naming the field that cannot be used.
+    """
+
+    rows: int
+    cols: int
+    num_bins: int
+    bin_width_s: float
+    irf: np.ndarray
+    irf_ref: int | None = None
+    toa_offset_bins: float = 0.0
+    range_offset_m: float = 0.0
+    gain: np.ndarray | None = None
+    delay_bins: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    projection: Projection | None = None
+    gates: GateWords | None = None
+    frame_id: str = "lidar"
+
+    def __post_init__(self):
+        for name, most in (("rows", MAX_SIDE), ("cols", MAX_SIDE), ("num_bins", MAX_BINS)):
+            value = _integer(name, getattr(self, name))
+            require((2 if name == "num_bins" else 1) <= value <= most, name, value,
+                    f"an integer from {2 if name == 'num_bins' else 1} to {most}")
+            object.__setattr__(self, name, value)
+        require(self.rows * self.cols <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}",
+                f"at most {MAX_PIXELS} pixels")
+        for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
+            object.__setattr__(self, name, _finite(name, getattr(self, name)))
+        require(self.bin_width_s > 0, "bin_width_s", self.bin_width_s, "seconds, above 0")
+        object.__setattr__(self, "irf", self._checked_irf())
+        peak = int(np.argmax(self.irf if self.irf.ndim == 1 else self.irf.sum(axis=0)))
+        ref = peak if self.irf_ref is None else _integer("irf_ref", self.irf_ref)
+        require(0 <= ref < self.irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {self.irf.shape[-1] - 1}")
+        object.__setattr__(self, "irf_ref", ref)
+        self._check_maps()
+        if self.projection is None:
+            object.__setattr__(self, "projection", Pinhole.from_fov(self.rows, self.cols))
+
+    def _checked_irf(self) -> np.ndarray:
+        irf = _array("irf", self.irf, np.float64)
+        pixels = self.rows * self.cols
+        require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == pixels), "irf shape",
+                irf.shape, f"[L], or [{pixels}, L] for an IRF per pixel")
+        require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
+        require(bool(np.isfinite(irf).all() and (irf >= 0).all()), "irf", "negative or not finite in places",
+                "finite values of 0 or more (remove the baseline)")
+        total = irf.sum(axis=-1, keepdims=True)
+        require(bool((total > 0).all()), "irf", "all zero", "some response")
+        return np.ascontiguousarray(irf / total, dtype=np.float32)
+
+    def _check_maps(self) -> None:
+        shape = (self.rows, self.cols)
+        for name, dtype in (("gain", np.float32), ("delay_bins", np.float32), ("mask", np.bool_)):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            value = _array(name, value, dtype)
+            require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
+            require(bool(np.isfinite(value).all()), name, "not finite in places", "finite values (use mask for bad pixels)")
+            object.__setattr__(self, name, value)
+        require(self.gain is None or bool((self.gain > 0).all()), "gain", "0 or less in places",
+                "values above 0 (use mask for dead pixels)")
+
+    @property
+    def pixels(self) -> int:
+        """rows · cols."""
+        return self.rows * self.cols
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        """Unit rays in the sensor's frame, float32 [rows, cols, 3]."""
+        return self.projection.rays(self.rows, self.cols)
+
+    def range_m(self, depth_bins: np.ndarray) -> np.ndarray:
+        """Range along the ray, metres, of depths in bins."""
+        scale = SPEED_OF_LIGHT / 2 * self.bin_width_s
+        return (self.toa_offset_bins + np.asarray(depth_bins, dtype=np.float64)) * scale + self.range_offset_m
+
+    def xyz(self, row: np.ndarray, col: np.ndarray, depth_bins: np.ndarray) -> np.ndarray:
+        """Points in the sensor's frame, metres, float32 [N, 3]."""
+        return (self.rays[row, col] * self.range_m(depth_bins)[:, None]).astype(np.float32)
+
+    def replace(self, **changes) -> "SensorModel":
+        """A copy with some fields changed, checked again."""
+        return replace(self, **changes)
+
+    def same_as(self, other: "SensorModel | None") -> bool:
+        """True if both describe the same sensor."""
+        if other is None:
+            return False
+        return all(_same(getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
+
+
+def _same(a, b) -> bool:
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return a is not None and b is not None and np.array_equal(a, b)
+    return a == b
+
+
+def _integer(name: str, value) -> int:
+    number = _finite(name, value)
+    require(number == int(number), name, value, "an integer")
+    return int(number)
+
+
+def _finite(name: str, value) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, value, "a number") from None
+    require(np.isfinite(number), name, value, "a finite number")
+    return number
+
+
+def _array(name: str, value, dtype) -> np.ndarray:
+    try:
+        return np.ascontiguousarray(value, dtype=dtype)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, value, f"an array of {np.dtype(dtype).name}") from None

@@ -1,0 +1,68 @@
+"""Sketch: what is kept of a frame's photons, and how sketches add."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from srt3d_ros.errors import require
+
+MAX_SKETCH_SIZE = 1024
+
+
+def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
+    """The frequencies k_l as a tuple of different integers in [1, (T − 1) / 2], or InvalidInput.
+
+    k and T − k carry the same information (one is the other's conjugate), k = 0 none but the photon count.
+    """
+    require(0 < len(frequencies) <= MAX_SKETCH_SIZE, "sketch size", len(frequencies), f"1 to {MAX_SKETCH_SIZE} frequencies")
+    most = max((num_bins - 1) // 2, 1)
+    for k in frequencies:
+        require(k == int(k) and 1 <= k <= most, "frequencies", k,
+                f"integers from 1 to {most} (T = {num_bins} bins; higher ones repeat these)")
+    require(len(set(frequencies)) == len(frequencies), "frequencies", list(frequencies), "no frequency twice")
+    return tuple(int(k) for k in frequencies)
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """Per pixel, the sum over its photons of exp(i ω_l x_p), ω_l = 2π k_l / T, and their number.
+
+    The paper's sketch is the mean, z_l = sums_l / n (eq. 3); the sum is kept because sums of disjoint sets of
+    photons add: over time, over pixels and over sensors.
+
+    Args:
+        frequencies: the integers k_l.
+        sums: complex64 [rows, cols, m].
+        photons: uint32 [rows, cols], n.
+        stamp_ns: start of acquisition of the earliest photons.
+    """
+
+    frequencies: tuple[int, ...]
+    sums: np.ndarray
+    photons: np.ndarray
+    stamp_ns: int = 0
+
+    def __post_init__(self):
+        require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,
+                f"[rows, cols, {len(self.frequencies)}]")
+        require(self.photons.shape == self.sums.shape[:2], "photons shape", self.photons.shape,
+                f"[rows, cols] = {self.sums.shape[:2]}")
+
+    @property
+    def z(self) -> np.ndarray:
+        """The paper's sketch, sums / n; complex64 [rows, cols, m], 0 where a pixel saw no photon."""
+        return self.sums / np.maximum(self.photons, 1)[..., None].astype(np.float32)
+
+    def __add__(self, other: "Sketch") -> "Sketch":
+        require(self.frequencies == other.frequencies, "frequencies", other.frequencies, f"the same as {self.frequencies}")
+        return replace(self, sums=self.sums + other.sums, photons=self.photons + other.photons,
+                       stamp_ns=min(self.stamp_ns, other.stamp_ns))
+
+    def merge_pixels(self, factor: int) -> "Sketch":
+        """The sketch of an array of `factor` × `factor` larger pixels."""
+        rows, cols, m = self.sums.shape
+        require(factor >= 1 and rows % factor == 0 and cols % factor == 0, "factor", factor,
+                f"a divisor of {rows} rows and {cols} columns")
+        blocks = (rows // factor, factor, cols // factor, factor)
+        return replace(self, sums=self.sums.reshape(*blocks, m).sum(axis=(1, 3)),
+                       photons=self.photons.reshape(blocks).sum(axis=(1, 3), dtype=np.uint32))
