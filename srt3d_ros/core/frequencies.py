@@ -1,0 +1,77 @@
+"""Which frequencies a sketch keeps."""
+
+import numpy as np
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, check_frequencies
+from srt3d_ros.errors import InvalidInput, require
+
+DEFAULT_SKETCH_SIZE = 10
+
+
+def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
+    """ω_l = 2π k_l / T in radians per bin, float64 [m]."""
+    return 2 * np.pi * np.asarray(frequencies, dtype=np.float64) / num_bins
+
+
+def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
+    """ĥ(ω_l) = Σ_b irf[b] exp(i ω_l (b − irf_ref)): the expected sketch of a return at depth 0.
+
+    The sign is that of the sketch exp(+i ω x), so that a return at depth d has the sketch ĥ(ω) exp(i ω d).
+
+    Returns:
+        complex128 [m], or [pixels, m] if the sensor has an IRF per pixel.
+    """
+    bins = np.arange(sensor.irf.shape[-1]) - sensor.irf_ref
+    phases = np.exp(1j * np.outer(bins, angular_frequencies(frequencies, sensor.num_bins)))
+    return sensor.irf.astype(np.float64) @ phases
+
+
+def consecutive(sketch_size: int) -> tuple[int, ...]:
+    """1 … m, as in the paper's experiments."""
+    return tuple(range(1, sketch_size + 1))
+
+
+def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
+    """m frequencies in geometric progression from 1 to where the IRF's spectrum |ĥ| falls to one half.
+
+    High frequencies measure depth finely, as long as the IRF passes them; low ones tell which period of the high ones
+    is meant. Where the spectrum leaves fewer than m frequencies this is `consecutive`.
+    """
+    most = max((sensor.num_bins - 1) // 2, 1)
+    spectrum = np.abs(irf_spectrum(sensor, np.arange(1, most + 1)))
+    if spectrum.ndim == 2:
+        spectrum = spectrum.mean(axis=0)
+    below = np.flatnonzero(spectrum < 0.5)
+    top = int(below[0]) if len(below) else most
+    chosen: list[int] = []
+    for wanted in np.geomspace(1, max(top, 1), sketch_size):
+        chosen.append(max(round(wanted), chosen[-1] + 1 if chosen else 1))
+    return tuple(chosen)
+
+
+def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
+    """Frequencies from what a user writes.
+
+    Args:
+        spec: "auto" (see `spread`), "consecutive", or a list such as "1,2,5".
+        sensor: gives T and the IRF.
+        sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
+
+    Raises:
+        InvalidInput: if m is too large for T, or the list has a frequency that means nothing.
+    """
+    if spec in ("auto", "consecutive"):
+        m = DEFAULT_SKETCH_SIZE if sketch_size is None else sketch_size
+        most = min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE)
+        if sketch_size is None:
+            m = max(min(m, most), 1)
+        require(1 <= m <= max(most, 1), "sketch_size", m, f"1 to {max(most, 1)} for T = {sensor.num_bins} bins")
+        return check_frequencies(consecutive(m) if spec == "consecutive" else spread(sensor, m), sensor.num_bins)
+    try:
+        listed = [int(part) for part in spec.split(",")]
+    except ValueError:
+        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
+    require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
+            f"{len(listed)}, the number of frequencies listed (or leave it out)")
+    return check_frequencies(listed, sensor.num_bins)
