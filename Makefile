@@ -1,0 +1,32 @@
+# Two commands to know: `make demo` and `make test`. Both make and fill .venv by themselves, once.
+PYTHON ?= python3
+VENV = .venv
+OUT = demo-out
+PHOTONS =
+ARGS =
+
+.PHONY: help venv demo test lint clean
+
+help:
+	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
+	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
+	@echo 'make lint                                ruff'
+	@echo 'make venv                                only make or refresh the virtual environment'
+	@echo 'make clean                               remove it and everything that was built'
+	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), VENV=$(VENV)'
+
+venv:
+	@'$(PYTHON)' scripts/make_venv.py '$(VENV)'
+
+demo: venv
+	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') --out '$(OUT)'
+
+test: venv
+	@'$(VENV)/bin/python' -m pytest $(ARGS)
+
+lint: venv
+	@'$(VENV)/bin/ruff' check .
+
+clean:
+	rm -rf '$(VENV)' build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +

@@ -1,0 +1,60 @@
+"""How srt3d_ros is installed: by pip, by colcon (build type ament_python) and by `make venv`.
+
+ROS itself is the extra `ros`: on a machine with ROS 2 from apt, rclpy and the messages come from there (package.xml,
+rosdep), and pip must not put a second copy beside them. There: `colcon build`, or `pip install .` in a virtual
+environment made with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels.
+"""
+
+import re
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "srt3d_ros"
+VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).joinpath("__init__.py").read_text())[1]
+
+# rerun-sdk asks for NumPy 2. It is not a core requirement because the apt packages of Ubuntu 24.04 use NumPy 1.26.
+RERUN = "rerun-sdk>=0.41,<0.42"
+PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
+SCIPY = "scipy>=1.11,<2"
+EXTRAS = {
+    "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
+            "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
+    "record": [RERUN],
+    "review": [RERUN, *PICTURES],
+    "demo": [RERUN, *PICTURES],
+    "mat": [SCIPY],
+    "test": [SCIPY, "pytest>=8,<10", "hypothesis>=6.100,<7", "rosbags>=0.10,<0.12",
+             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18"],
+}
+
+
+def under(folder):
+    """The files of a top-level folder, as (destination in share/, files)."""
+    return f"share/{NAME}/{folder}", sorted(path for path in glob(f"{folder}/*") if Path(path).is_file())
+
+
+setup(
+    name=NAME,
+    version=VERSION,
+    description="Real-time 3D point clouds from single-photon lidar, as ROS 2 nodes and a library",
+    license="Apache-2.0",
+    maintainer="srt3d_ros maintainers",
+    maintainer_email="maintainers@srt3d-ros.org",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    python_requires=">=3.11",
+    install_requires=["numpy>=1.26,<3", "torch>=2.4,<3", "numba>=0.60,<1", "tqdm>=4.66,<5"],
+    extras_require=EXTRAS,
+    entry_points={"console_scripts": ["srt3d = srt3d_ros.cli.main:main"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        under("msg_schemas"),
+        under("launch"),
+        under("config"),
+        # Where `ros2 run` looks. They are not console scripts, which pip would put on PATH under names like `player`.
+        (f"lib/{NAME}", sorted(glob("scripts/nodes/*"))),
+    ],
+    zip_safe=False,
+)

@@ -1,0 +1,1 @@
+"""The `srt3d` command: one module for each sub-command."""

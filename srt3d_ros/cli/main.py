@@ -1,0 +1,67 @@
+"""`srt3d`: finds the sub-command, runs it, and turns what goes wrong into one line and an exit code."""
+
+import argparse
+import importlib
+import os
+import sys
+
+from srt3d_ros import __version__
+from srt3d_ros.errors import InvalidInput
+
+# Each is a module here with add_parser(subparsers) and run(args) -> int. They import what they need in run(), so
+# that `srt3d --help` answers at once.
+COMMANDS = ("node",)
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+BROKEN_PIPE = 141
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An ArgumentParser that says what is wrong in one line; `srt3d … --help` shows the usage."""
+
+    def error(self, message: str):
+        self.exit(BAD_INPUT, f"srt3d: error: {message} (see {self.prog} --help)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `srt3d` with all its sub-commands."""
+    top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.")
+    top.add_argument("--version", action="version", version=f"srt3d {__version__}")
+    subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        importlib.import_module(f"srt3d_ros.cli.{name}").add_parser(subparsers)
+    return top
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run `srt3d` with these arguments, the command line's unless given; returns the exit code.
+
+    0 done, 1 failed, 2 bad input, 130 interrupted.
+    """
+    try:
+        args = parser().parse_args(argv)
+        code = args.run(args)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # The reader, `head` say, has seen enough. Python flushes once more at exit: into nothing.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except InvalidInput as error:
+        return _bad_input(str(error))
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _bad_input(f"{error.filename}: {error.strerror}")
+
+
+def _bad_input(message: str) -> int:
+    print(f"srt3d: error: {message}", file=sys.stderr)
+    return BAD_INPUT
+
+
+if __name__ == "__main__":
+    sys.exit(main())
