@@ -1,4 +1,4 @@
-"""What all tests share: ROS 2 kept to this machine and to a domain of this run's own, and the photon data if present."""
+"""What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
 
 import os
 import random

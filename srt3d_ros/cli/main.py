@@ -12,6 +12,10 @@ from srt3d_ros.errors import InvalidInput
 # that `srt3d --help` answers at once.
 COMMANDS = ("node",)
 
+# Optional packages: how to get what a command turns out to need.
+EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "demo", "PIL": "demo", "scipy": "mat"}
+
+FAILED = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -51,16 +55,21 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except InvalidInput as error:
-        return _bad_input(str(error))
+        return _say(str(error), BAD_INPUT)
     except OSError as error:
         if error.filename is None:
             raise
-        return _bad_input(f"{error.filename}: {error.strerror}")
+        return _say(f"{error.filename}: {error.strerror}", BAD_INPUT)
+    except ModuleNotFoundError as error:
+        if error.name not in EXTRAS:
+            raise
+        ros = "source a ROS 2 installation, or " if error.name == "rclpy" else ""
+        return _say(f"{error.name} is not installed: {ros}pip install 'srt3d_ros[{EXTRAS[error.name]}]'", FAILED)
 
 
-def _bad_input(message: str) -> int:
+def _say(message: str, code: int) -> int:
     print(f"srt3d: error: {message}", file=sys.stderr)
-    return BAD_INPUT
+    return code
 
 
 if __name__ == "__main__":

@@ -1,0 +1,116 @@
+"""The package installs by pip (from an sdist) and by colcon, and is then found as ROS 2 tools look for it."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+import srt3d_ros
+from srt3d_ros.cli.node import NODES
+
+NOT_SOURCE = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log", "dist", "demo-out")
+
+
+def run(command, cwd, **variables) -> str:
+    done = subprocess.run(command, cwd=cwd, env={**os.environ, **variables}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def source(repository, tmp_path_factory) -> Path:
+    """A copy of the source tree, for builds to write into."""
+    return Path(shutil.copytree(repository, tmp_path_factory.mktemp("copy") / "srt3d_ros", ignore=NOT_SOURCE,
+                                symlinks=True))
+
+
+@pytest.fixture(scope="module")
+def by_pip(source, tmp_path_factory) -> Path:
+    """The prefix of a plain pip install from an sdist."""
+    prefix = tmp_path_factory.mktemp("pip")
+    run([sys.executable, "setup.py", "--quiet", "sdist", "--dist-dir", prefix / "dist"], cwd=source)
+    (sdist,) = (prefix / "dist").iterdir()
+    run([sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index",
+         "--ignore-installed", "--prefix", prefix, sdist], cwd=prefix)
+    return prefix
+
+
+@pytest.fixture(scope="module")
+def by_colcon(source, tmp_path_factory) -> Path:
+    """The prefix of `colcon build`."""
+    colcon = Path(sys.executable).parent / "colcon"
+    if not colcon.exists():
+        pytest.skip("colcon is not installed")
+    workspace = tmp_path_factory.mktemp("colcon")
+    run([colcon, "--log-base", workspace / "log", "build", "--base-paths", source, "--build-base", workspace / "build",
+         "--install-base", workspace / "install"], cwd=workspace)
+    return workspace / "install" / "srt3d_ros"
+
+
+@pytest.fixture(params=["by_pip", "by_colcon"])
+def prefix(request) -> Path:
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def environment(prefix) -> dict[str, str]:
+    """The variables under which the installed package is used, not the source tree."""
+    base = {"base": str(prefix), "platbase": str(prefix)}
+    return {"AMENT_PREFIX_PATH": str(prefix), "PYTHONPATH": sysconfig.get_path("purelib", vars=base)}
+
+
+def test_ros2_run_finds_the_nodes(prefix, monkeypatch):
+    packages = pytest.importorskip("ament_index_python.packages")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
+    folder = Path(packages.get_package_prefix("srt3d_ros")) / "lib" / "srt3d_ros"
+    assert sorted(path.name for path in folder.iterdir() if os.access(path, os.X_OK)) == sorted(NODES)
+
+
+def test_a_node_found_so_runs_the_installed_package(prefix, environment, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import importlib, sys, types\n"
+        "node = types.ModuleType('srt3d_ros.nodes.sketcher')\n"
+        "import srt3d_ros\n"
+        "node.main = lambda: print(srt3d_ros.__file__, sys.argv)\n"
+        "sys.modules[node.__name__] = node\n")
+    environment["PYTHONPATH"] = f"{tmp_path}:{environment['PYTHONPATH']}"
+    printed = run([prefix / "lib" / "srt3d_ros" / "sketcher", "--ros-args", "-r", "a:=b c"], tmp_path, **environment)
+    assert printed.split(" ", 1)[0].startswith(str(prefix))
+    assert printed.endswith("['sketcher', '--ros-args', '-r', 'a:=b c']\n")
+
+
+def test_the_command_is_on_path(prefix, environment, tmp_path):
+    assert run([prefix / "bin" / "srt3d", "--version"], tmp_path, **environment) == f"srt3d {srt3d_ros.__version__}\n"
+
+
+@pytest.mark.parametrize("folder", ["msg_schemas", "launch", "config"])
+def test_shared_files_are_installed(prefix, repository, folder):
+    def names(place: Path) -> set[str]:
+        return {path.name for path in place.glob("*") if path.is_file()}
+    assert names(prefix / "share" / "srt3d_ros" / folder) == names(repository / folder)
+
+
+def test_package_data_is_installed(prefix, environment, repository):
+    def data(package: Path) -> set[Path]:
+        return {path.relative_to(package) for path in package.rglob("*")
+                if path.is_file() and path.suffix not in (".pyc", ".nbi", ".nbc")}
+    assert data(Path(environment["PYTHONPATH"]) / "srt3d_ros") == data(repository / "srt3d_ros")
+
+
+def test_versions_agree(repository):
+    assert re.search("<version>(.+)</version>", (repository / "package.xml").read_text())[1] == srt3d_ros.__version__
+    assert f"\n{srt3d_ros.__version__}\n" in (repository / "CHANGELOG.rst").read_text()
+
+
+def test_core_imports_no_more_than_numpy_and_torch(repository):
+    heavy = ["numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
+    imports = ("import importlib, pkgutil, sys, srt3d_ros.core as core\n"
+               "for module in pkgutil.walk_packages(core.__path__, 'srt3d_ros.core.'): "
+               "importlib.import_module(module.name)\n"
+               f"print(*(name for name in {heavy} if name in sys.modules))")
+    assert run([sys.executable, "-c", imports], repository).split() == []
