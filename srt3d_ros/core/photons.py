@@ -49,7 +49,7 @@ class PhotonEvents:
         require(worst < sensor.pixels, "pixel", worst,
                 f"an index below {sensor.rows} × {sensor.cols} = {sensor.pixels}")
         low, high = self.toa.min(), self.toa.max()      # a NaN makes both NaN
-        require(bool(low >= 0 and high < sensor.num_bins), "toa", high if not high < sensor.num_bins else low,
+        require(bool(low >= 0 and high < sensor.num_bins), "toa", (low if high < sensor.num_bins else high).item(),
                 f"bins in [0, {sensor.num_bins})")
 
 

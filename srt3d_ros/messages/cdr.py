@@ -1,0 +1,174 @@
+"""PointCloud2 and Image as bytes: the CDR that DDS carries and bags keep (OMG DDS-XTypes 1.3, 7.4: plain CDR).
+
+Reading copies nothing: `data` stays a view of the message. Every length is held against the bytes that are
+there before it is used. Numbers are aligned to their size, counted from the end of the 4-byte CDR header.
+"""
+
+import struct
+from dataclasses import dataclass
+
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages.header import Header
+
+CDR_HEADER_BYTES = 4
+ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
+MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
+MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """sensor_msgs/PointField."""
+
+    name: str
+    offset: int
+    datatype: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """sensor_msgs/PointCloud2."""
+
+    header: Header
+    height: int
+    width: int
+    fields: tuple[Field, ...]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: memoryview
+    is_dense: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """sensor_msgs/Image."""
+
+    header: Header
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: bool
+    step: int
+    data: memoryview
+
+
+def read_cloud(raw: bytes) -> Cloud:
+    """A serialised PointCloud2; InvalidInput names the field at which it breaks off or makes no sense."""
+    reader = _Reader(raw)
+    header, height, width = reader.header(), reader.number("height"), reader.number("width")
+    count = reader.number("fields")
+    require(count <= MAX_FIELDS, "fields", f"a sequence of {count}", f"at most {MAX_FIELDS} fields")
+    fields = tuple(Field(reader.text("fields.name"), reader.number("fields.offset"),
+                         reader.number("fields.datatype", "B"), reader.number("fields.count")) for _ in range(count))
+    cloud = Cloud(header, height, width, fields, reader.flag("is_bigendian"), reader.number("point_step"),
+                  reader.number("row_step"), reader.sequence("data"), reader.flag("is_dense"))
+    reader.end()
+    return cloud
+
+
+def write_cloud(cloud: Cloud) -> bytes:
+    """A PointCloud2 serialised in little-endian CDR, ready to publish."""
+    writer = _Writer(cloud.header)
+    writer.number(cloud.height)
+    writer.number(cloud.width)
+    writer.number(len(cloud.fields))
+    for field in cloud.fields:
+        writer.text(field.name)
+        writer.number(field.offset)
+        writer.number(field.datatype, "B")
+        writer.number(field.count)
+    writer.number(cloud.is_bigendian, "B")
+    writer.number(cloud.point_step)
+    writer.number(cloud.row_step)
+    return writer.finish(cloud.data, bytes([cloud.is_dense]))
+
+
+def read_image(raw: bytes) -> Image:
+    """A serialised Image; InvalidInput names the field at which it breaks off or makes no sense."""
+    reader = _Reader(raw)
+    image = Image(reader.header(), reader.number("height"), reader.number("width"), reader.text("encoding"),
+                  reader.flag("is_bigendian"), reader.number("step"), reader.sequence("data"))
+    reader.end()
+    return image
+
+
+def write_image(image: Image) -> bytes:
+    """An Image serialised in little-endian CDR, ready to publish."""
+    writer = _Writer(image.header)
+    writer.number(image.height)
+    writer.number(image.width)
+    writer.text(image.encoding)
+    writer.number(image.is_bigendian, "B")
+    writer.number(image.step)
+    return writer.finish(image.data)
+
+
+class _Reader:
+    def __init__(self, raw: bytes):
+        self.raw = memoryview(raw)
+        order = ORDERS.get(bytes(self.raw[:2]))
+        require(order is not None and len(self.raw) >= CDR_HEADER_BYTES, "CDR header",
+                bytes(self.raw[:4]).hex(" "), "00 00 (big-endian) or 00 01 (little-endian), then 2 bytes")
+        self.order = order
+        self.at = CDR_HEADER_BYTES
+
+    def take(self, field: str, count: int) -> memoryview:
+        """The next `count` bytes."""
+        left = len(self.raw) - self.at
+        require(count <= left, field, f"cut off at byte {len(self.raw)}", f"{count} bytes from byte {self.at} on")
+        self.at += count
+        return self.raw[self.at - count:self.at]
+
+    def number(self, field: str, code: str = "I") -> int:
+        """An integer of struct's type `code`."""
+        count = struct.calcsize(code)
+        self.at += -(self.at - CDR_HEADER_BYTES) % count
+        return struct.unpack(self.order + code, self.take(field, count))[0]
+
+    def flag(self, field: str) -> bool:
+        value = self.number(field, "B")
+        require(value in (0, 1), field, value, "0 or 1")
+        return bool(value)
+
+    def sequence(self, field: str) -> memoryview:
+        """A sequence of bytes, or the bytes of a string."""
+        return self.take(field, self.number(field))
+
+    def text(self, field: str) -> str:
+        raw = bytes(self.sequence(field))
+        require(not raw or raw[-1] == 0, field, raw, "a string that ends with a NUL")
+        try:
+            return raw[:-1].decode()
+        except UnicodeDecodeError:
+            raise InvalidInput(field, raw, "a string in UTF-8") from None
+
+    def header(self) -> Header:
+        return Header.of(self.number("header.stamp.sec", "i"), self.number("header.stamp.nanosec"),
+                         self.text("header.frame_id"))
+
+    def end(self) -> None:
+        left = len(self.raw) - self.at
+        require(left <= MAX_TRAILING_BYTES, "message", f"{left} bytes too long", f"{self.at} bytes")
+
+
+class _Writer:
+    def __init__(self, header: Header):
+        self.raw = bytearray(b"\x00\x01\x00\x00")
+        self.number(header.sec, "i")
+        self.number(header.nanosec)
+        self.text(header.frame_id)
+
+    def number(self, value: int, code: str = "I") -> None:
+        self.raw += bytes(-(len(self.raw) - CDR_HEADER_BYTES) % struct.calcsize(code))
+        self.raw += struct.pack("<" + code, value)
+
+    def text(self, value: str) -> None:
+        encoded = value.encode() + b"\0"
+        self.number(len(encoded))
+        self.raw += encoded
+
+    def finish(self, data: memoryview, tail: bytes = b"") -> bytes:
+        self.number(len(data))
+        return b"".join((self.raw, data, tail))

@@ -1,0 +1,69 @@
+"""`gates`: PhotonGates ⇄ Image, the ToA words of G laser cycles (msg_schemas/gates.json)."""
+
+import numpy as np
+from sensor_msgs.msg import Image
+
+from srt3d_ros.core.photons import PhotonGates
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import cdr, typed
+from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.layout import pack_image, unpack_image
+from srt3d_ros.messages.schema import load
+
+
+def encode(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> Image:
+    """The message of G cycles.
+
+    Raises:
+        InvalidInput: the words do not fit the sensor, or the sensor has no `gates`.
+    """
+    return typed.to_image_message(_pack(gates, sensor, frame_id))
+
+
+def encode_cdr(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> bytes:
+    """`encode`, serialised."""
+    return cdr.write_image(_pack(gates, sensor, frame_id))
+
+
+def decode(message: Image, sensor: SensorModel) -> tuple[Header, PhotonGates]:
+    """The words of a message, copied.
+
+    Raises:
+        InvalidInput: the message does not keep the schema or fit the sensor, or the sensor has no `gates`.
+    """
+    return _unpack(typed.from_image_message(message), sensor)
+
+
+def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[Header, PhotonGates]:
+    """`decode` of a serialised message."""
+    return _unpack(cdr.read_image(raw), sensor)
+
+
+def _pack(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> cdr.Image:
+    cycles, rows, cols = gates.words.shape
+    require((rows, cols) == (sensor.rows, sensor.cols), "gates shape", gates.words.shape,
+            f"[cycles, {sensor.rows}, {sensor.cols}]")
+    _check_words(gates.words, sensor)
+    return pack_image(Header(gates.stamp_ns, frame_id), gates.words.reshape(cycles * rows, cols), load("gates"))
+
+
+def _unpack(image: cdr.Image, sensor: SensorModel) -> tuple[Header, PhotonGates]:
+    require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
+    require(image.height % sensor.rows == 0, "height", image.height, f"a multiple of the sensor's {sensor.rows} rows")
+    # A copy, always: views of a message are read-only, sometimes unaligned, and compiled code wants neither.
+    words = np.array(unpack_image(image, load("gates")), dtype=np.uint16, order="C")
+    words = words.reshape(image.height // sensor.rows, sensor.rows, sensor.cols)
+    _check_words(words, sensor)
+    return image.header, PhotonGates(words, image.header.stamp_ns)
+
+
+def _check_words(words: np.ndarray, sensor: SensorModel) -> None:
+    require(sensor.gates is not None, "sensor.gates", "absent", "first_word and no_detection, to read `gates` with")
+    first, none = sensor.gates.first_word, sensor.gates.no_detection
+    last = min(first + sensor.num_bins, 65_536) - 1
+    # Unsigned: a word below `first` wraps around to more than any bin.
+    wrong = (words - np.uint16(first) > last - first) & (words != none)
+    if wrong.any():
+        raise InvalidInput("gates word", int(words.reshape(-1)[wrong.argmax()]),
+                           f"{first} to {last}, or {none} for no detection")

@@ -1,0 +1,155 @@
+"""JSON from strangers: bounded, strict, and held against the fields of a schema."""
+
+import base64
+import binascii
+import json
+import math
+
+import numpy as np
+
+from srt3d_ros.errors import InvalidInput, require
+
+MAX_BYTES = 64 * 2**20
+MAX_VALUES = 2**22              # in plain lists: a parsed number takes 32 bytes, one in base64 takes 4
+EXTENSION_PREFIX = "x_"
+ARRAY_KEYS = ["base64", "dtype", "shape"]
+
+
+def dump(content: dict) -> str:
+    """JSON on one line."""
+    return json.dumps(content, separators=(",", ":"), allow_nan=False)
+
+
+def parse(text: str, what: str) -> dict:
+    """The object in a JSON text.
+
+    Args:
+        text: at most 64 MiB, at most 4 million values (arrays in base64 count as one).
+        what: whose text it is, for messages.
+
+    Raises:
+        InvalidInput: it is too big, broken, not an object, or has NaN, Infinity or a key twice.
+    """
+    require(len(text) <= MAX_BYTES, what, f"{len(text)} bytes", f"at most {MAX_BYTES} bytes")
+    values = sum(text.count(mark) for mark in ",[{")
+    require(values <= MAX_VALUES, what, f"some {values} values", f"at most {MAX_VALUES}; write large arrays in base64")
+    try:
+        content = json.loads(text, object_pairs_hook=_object, parse_constant=_no_constant)
+    except InvalidInput:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(what, f"broken JSON ({error})", "one JSON object") from None
+    require(isinstance(content, dict), what, type(content).__name__, "one JSON object")
+    return content
+
+
+def check_version(content: dict, schema: dict) -> None:
+    """Raise InvalidInput unless `content` is of the schema's version; said first, as other fields may have changed."""
+    version, known = content.get("schema_version", "absent"), schema["schema_version"]
+    require(type(version) is int and version == known, "schema_version", version, str(known))
+
+
+def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
+    """The values of the fields that are present, each of the type that the schema gives it.
+
+    A key that is not in the schema is refused, since a misspelt optional field would change every depth in silence;
+    keys that begin with `x_` belong to whoever wrote them and are left out.
+
+    Args:
+        content: a parsed JSON object.
+        fields: of a schema.
+        where: what to put before names in messages, such as "projection.".
+    """
+    known = {field["name"]: field for field in fields}
+    for key in content:
+        require(key in known or key.startswith(EXTENSION_PREFIX), where + key, "unknown",
+                f"one of {', '.join(known)}, or a name of your own that begins with {EXTENSION_PREFIX}")
+    for name, field in known.items():
+        require(name in content or not field["required"], where + name, "absent", f"the field (type {field['type']})")
+    return {name: _value(content[name], field, where + name) for name, field in known.items() if name in content}
+
+
+def write_array(array: np.ndarray, dtype: str) -> dict:
+    """The compact form of an array: its little-endian bytes in base64."""
+    return {"dtype": dtype, "shape": list(array.shape),
+            "base64": base64.b64encode(array.astype(_stored(dtype)).tobytes()).decode()}
+
+
+def _value(value, field: dict, name: str):
+    kind = field["type"]
+    if kind == "array":
+        return _array(value, field["dtype"], name)
+    if kind == "integers":
+        require(isinstance(value, list), name, value, "a list of integers")
+        for number in value:
+            require(_is_integer(number), name, number, "integers only")
+        return [int(number) for number in value]
+    fits = {"integer": _is_integer, "number": _is_number, "string": lambda v: isinstance(v, str),
+            "object": lambda v: isinstance(v, dict)}[kind]
+    require(fits(value), name, value, f"{'an' if kind[0] in 'io' else 'a'} {kind}")
+    return int(value) if kind == "integer" else value
+
+
+def _is_number(value) -> bool:
+    return type(value) in (int, float) and abs(value) < 1e300
+
+
+def _is_integer(value) -> bool:
+    return _is_number(value) and abs(value) < 2**63 and value == int(value)
+
+
+def _array(value, dtype: str, name: str) -> np.ndarray:
+    if isinstance(value, dict):
+        array = _from_base64(value, dtype, name)
+    else:
+        array = _from_lists(value, dtype, name)
+    with np.errstate(over="ignore"):        # what float32 cannot hold becomes Inf, which SensorModel refuses
+        return array.astype(dtype)
+
+
+def _from_lists(value, dtype: str, name: str) -> np.ndarray:
+    wanted = f"nested lists of {dtype} of equal lengths, or an object {{{', '.join(ARRAY_KEYS)}}}"
+    require(isinstance(value, list), name, value, wanted)
+    try:
+        array = np.array(value)
+    except ValueError:
+        raise InvalidInput(name, "lists of unequal lengths", wanted) from None
+    require(array.dtype.kind in ("b" if dtype == "bool" else "iuf"), name, f"lists of {array.dtype}", wanted)
+    return array
+
+
+def _from_base64(value: dict, dtype: str, name: str) -> np.ndarray:
+    require(sorted(value) == ARRAY_KEYS, name, f"an object of {', '.join(value)}", f"the keys {', '.join(ARRAY_KEYS)}")
+    require(value["dtype"] == dtype, f"{name}.dtype", value["dtype"], dtype)
+    shape = value["shape"]
+    require(isinstance(shape, list) and 0 < len(shape) <= 2 and all(_is_integer(n) and n >= 0 for n in shape),
+            f"{name}.shape", shape, "a list of one or two sizes")
+    require(isinstance(value["base64"], str), f"{name}.base64", value["base64"], "a string")
+    try:
+        raw = base64.b64decode(value["base64"], validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise InvalidInput(f"{name}.base64", f"broken ({error})", "base64 (RFC 4648)") from None
+    stored = np.dtype(_stored(dtype))
+    count = math.prod(map(int, shape))
+    require(len(raw) == count * stored.itemsize, f"{name}.base64", f"{len(raw)} bytes",
+            f"{count} numbers of {stored.itemsize} bytes for the shape {shape}")
+    array = np.frombuffer(raw, stored).reshape([int(n) for n in shape])
+    require(dtype != "bool" or bool((array <= 1).all()), name, "not 0 or 1 in places", "bytes 0 and 1")
+    return array
+
+
+def _stored(dtype: str) -> str:
+    return "u1" if dtype == "bool" else np.dtype(dtype).newbyteorder("<").str
+
+
+def _object(pairs: list[tuple]) -> dict:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in content if names.count(name) > 1)
+        raise InvalidInput(twice, "twice in one object", "each key once")
+    return content
+
+
+def _no_constant(text: str):
+    raise InvalidInput("JSON", text, "finite numbers")

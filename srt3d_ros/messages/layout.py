@@ -1,0 +1,102 @@
+"""Clouds as structured arrays and images as planes: how the numbers lie in the bytes of `data`."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from srt3d_ros.errors import require
+from srt3d_ros.messages.cdr import Cloud, Field, Image
+from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.schema import DATATYPES
+
+NAMES = {code: name for name, (code, _) in DATATYPES.items()}
+CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
+STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
+MAX_POINT_STEP = 65_535
+
+
+def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> Cloud:
+    """A cloud of structured points [N] or [rows, cols] in the layout of their dtype."""
+    height, width = points.shape if points.ndim == 2 else (1, len(points))
+    fields = tuple(Field(name, offset, *_wire_type(kind))
+                   for name, (kind, offset, *_) in ((name, points.dtype.fields[name]) for name in points.dtype.names))
+    step = points.dtype.itemsize
+    return Cloud(header, height, width, fields, False, step, width * step, _bytes(points), is_dense)
+
+
+def unpack_cloud(cloud: Cloud, layouts: Collection[np.dtype]) -> np.ndarray:
+    """The points of a cloud: structured [height, width], a view of its bytes in their own order and places.
+
+    Fields may come in any order and at any offset, with gaps, with others between and in big-endian bytes.
+
+    Args:
+        cloud: from anyone.
+        layouts: what is understood, of the same field names; each field must have the type it has in one of them.
+
+    Raises:
+        InvalidInput: a field is missing, doubled or of another type, or the sizes contradict each other.
+    """
+    chosen = {name: _find(cloud, name, {_wire_type(layout[name]) for layout in layouts})
+              for name in next(iter(layouts)).names}
+    end = 0
+    for field in sorted(chosen.values(), key=lambda field: field.offset):
+        require(field.offset >= end, f"{field.name} offset", field.offset, f"{end} or more: another field is there")
+        end = field.offset + _stored(field).itemsize
+        require(end <= cloud.point_step, f"{field.name} offset", field.offset,
+                f"the field to end within point_step = {cloud.point_step}, not at {end}")
+    require(cloud.point_step <= MAX_POINT_STEP, "point_step", cloud.point_step, f"at most {MAX_POINT_STEP} bytes")
+    _check_sizes(cloud.height, cloud.width * cloud.point_step, "row_step", cloud.row_step, len(cloud.data))
+    point = np.dtype({"names": list(chosen), "formats": [_stored(field) for field in chosen.values()],
+                      "offsets": [field.offset for field in chosen.values()], "itemsize": cloud.point_step})
+    point = point.newbyteorder(">" if cloud.is_bigendian else "<")
+    return np.ndarray((cloud.height, cloud.width), point, cloud.data, strides=(cloud.row_step, cloud.point_step))
+
+
+def pack_image(header: Header, pixels: np.ndarray, schema: dict) -> Image:
+    """An image of numbers [rows, cols] in the encoding of a schema."""
+    pixels = pixels.astype(_pixel_type(schema), copy=False)
+    height, width = pixels.shape
+    return Image(header, height, width, schema["encoding"], False, width * pixels.itemsize, _bytes(pixels))
+
+
+def unpack_image(image: Image, schema: dict) -> np.ndarray:
+    """The numbers [height, width] of an image: a view of its bytes in their own order; InvalidInput as for a cloud."""
+    require(image.encoding == schema["encoding"], "encoding", image.encoding, schema["encoding"])
+    kind = _pixel_type(schema)
+    _check_sizes(image.height, image.width * kind.itemsize, "step", image.step, len(image.data))
+    kind = kind.newbyteorder(">" if image.is_bigendian else "<")
+    return np.ndarray((image.height, image.width), kind, image.data, strides=(image.step, kind.itemsize))
+
+
+def _find(cloud: Cloud, name: str, types: set[tuple[int, int]]) -> Field:
+    found = [field for field in cloud.fields if field.name == name]
+    require(len(found) == 1, "fields", f"{len(found)} of the name {name}", f"one field {name}")
+    field, = found
+    require(any(field.datatype == code for code, _ in types), f"{name} datatype",
+            NAMES.get(field.datatype, field.datatype), " or ".join(sorted(NAMES[code] for code, _ in types)))
+    require((field.datatype, field.count) in types, f"{name} count", field.count,
+            " or ".join(sorted({str(count) for _, count in types})))
+    return field
+
+
+def _check_sizes(height: int, row_bytes: int, step_name: str, step: int, data_bytes: int) -> None:
+    require(step >= row_bytes, step_name, step, f"{row_bytes} bytes or more, one row")
+    require(height * step == data_bytes, "data", f"{data_bytes} bytes",
+            f"height × {step_name} = {height} × {step} = {height * step} bytes")
+
+
+def _stored(field: Field) -> np.dtype:
+    return np.dtype((STORED[field.datatype], (field.count,) if field.count > 1 else ()))
+
+
+def _wire_type(kind: np.dtype) -> tuple[int, int]:
+    """The datatype code and the count of a PointField."""
+    return CODES[kind.base], int(np.prod(kind.shape))
+
+
+def _pixel_type(schema: dict) -> np.dtype:
+    return np.dtype(DATATYPES[schema["pixel"]["datatype"]][1])
+
+
+def _bytes(numbers: np.ndarray) -> memoryview:
+    return memoryview(np.ascontiguousarray(numbers).reshape(-1).view(np.uint8))

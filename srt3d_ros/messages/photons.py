@@ -1,0 +1,62 @@
+"""`photons`: PhotonEvents ⇄ PointCloud2, one point a photon (msg_schemas/photons.json)."""
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import require
+from srt3d_ros.messages import cdr, typed
+from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
+from srt3d_ros.messages.schema import cloud_layouts
+
+
+def encode(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> PointCloud2:
+    """The message of one frame, in the layout of the events' ToA: uint16, uint32 or float32.
+
+    Raises:
+        InvalidInput: a photon lies outside the sensor.
+    """
+    return typed.to_cloud_message(_pack(events, sensor, frame_id))
+
+
+def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> bytes:
+    """`encode`, serialised."""
+    return cdr.write_cloud(_pack(events, sensor, frame_id))
+
+
+def decode(message: PointCloud2, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
+    """The photons of a message, in its order and with its type of ToA.
+
+    Raises:
+        InvalidInput: the message does not keep the schema, or a photon lies outside the sensor.
+    """
+    return _unpack(typed.from_cloud_message(message), sensor)
+
+
+def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
+    """`decode` of a serialised message."""
+    return _unpack(cdr.read_cloud(raw), sensor)
+
+
+def _pack(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> cdr.Cloud:
+    events.check(sensor)
+    points = np.zeros(events.photons, cloud_layouts("photons")[events.toa.dtype.name])
+    points["row"], points["col"] = np.divmod(events.pixel, np.uint32(sensor.cols))
+    points["toa"] = events.toa
+    return pack_cloud(Header(events.stamp_ns, frame_id), points)
+
+
+def _unpack(cloud: cdr.Cloud, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
+    require(cloud.height == 1, "height", cloud.height, "1")
+    points = unpack_cloud(cloud, cloud_layouts("photons").values())[0]
+    row, col = points["row"].astype(np.uint32), points["col"].astype(np.uint32)
+    for name, index, count in (("row", row, sensor.rows), ("col", col, sensor.cols)):
+        largest = int(index.max(initial=0))
+        require(largest < count, name, largest, f"an index below the sensor's {count}")
+    toa = points["toa"]
+    events = PhotonEvents(row * np.uint32(sensor.cols) + col, toa.astype(toa.dtype.newbyteorder("=")),
+                          cloud.header.stamp_ns)
+    events.check(sensor)
+    return cloud.header, events

@@ -1,0 +1,73 @@
+"""`points`: PointCloud ⇄ PointCloud2 (msg_schemas/points.json)."""
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import require
+from srt3d_ros.messages import cdr, typed
+from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
+from srt3d_ros.messages.schema import cloud_layouts
+
+
+def encode(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None) -> PointCloud2:
+    """The message of a cloud.
+
+    Args:
+        cloud: what a reconstruction gave.
+        frame_id: the tf frame of cloud.xyz.
+        layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
+        sensor: needed by "full" alone, which gives depth_std in metres.
+    """
+    return typed.to_cloud_message(_pack(cloud, frame_id, layout, sensor))
+
+
+def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None) -> bytes:
+    """`encode`, serialised."""
+    return cdr.write_cloud(_pack(cloud, frame_id, layout, sensor))
+
+
+def decode(message: PointCloud2) -> tuple[Header, dict[str, np.ndarray]]:
+    """The points of a message in either layout, or of any other cloud with x, y, z and intensity in float32.
+
+    Returns:
+        The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
+        all of them depth_std, background, row, col and surface [N], in the units of the schema.
+
+    Raises:
+        InvalidInput: the message does not keep the schema.
+    """
+    return _unpack(typed.from_cloud_message(message))
+
+
+def decode_cdr(raw: bytes) -> tuple[Header, dict[str, np.ndarray]]:
+    """`decode` of a serialised message."""
+    return _unpack(cdr.read_cloud(raw))
+
+
+def _pack(cloud: PointCloud, frame_id: str, layout: str, sensor: SensorModel | None) -> cdr.Cloud:
+    layouts = cloud_layouts("points")
+    require(layout in layouts, "layout", layout, " or ".join(layouts))
+    points = np.zeros(len(cloud), layouts[layout])
+    points["x"], points["y"], points["z"] = cloud.xyz.T
+    points["intensity"] = cloud.intensity
+    if layout == "full":
+        require(sensor is not None, "sensor", "absent", "the sensor, for depth_std in metres")
+        points["depth_std"] = cloud.depth_std_bins * sensor.bin_width_m
+        points["background"] = cloud.background[cloud.row, cloud.col]
+        for name in ("row", "col", "surface"):
+            points[name] = getattr(cloud, name)
+    return pack_cloud(Header(cloud.stamp_ns, frame_id), points, is_dense=bool(np.isfinite(cloud.xyz).all()))
+
+
+def _unpack(cloud: cdr.Cloud) -> tuple[Header, dict[str, np.ndarray]]:
+    layouts = cloud_layouts("points")
+    present = {field.name for field in cloud.fields}
+    layout = layouts["full" if present.issuperset(layouts["full"].names) else "xyzi"]
+    points = unpack_cloud(cloud, [layout]).reshape(-1)
+    columns = {"xyz": np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)}
+    for name in layout.names[3:]:
+        columns[name] = points[name].astype(layout[name])
+    return cloud.header, columns

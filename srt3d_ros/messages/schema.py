@@ -1,0 +1,52 @@
+"""The schemas in msg_schemas/: the one place where field names, types and offsets of the topics are written."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+# sensor_msgs/PointField: names as in the schemas, codes as on the wire, and how the bytes are stored.
+DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT16": (4, "<u2"),
+             "INT32": (5, "<i4"), "UINT32": (6, "<u4"), "FLOAT32": (7, "<f4"), "FLOAT64": (8, "<f8")}
+
+
+@cache
+def load(name: str) -> dict:
+    """The schema `msg_schemas/<name>.json` of the source tree or of share/srt3d_ros; do not change it.
+
+    Raises:
+        FileNotFoundError: if the package was installed without its schemas.
+    """
+    for parent in Path(__file__).resolve().parents:
+        for folder in (parent / "msg_schemas", parent / "share" / "srt3d_ros" / "msg_schemas"):
+            if (folder / f"{name}.json").is_file():
+                return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
+
+
+@cache
+def cloud_layouts(name: str, sketch_size: int = 0) -> dict[str, np.dtype]:
+    """The layouts of a PointCloud2 topic, each as the dtype of one point.
+
+    Args:
+        name: of the schema.
+        sketch_size: m, for the layouts whose sizes depend on it.
+    """
+    return {key: np.dtype({
+        "names": [field["name"] for field in layout["fields"]],
+        "formats": [_format(field, sketch_size) for field in layout["fields"]],
+        "offsets": [field["offset"] for field in layout["fields"]],
+        "itemsize": size(layout["point_step"], sketch_size),
+    }) for key, layout in load(name)["layouts"].items()}
+
+
+def size(text: int | str, sketch_size: int) -> int:
+    """A number of a schema that may depend on the sketch size m, such as 16 or "4 + 8m"."""
+    terms = str(text).replace(" ", "").split("+")
+    return sum(int(term[:-1]) * sketch_size if term.endswith("m") else int(term) for term in terms)
+
+
+def _format(field: dict, sketch_size: int):
+    stored, count = DATATYPES[field["datatype"]][1], size(field["count"], sketch_size)
+    return stored if count == 1 else (stored, (count,))

@@ -1,0 +1,76 @@
+"""`sensor`: SensorModel ⇄ JSON in a String (msg_schemas/sensor.json)."""
+
+from std_msgs.msg import String
+
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.errors import require
+from srt3d_ros.messages import json_text
+from srt3d_ros.messages.header import check_frame_id
+from srt3d_ros.messages.schema import load
+
+PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
+
+
+def encode(sensor: SensorModel) -> String:
+    """The message of a sensor."""
+    return String(data=to_json(sensor))
+
+
+def decode(message: String) -> SensorModel:
+    """The sensor of a message; InvalidInput names the field that cannot be used."""
+    return from_json(message.data)
+
+
+def to_json(sensor: SensorModel) -> str:
+    """The JSON text of a sensor, arrays in base64."""
+    return json_text.dump(to_object(sensor))
+
+
+def from_json(text: str) -> SensorModel:
+    """The sensor of a JSON text; InvalidInput names the field that cannot be used."""
+    return from_object(json_text.parse(text, "sensor"))
+
+
+def to_object(sensor: SensorModel) -> dict:
+    """The JSON object of a sensor."""
+    schema = load("sensor")
+    content = {"schema_version": schema["schema_version"]}
+    for field in schema["fields"][1:]:
+        value = getattr(sensor, field["name"])
+        if value is None:
+            continue
+        if field["type"] == "array":
+            value = json_text.write_array(value, field["dtype"])
+        elif field["name"] == "projection":
+            value = _parts(value, schema["projection"][value.kind]["fields"])
+        elif field["name"] == "gates":
+            value = _parts(value, schema["gates"]["fields"])
+        content[field["name"]] = value
+    return content
+
+
+def from_object(content: dict) -> SensorModel:
+    """The sensor of a parsed JSON object; InvalidInput names the field that cannot be used."""
+    schema = load("sensor")
+    json_text.check_version(content, schema)
+    values = json_text.read_object(content, schema["fields"])
+    del values["schema_version"]
+    if "gates" in values:
+        values["gates"] = GateWords(**json_text.read_object(values["gates"], schema["gates"]["fields"], "gates."))
+    if "projection" in values:
+        values["projection"] = _projection(values["projection"], schema["projection"])
+    check_frame_id("frame_id", values.get("frame_id", ""))
+    return SensorModel(**values)
+
+
+def _parts(value, fields: list[dict]) -> dict:
+    return {field["name"]: getattr(value, field["name"]) for field in fields}
+
+
+def _projection(content: dict, kinds: dict) -> Pinhole | AngularScan:
+    kind = content.get("kind", "absent")
+    require(isinstance(kind, str) and kind in kinds, "projection.kind", kind, " or ".join(kinds))
+    values = json_text.read_object(content, kinds[kind]["fields"], "projection.")
+    del values["kind"]
+    return PROJECTIONS[kind](**values)

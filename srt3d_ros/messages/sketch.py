@@ -1,0 +1,113 @@
+"""`sketch`: Sketch ⇄ PointCloud2 (msg_schemas/sketch.json), and `sketch/sensor` (msg_schemas/sketch_sensor.json)."""
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.errors import require
+from srt3d_ros.messages import cdr, json_text, typed
+from srt3d_ros.messages import sensor as sensor_codec
+from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
+from srt3d_ros.messages.schema import cloud_layouts, load
+
+INT16_SCALE = 32_767
+MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
+
+
+def encode(sketch: Sketch, frame_id: str, layout: str = "float32") -> PointCloud2:
+    """The message of a sketch, organised rows × cols.
+
+    Args:
+        sketch: of one frame or window.
+        frame_id: the sensor's tf frame.
+        layout: "float32", or "int16" for half the bytes.
+
+    Raises:
+        InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
+    """
+    return typed.to_cloud_message(_pack(sketch, frame_id, layout))
+
+
+def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32") -> bytes:
+    """`encode`, serialised."""
+    return cdr.write_cloud(_pack(sketch, frame_id, layout))
+
+
+def decode(message: PointCloud2, frequencies: tuple[int, ...],
+           sensor: SensorModel | None = None) -> tuple[Header, Sketch]:
+    """The sketch of a message in either layout.
+
+    Args:
+        message: from `sketch`.
+        frequencies: the k_l from `sketch/sensor`.
+        sensor: if given, the message must have its rows and columns.
+
+    Raises:
+        InvalidInput: the message does not keep the schema, fit the frequencies or fit the sensor.
+    """
+    return _unpack(typed.from_cloud_message(message), frequencies, sensor)
+
+
+def decode_cdr(raw: bytes, frequencies: tuple[int, ...], sensor: SensorModel | None = None) -> tuple[Header, Sketch]:
+    """`decode` of a serialised message."""
+    return _unpack(cdr.read_cloud(raw), frequencies, sensor)
+
+
+def encode_sensor(sensor: SensorModel, frequencies: tuple[int, ...], window_frames: int) -> String:
+    """The message that tells a reader of `sketch` what the numbers are."""
+    schema = load("sketch_sensor")
+    return String(data=json_text.dump({
+        "schema_version": schema["schema_version"], "frequencies": list(frequencies), "window_frames": window_frames,
+        "sensor": sensor_codec.to_object(sensor)}))
+
+
+def decode_sensor(message: String) -> tuple[SensorModel, tuple[int, ...], int]:
+    """The sensor, the frequencies k_l and the window of a `sketch/sensor` message.
+
+    Raises:
+        InvalidInput: the message does not keep the schema.
+    """
+    schema = load("sketch_sensor")
+    content = json_text.parse(message.data, "sketch/sensor")
+    json_text.check_version(content, schema)
+    values = json_text.read_object(content, schema["fields"])
+    sensor = sensor_codec.from_object(values["sensor"])
+    require(values["window_frames"] >= 1, "window_frames", values["window_frames"], "1 or more")
+    return sensor, check_frequencies(values["frequencies"], sensor.num_bins), values["window_frames"]
+
+
+def _pack(sketch: Sketch, frame_id: str, layout: str) -> cdr.Cloud:
+    layouts = cloud_layouts("sketch", len(sketch.frequencies))
+    require(layout in layouts, "layout", layout, " or ".join(layouts))
+    points = np.zeros(sketch.photons.shape, layouts[layout])
+    points["photons"] = sketch.photons
+    means = np.ascontiguousarray(sketch.z, np.complex64)
+    _check_means(means)
+    numbers = means.view(np.float32)
+    points["sketch"] = np.rint(numbers * INT16_SCALE) if layout == "int16" else numbers
+    return pack_cloud(Header(sketch.stamp_ns, frame_id), points)
+
+
+def _unpack(cloud: cdr.Cloud, frequencies: tuple[int, ...], sensor: SensorModel | None) -> tuple[Header, Sketch]:
+    for name, count, wanted in (("height", cloud.height, sensor and sensor.rows),
+                                ("width", cloud.width, sensor and sensor.cols)):
+        require(count > 0, name, count, "1 or more")
+        require(wanted in (None, count), name, count, f"the sensor's {wanted}")
+    points = unpack_cloud(cloud, cloud_layouts("sketch", len(frequencies)).values())
+    photons = points["photons"].astype(np.uint32)
+    numbers = np.array(points["sketch"], np.float32, order="C")
+    if points["sketch"].dtype.kind == "i":
+        numbers /= INT16_SCALE
+    means = numbers.view(np.complex64)
+    _check_means(means)
+    means *= photons[..., None].astype(np.float32)
+    return cloud.header, Sketch(tuple(frequencies), means, photons, cloud.header.stamp_ns)
+
+
+def _check_means(means: np.ndarray) -> None:
+    with np.errstate(over="ignore", invalid="ignore"):
+        longest = float(np.abs(means).max(initial=0))       # a NaN makes it NaN
+    require(longest <= MAX_MODULUS, "sketch", longest, "means of unit vectors, |z| ≤ 1, everywhere")
