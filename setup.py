@@ -43,7 +43,6 @@ setup(
     maintainer="srt3d_ros maintainers",
     maintainer_email="maintainers@srt3d-ros.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["nodes/fastdds/*.xml"]},
     python_requires=">=3.11",
     install_requires=["numpy>=1.26,<3", "torch>=2.4,<3", "numba>=0.60,<1", "tqdm>=4.66,<5"],
     extras_require=EXTRAS,

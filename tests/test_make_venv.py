@@ -1,0 +1,69 @@
+"""scripts/make_venv.py: what it says, what it falls back to, and when it does nothing."""
+
+import importlib.util
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+
+@pytest.fixture
+def make_venv(repository):
+    spec = importlib.util.spec_from_file_location("make_venv", repository / "scripts" / "make_venv.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def pip(tmp_path):
+    """A stand-in for pip that writes down its arguments and knows no index but the usual one."""
+    script, log = tmp_path / "pip", tmp_path / "log"
+    script.write_text(f'#!/bin/sh\necho "$@" >> "{log}"\n'
+                      'case "$*" in *--index-url*) echo "no route to it" >&2; exit 1;; esac\n')
+    script.chmod(0o755)
+    return SimpleNamespace(command=[str(script)], calls=lambda: log.read_text().splitlines())
+
+
+def test_without_the_cpu_index_torch_is_asked_for_by_exact_version(make_venv, pip, capsys):
+    make_venv.install_cpu_torch(pip.command)
+    first, second = pip.calls()
+    assert "--index-url https://download.pytorch.org/whl/cpu" in first
+    assert second == make_venv.TORCH and "==" in second
+    assert "cannot be reached" in capsys.readouterr().out
+
+
+def test_a_step_that_fails_shows_what_its_command_printed(make_venv):
+    with pytest.raises(make_venv.StepFailed, match="(?s)a long story.*Failed: telling it"):
+        make_venv.step("telling it", [sys.executable, "-c", "import sys; sys.exit('a long story')"])
+
+
+def test_a_step_that_works_shows_only_what_it_is_for(make_venv, capfd):
+    make_venv.step("telling it", [sys.executable, "-c", "print('a long story')"])
+    assert capfd.readouterr() == ("[venv] telling it\n", "")
+
+
+def test_nothing_is_done_while_the_environment_is_current(make_venv, monkeypatch, tmp_path, capfd):
+    monkeypatch.setattr(make_venv, "install", lambda python: pytest.fail("installed again"))
+    monkeypatch.setattr(sys, "argv", ["make_venv.py", str(tmp_path)])
+    (tmp_path / "srt3d-stamp").write_text(make_venv.fingerprint(tmp_path))
+    assert make_venv.main() == 0
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_environment_of_another_place_or_another_python_is_made_anew(make_venv, tmp_path):
+    python = tmp_path / "bin" / "python"
+    assert not make_venv.usable(tmp_path, python)
+    python.parent.mkdir()
+    for prefix, version, usable in ((tmp_path, sys.version_info, True), ("/elsewhere", sys.version_info, False),
+                                    (tmp_path, (3, 1), False)):
+        python.write_text(f"#!/bin/sh\nprintf '%s\\n' '{prefix}' {version[0]} {version[1]}\n")
+        python.chmod(0o755)
+        assert make_venv.usable(tmp_path, python) is usable
+
+
+def test_an_old_python_is_told_so_in_one_line(make_venv, monkeypatch, capsys):
+    monkeypatch.setattr(make_venv.sys, "version_info", (3, 10, 1))
+    assert make_venv.main() == 1
+    said = capsys.readouterr().err
+    assert "needs Python 3.11 or newer and this is 3.10" in said and said.count("\n") == 1
