@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import json
 import sys
 
 NODES = ("player", "sketcher", "reconstructor", "recorder")
@@ -11,9 +12,18 @@ def add_parser(subparsers) -> None:
     parser = subparsers.add_parser("node", help="run one ROS 2 node, as `ros2 run srt3d_ros NAME` does")
     parser.add_argument("name", choices=NODES)
     parser.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …", help="arguments for ROS 2")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
 
 
-def run(args: argparse.Namespace) -> int:
-    sys.argv = [args.name, *args.ros_args]
-    return importlib.import_module(f"srt3d_ros.nodes.{args.name}").main() or 0
+def start(name: str, ros_args: list[str]) -> int:
+    """Run a node in this process until it ends; returns its exit code."""
+    sys.argv = [name, *ros_args]
+    return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
+
+
+def parameter_arguments(parameters: dict[str, object]) -> list[str]:
+    """Parameters as command-line arguments of a node. Values are YAML there, of which JSON is a part."""
+    arguments = ["--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
+    return arguments

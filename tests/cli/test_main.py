@@ -16,9 +16,9 @@ from srt3d_ros.errors import InvalidInput
 def failing_with(monkeypatch):
     """Make `srt3d node` raise this."""
     def arrange(error: BaseException):
-        def run(args):
+        def start(name, ros_args):
             raise error
-        monkeypatch.setattr(node, "run", run)
+        monkeypatch.setattr(node, "start", start)
     return arrange
 
 
@@ -74,8 +74,8 @@ def test_a_reader_that_stops_reading_is_no_error(repository):
     read, write = os.pipe()
     os.close(read)
     script = ("import sys, srt3d_ros.cli.main as main, srt3d_ros.cli.node as node\n"
-              "def run(args): print('a line'); return 0\n"
-              "node.run = run\n"
+              "def start(name, ros_args): print('a line'); return 0\n"
+              "node.start = start\n"
               "sys.exit(main.main(['node', 'sketcher']))")
     done = subprocess.run([sys.executable, "-c", script], cwd=repository, stdout=write, stderr=subprocess.PIPE)
     os.close(write)
@@ -84,7 +84,7 @@ def test_a_reader_that_stops_reading_is_no_error(repository):
 
 def test_a_node_gets_its_ros_arguments_unchanged(monkeypatch):
     seen = []
-    monkeypatch.setitem(sys.modules, "srt3d_ros.nodes.player", SimpleNamespace(main=lambda: seen.append(sys.argv)))
+    monkeypatch.setitem(sys.modules, "srt3d_ros.nodes.player", SimpleNamespace(main=lambda: seen.append(sys.argv) or 0))
     monkeypatch.setattr(sys, "argv", ["srt3d"])
     arguments = ["--ros-args", "-p", "input:=a b.npz", "-r", "photons:=/spad/raw"]
     assert main.main(["node", "player", *arguments]) == 0

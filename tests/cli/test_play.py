@@ -1,0 +1,29 @@
+"""`srt3d play` starts the player with the parameters that its options name, and no others."""
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from srt3d_ros.cli import main
+
+
+@pytest.fixture
+def player_arguments(monkeypatch):
+    seen = []
+    monkeypatch.setitem(sys.modules, "srt3d_ros.nodes.player", SimpleNamespace(main=lambda: seen.extend(sys.argv) or 0))
+    monkeypatch.setattr(sys, "argv", ["srt3d"])
+    return seen
+
+
+@pytest.mark.parametrize("options, expected", [
+    (["simulator"], ["-p", 'input:="simulator"']),
+    (["a file: 1.npz", "--rate-hz", "5", "--gates"],
+     ["-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p", 'output:="gates"']),
+    (["a.npz", "--no-loop", "--lossless"], ["-p", 'input:="a.npz"', "-p", "loop:=false", "-p", "lossless:=true"]),
+    (["a.npz", "--duration-s", "2", "--ros-args", "-r", "photons:=/spad/raw", "-p", "seed:=2"],
+     ["-p", 'input:="a.npz"', "-p", "duration_s:=2.0", "-r", "photons:=/spad/raw", "-p", "seed:=2"]),
+])
+def test_options_become_parameters(player_arguments, options, expected):
+    assert main.main(["play", *options]) == 0
+    assert player_arguments == ["player", "--ros-args", *expected]
