@@ -62,7 +62,7 @@ def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
     """
     known = {field["name"]: field for field in fields}
     for key in content:
-        require(key in known or key.startswith(EXTENSION_PREFIX), where + key, "unknown",
+        require(key in known or key.startswith(EXTENSION_PREFIX), f"{where}unknown key", key,
                 f"one of {', '.join(known)}, or a name of your own that begins with {EXTENSION_PREFIX}")
     for name, field in known.items():
         require(name in content or not field["required"], where + name, "absent", f"the field (type {field['type']})")
@@ -147,7 +147,7 @@ def _object(pairs: list[tuple]) -> dict:
     if len(content) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in content if names.count(name) > 1)
-        raise InvalidInput(twice, "twice in one object", "each key once")
+        raise InvalidInput("repeated key", twice, "each key of an object once")
     return content
 
 

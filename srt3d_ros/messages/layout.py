@@ -70,10 +70,12 @@ def unpack_image(image: Image, schema: dict) -> np.ndarray:
 
 def _find(cloud: Cloud, name: str, types: set[tuple[int, int]]) -> Field:
     found = [field for field in cloud.fields if field.name == name]
-    require(len(found) == 1, "fields", f"{len(found)} of the name {name}", f"one field {name}")
+    kinds = " or ".join(sorted(NAMES[code] for code, _ in types))
+    require(len(found) == 1, f"field {name}", f"there {len(found)} times" if found else "absent",
+            f"one field of type {kinds}")
     field, = found
     require(any(field.datatype == code for code, _ in types), f"{name} datatype",
-            NAMES.get(field.datatype, field.datatype), " or ".join(sorted(NAMES[code] for code, _ in types)))
+            NAMES.get(field.datatype, field.datatype), kinds)
     require((field.datatype, field.count) in types, f"{name} count", field.count,
             " or ".join(sorted({str(count) for _, count in types})))
     return field

@@ -1,0 +1,92 @@
+"""One small example of every binary layout, with the four functions that carry it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image, PointCloud2
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.messages import gates, images, photons, points, sketch
+
+STAMP_NS = 1_700_000_000_250_000_000
+SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=np.array([1, 2, 1]),
+                     gates=GateWords(first_word=10, no_detection=65_535))
+FREQUENCIES = (1, 3)
+
+
+@dataclass(frozen=True)
+class Codec:
+    """A layout of a topic: how its example is written and read."""
+
+    message_class: type
+    content: object
+    encode: Callable[[], object]
+    encode_cdr: Callable[[], bytes]
+    decode: Callable[[object], tuple]
+    decode_cdr: Callable[[bytes], tuple]
+
+
+def _codec(module, message_class, content, writing: tuple, reading: tuple) -> Codec:
+    return Codec(message_class, content, partial(module.encode, content, *writing),
+                 partial(module.encode_cdr, content, *writing), lambda message: module.decode(message, *reading),
+                 lambda raw: module.decode_cdr(raw, *reading))
+
+
+WORDS = np.arange(10, 34, dtype=np.uint16).reshape(2, 3, 4)
+WORDS[0, 1] = 65_535
+SKETCH = Sketch(FREQUENCIES, np.array([1, 1j, -1, 0.5 - 0.5j] * 6, np.complex64).reshape(3, 4, 2) * np.float32(2),
+                np.full((3, 4), 2, np.uint32), STAMP_NS)
+SKETCH.photons[0, 0], SKETCH.sums[0, 0] = 0, 0
+CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint16),
+                   depth_bins=np.array([10, 20.5], np.float32), intensity=np.array([3, 0.25], np.float32),
+                   depth_std_bins=np.array([1, 2], np.float32), xyz=np.array([[1, 2, 3], [-4, 5, 6]], np.float32),
+                   surface=np.array([0, 1], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4),
+                   stamp_ns=STAMP_NS)
+IMAGE = np.array([[1, np.nan], [0.5, -2], [3, 4]], np.float32)
+
+def _photons(toa: list, dtype) -> Codec:
+    events = PhotonEvents(np.array([11, 0, 6], np.uint32), np.array(toa, dtype), STAMP_NS)
+    return _codec(photons, PointCloud2, events, (SENSOR, "lidar"), (SENSOR,))
+
+
+CODECS = {
+    "photons_uint16": _photons([99, 0, 7], np.uint16),
+    "photons_uint32": _photons([99, 0, 7], np.uint32),
+    "photons_float32": _photons([99.5, 0, 7.25], np.float32),
+    "gates": _codec(gates, Image, PhotonGates(WORDS, STAMP_NS), (SENSOR, "lidar"), (SENSOR,)),
+    "sketch_float32": _codec(sketch, PointCloud2, SKETCH, ("lidar",), (FREQUENCIES, SENSOR)),
+    "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (FREQUENCIES, SENSOR)),
+    "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
+    "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
+    "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),
+}
+
+
+@pytest.fixture(scope="session", params=CODECS)
+def codec_name(request) -> str:
+    """Each layout in turn."""
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def codec(codec_name) -> Codec:
+    """The functions and the example of the layout."""
+    return CODECS[codec_name]
+
+
+@pytest.fixture(scope="session")
+def codecs() -> dict[str, Codec]:
+    """All layouts."""
+    return CODECS
+
+
+@pytest.fixture(scope="session")
+def small_sensor() -> SensorModel:
+    """3 × 4 pixels, 100 bins, gates whose words start at 10."""
+    return SENSOR

@@ -1,0 +1,201 @@
+"""`sensor`: every field makes the trip, and every way to get it wrong is one line that names the field."""
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from std_msgs.msg import String
+
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import json_text, sensor
+
+GOLDEN = Path(__file__).parent / "golden" / "sensor.json"
+FULL = SensorModel(
+    rows=2, cols=3, num_bins=100, bin_width_s=2.5e-10, irf=np.array([0, 1, 2, 1], np.float32), irf_ref=1,
+    toa_offset_bins=7.25, range_offset_m=-0.125, gain=np.linspace(0.5, 1.5, 6).reshape(2, 3),
+    delay_bins=np.arange(6).reshape(2, 3) / 8, mask=np.array([[True, False, True], [True, True, True]]),
+    projection=AngularScan(0.5, -0.25, 0.125, -0.0625), gates=GateWords(1, 0), frame_id="spad_optical")
+
+
+def plain() -> dict:
+    """The least that a driver may say, without base64."""
+    return {"schema_version": 1, "rows": 2, "cols": 3, "num_bins": 100, "bin_width_s": 1e-10, "irf": [1, 2, 1.5]}
+
+
+def refused(content) -> InvalidInput:
+    text = content if isinstance(content, str) else json.dumps(content)
+    with pytest.raises(InvalidInput) as caught:
+        sensor.decode(String(data=text))
+    assert len(str(caught.value).splitlines()) == 1
+    return caught.value
+
+
+def test_text_is_the_golden_one():
+    assert sensor.to_json(FULL) == GOLDEN.read_text().strip()
+    assert sensor.from_json(GOLDEN.read_text()).same_as(FULL)
+
+
+def test_every_field_makes_the_trip():
+    assert sensor.decode(sensor.encode(FULL)).same_as(FULL)
+
+
+@pytest.mark.parametrize("changes", [
+    {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)}, {"gain": None, "delay_bins": None, "mask": None, "gates": None},
+    {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}])
+def test_optional_parts_make_the_trip(changes):
+    content = FULL.replace(**changes)
+    assert sensor.from_json(sensor.to_json(content)).same_as(content)
+
+
+@settings(max_examples=100, deadline=None)
+@given(irf=arrays.arrays(np.float32, st.integers(1, 100), elements=st.floats(2**-20, 2**20, width=32)),
+       bin_width_s=st.floats(1e-13, 1e-6), offset=st.floats(-1e6, 1e6))
+def test_any_irf_and_timing_make_the_trip_to_the_bit(irf, bin_width_s, offset):
+    content = FULL.replace(irf=irf, irf_ref=None, bin_width_s=bin_width_s, toa_offset_bins=offset)
+    assert sensor.from_json(sensor.to_json(content)).same_as(content)
+
+
+def test_plain_lists_and_defaults_are_taken():
+    content = plain() | {"gain": [[1, 1, 1], [2, 2, 2]], "mask": [[True, True, False], [True] * 3]}
+    model = sensor.from_json(json.dumps(content))
+    assert model.irf.tolist() == pytest.approx([1 / 4.5, 2 / 4.5, 1.5 / 4.5])
+    assert model.irf_ref == 1 and model.frame_id == "lidar" and isinstance(model.projection, Pinhole)
+    assert model.gain[1].tolist() == [2, 2, 2] and model.mask[0].tolist() == [True, True, False]
+
+
+def test_keys_of_the_drivers_own_are_left_out():
+    assert sensor.from_json(json.dumps(plain() | {"x_serial": "A-17", "x_temperature": {"c": 21}})).rows == 2
+
+
+MALFORMED = [
+    ("schema_version absent", {"schema_version": None}, "schema_version"),
+    ("schema_version unknown", {"schema_version": 2}, "schema_version"),
+    ("schema_version as text", {"schema_version": "1"}, "schema_version"),
+    ("schema_version true", {"schema_version": True}, "schema_version"),
+    ("rows absent", {"rows": None}, "rows"),
+    ("rows as text", {"rows": "2"}, "rows"),
+    ("rows true", {"rows": True}, "rows"),
+    ("rows 2.5", {"rows": 2.5}, "rows"),
+    ("rows 0", {"rows": 0}, "rows"),
+    ("rows of 400 digits", {"rows": 10**400}, "rows"),
+    ("65535 × 65535 pixels", {"rows": 65_535, "cols": 65_535}, "rows × cols"),
+    ("bin_width_s a list", {"bin_width_s": [1e-10]}, "bin_width_s"),
+    ("bin_width_s negative", {"bin_width_s": -1e-10}, "bin_width_s"),
+    ("num_bins 1", {"num_bins": 1}, "num_bins"),
+    ("irf absent", {"irf": None}, "irf"),
+    ("irf a number", {"irf": 3}, "irf"),
+    ("irf empty", {"irf": []}, "irf shape"),
+    ("irf ragged", {"irf": [[1, 2], [1]]}, "irf"),
+    ("irf of texts", {"irf": ["1", "2"]}, "irf"),
+    ("irf with a hole", {"irf": [1, {}, 2]}, "irf"),
+    ("irf negative", {"irf": [1, -1]}, "irf"),
+    ("irf all zero", {"irf": [0, 0]}, "irf"),
+    ("irf beyond float32", {"irf": [1, 1e300]}, "irf"),
+    ("irf longer than T", {"irf": [1] * 101}, "irf length"),
+    ("irf of too few pixels", {"irf": [[1]] * 5}, "irf shape"),
+    ("irf_ref outside", {"irf_ref": 3}, "irf_ref"),
+    ("gain of a wrong shape", {"gain": [[1, 1, 1]]}, "gain shape"),
+    ("gain 0", {"gain": [[1, 1, 1], [1, 1, 0]]}, "gain"),
+    ("delay_bins flat", {"delay_bins": [0] * 6}, "delay_bins shape"),
+    ("mask of numbers", {"mask": [[1, 1, 1], [0, 1, 1]]}, "mask"),
+    ("unknown key", {"delay": [[0, 0, 0], [0, 0, 0]]}, "unknown key"),
+    ("projection a text", {"projection": "pinhole"}, "projection"),
+    ("projection without kind", {"projection": {"fx": 1}}, "projection.kind"),
+    ("projection of an unknown kind", {"projection": {"kind": "fisheye"}}, "projection.kind"),
+    ("projection kind a list", {"projection": {"kind": ["pinhole"]}}, "projection.kind"),
+    ("projection without fy", {"projection": {"kind": "pinhole", "fx": 1, "cx": 0, "cy": 0}}, "projection.fy"),
+    ("projection fx 0", {"projection": {"kind": "pinhole", "fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "projection.fx"),
+    ("gates without no_detection", {"gates": {"first_word": 0}}, "gates.no_detection"),
+    ("gates word of 17 bits", {"gates": {"first_word": 0, "no_detection": 65_536}}, "gates.no_detection"),
+    ("gates with an unknown key", {"gates": {"first_word": 0, "no_detection": 1, "last": 2}}, "gates.unknown key"),
+    ("frame_id a number", {"frame_id": 3}, "frame_id"),
+    ("frame_id with NUL", {"frame_id": "a\0b"}, "frame_id"),
+]
+
+
+@pytest.mark.parametrize(("changes", "named"), [case[1:] for case in MALFORMED], ids=[case[0] for case in MALFORMED])
+def test_malformed_sensor_gives_one_error_that_names_the_field(changes, named):
+    content = {key: value for key, value in (plain() | changes).items() if value is not None}
+    assert refused(content).field == named
+
+
+def packed(**changes) -> dict:
+    array = {"dtype": "float32", "shape": [2], "base64": base64.b64encode(np.ones(2, "<f4")).decode()} | changes
+    return plain() | {"irf": {key: value for key, value in array.items() if value is not None}}
+
+
+MASK_OF_TWO = {"dtype": "bool", "shape": [2, 3], "base64": base64.b64encode(bytes([0, 1, 2, 1, 1, 1])).decode()}
+
+
+@pytest.mark.parametrize(("content", "named"), [
+    (packed(dtype=None), "irf"), (packed(more=1), "irf"), (packed(dtype="float64"), "irf.dtype"),
+    (packed(shape=[3]), "irf.base64"), (packed(shape=[2**62, 2**62]), "irf.base64"), (packed(shape=[-2]), "irf.shape"),
+    (packed(shape=2), "irf.shape"), (packed(shape=[1, 1, 2]), "irf.shape"), (packed(base64=3), "irf.base64"),
+    (packed(base64="AAAA!"), "irf.base64"), (packed(base64="ÄÖ"), "irf.base64"), (packed(base64="AAA"), "irf.base64"),
+    (plain() | {"mask": MASK_OF_TWO}, "mask")])
+def test_malformed_base64_gives_one_error_that_names_the_field(content, named):
+    assert refused(content).field == named
+
+
+@pytest.mark.parametrize(("text", "reason"), [
+    ("", "broken JSON"), ("{", "broken JSON"), ("hello", "broken JSON"), ("[1]", "list"), ("3", "int"),
+    ('{"rows": 1' + "0" * 5000 + "}", "broken JSON"), ("[" * 100_000, "broken JSON"),
+    ('{"rows":' * 100_000, "broken JSON")])
+def test_broken_json_gives_one_error(text, reason):
+    error = refused(text)
+    assert error.field == "sensor" and reason in str(error)
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
+def test_numbers_that_json_does_not_have_are_refused(number):
+    assert number in str(refused(json.dumps(plain()).replace("1e-10", number)))
+
+
+def test_number_that_overflows_is_refused():
+    assert refused(json.dumps(plain()).replace("1e-10", "1e999")).field == "bin_width_s"
+
+
+def test_unknown_key_cannot_forge_a_message():
+    assert "key is rows 3: expected" in str(refused(json.dumps(plain() | {"rows\n\u20283": 1})))
+
+
+def test_key_twice_is_refused():
+    error = refused('{"rows": 3, ' + json.dumps(plain())[1:])
+    assert str(error) == "repeated key is rows: expected each key of an object once"
+
+
+def test_size_is_bounded_before_parsing(monkeypatch):
+    monkeypatch.setattr(json_text.json, "loads", lambda *args, **kwargs: pytest.fail("parsed"))
+    assert "67108865 bytes" in str(refused(" " * (json_text.MAX_BYTES + 1)))
+    assert "base64" in str(refused("[" + "0," * json_text.MAX_VALUES + "0]"))
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_mutated_text_is_read_or_refused_but_nothing_else(data):
+    text = sensor.to_json(FULL)
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(text) - 1))
+        text = text[:at] + data.draw(st.text(max_size=4)) + text[at + data.draw(st.integers(0, 4)):]
+    try:
+        sensor.from_json(text)
+    except InvalidInput as error:
+        assert len(str(error).splitlines()) == 1
+
+
+@settings(max_examples=100, deadline=None)
+@given(name=st.sampled_from(sorted(json.loads(sensor.to_json(FULL)))), value=st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda children: st.lists(children, max_size=3) | st.dictionaries(st.text(), children, max_size=3), max_leaves=5))
+def test_any_value_in_any_field_is_read_or_refused_but_nothing_else(name, value):
+    try:
+        sensor.from_json(json.dumps(json.loads(sensor.to_json(FULL)) | {name: value}))
+    except InvalidInput as error:
+        assert len(str(error).splitlines()) == 1
