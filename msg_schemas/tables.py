@@ -1,0 +1,79 @@
+"""Writes the tables of README.md from the schemas beside it: `python msg_schemas/tables.py` after a schema changed."""
+
+import json
+import re
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+MARKED = re.compile(r"(<!-- tables of (\w+)\.json -->\n).*?(<!-- end -->)", re.DOTALL)
+PIPE = "\\|"              # in a cell
+
+
+def table(head: list[str], rows: list[list]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(str(cell).replace('|', PIPE) for cell in line)} |\n" for line in lines) + "\n"
+
+
+def cloud_tables(schema: dict) -> str:
+    """The byte table of every layout of a PointCloud2 topic."""
+    return f"`height` {schema['height']}; `width` {schema['width']}.\n\n" + "".join(
+        f"**{name}**: {layout['purpose']} `point_step` {layout['point_step']}.\n\n" + table(
+            ["byte", "size", "field", "datatype", "count", "unit", "meaning"],
+            [[field["offset"], _size(field), f"`{field['name']}`", f"{field['datatype']}", field["count"],
+              field["unit"], field["meaning"]] for field in layout["fields"]])
+        for name, layout in schema["layouts"].items())
+
+
+def _size(field: dict) -> int | str:
+    one, count = _bytes(field["datatype"]), field["count"]
+    return one * count if isinstance(count, int) else f"{one * int(count.removesuffix('m'))}m"
+
+
+def _bytes(datatype: str) -> int:
+    return int(re.sub(r"\D", "", datatype)) // 8
+
+
+def image_tables(schema: dict) -> str:
+    """What an Image topic holds."""
+    pixel = schema["pixel"]
+    topics = schema.get("topics", {schema.get("topic"): pixel})
+    return (f"`height` {schema['height']}; `width` {schema['width']}; `encoding` `{schema['encoding']}`, "
+            f"{_bytes(pixel['datatype'])} bytes a pixel ({pixel['datatype']}).\n\n"
+            + table(["topic", "unit", "meaning of a pixel"],
+                    [[f"`{name}`", topic["unit"], topic["meaning"]] for name, topic in topics.items()]))
+
+
+def object_table(fields: list[dict]) -> str:
+    """The keys of a JSON object."""
+    return table(["key", "type", "required", "unit", "meaning"],
+                 [[f"`{field['name']}`", f"array of {field['dtype']}" if "dtype" in field else field["type"],
+                   "yes" if field["required"] else "no", field["unit"], field["meaning"]] for field in fields])
+
+
+def json_tables(schema: dict) -> str:
+    """The keys of a JSON topic and of the objects in it."""
+    text = f"QoS: {schema['qos']}.\n\n" + object_table(schema["fields"])
+    for kind, projection in schema.get("projection", {}).items():
+        text += f"`projection` of the kind `{kind}`: {projection['purpose']}\n\n" + object_table(projection["fields"])
+    if "gates" in schema:
+        text += "`gates`:\n\n" + object_table(schema["gates"]["fields"])
+    return text
+
+
+def tables(name: str) -> str:
+    """All tables of one schema."""
+    schema = json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
+    make = {"sensor_msgs/msg/PointCloud2": cloud_tables, "sensor_msgs/msg/Image": image_tables,
+            "std_msgs/msg/String": json_tables}[schema["type"]]
+    return f"{schema['purpose']}\n\n`{schema['type']}`, schema version {schema['schema_version']}.\n\n{make(schema)}"
+
+
+def readme(text: str) -> str:
+    """README.md with its tables as the schemas say."""
+    return MARKED.sub(lambda found: found[1] + tables(found[2]) + found[3], text)
+
+
+if __name__ == "__main__":
+    path = HERE / "README.md"
+    path.write_text(readme(path.read_text(encoding="utf-8")), encoding="utf-8")

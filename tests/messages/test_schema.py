@@ -1,0 +1,66 @@
+"""The schemas: found where they are installed, loaded by the code, and the same as the tables that people read."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.messages import photons, schema
+
+NAMES = ["gates", "images", "photons", "points", "sensor", "sketch", "sketch_sensor"]
+
+
+def test_every_topic_has_a_schema_with_a_version(repository):
+    assert sorted(path.stem for path in (repository / "msg_schemas").glob("*.json")) == NAMES
+    assert all(schema.load(name)["schema_version"] == 1 for name in NAMES)
+
+
+@pytest.mark.parametrize("name", ["photons", "points", "sketch"])
+@pytest.mark.parametrize("sketch_size", [1, 10])
+def test_fields_do_not_overlap_and_lie_within_the_point(name, sketch_size):
+    for layout in schema.cloud_layouts(name, sketch_size).values():
+        end = 0
+        for kind, offset in sorted((layout.fields[key] for key in layout.names), key=lambda field: field[1]):
+            assert offset == end and offset % kind.base.itemsize == 0
+            end = offset + kind.itemsize
+        assert end <= layout.itemsize < end + 4
+
+
+@pytest.mark.parametrize(("text", "sketch_size", "size"), [(6, 3, 6), ("2m", 3, 6), ("4 + 8m", 10, 84), ("16", 1, 16)])
+def test_sizes_that_depend_on_the_sketch_size(text, sketch_size, size):
+    assert schema.size(text, sketch_size) == size
+
+
+def test_readme_has_the_tables_of_the_schemas(repository):
+    spec = importlib.util.spec_from_file_location("tables", repository / "msg_schemas" / "tables.py")
+    tables = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tables)
+    text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
+    assert text == tables.readme(text), "run `python msg_schemas/tables.py`"
+    assert sorted(name for _, name, _ in tables.MARKED.findall(text)) == NAMES
+
+
+def test_readme_shows_the_bytes_of_a_whole_message(repository, small_sensor):
+    text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| `([0-9a-f ]+)` \|", text, re.MULTILINE)
+    events = PhotonEvents(np.array([1, 11], np.uint32), np.array([5, 99], np.uint16), 1_500_000_000)
+    assert " ".join(shown for _, shown in rows) == photons.encode_cdr(events, small_sensor, "lidar").hex(" ")
+    sizes = [len(bytes.fromhex(shown)) for _, shown in rows]
+    assert [int(at) for at, _ in rows] == [sum(sizes[:row]) for row in range(len(rows))]
+
+
+@pytest.mark.parametrize("share", ["msg_schemas", "share/srt3d_ros/msg_schemas"])
+def test_schemas_are_found_in_a_source_tree_and_when_installed(repository, tmp_path, share):
+    package = tmp_path / "lib" / "srt3d_ros" / "messages"
+    package.mkdir(parents=True)
+    shutil.copy(repository / "srt3d_ros" / "messages" / "schema.py", package)
+    load = [sys.executable, "-c", "import schema; print(schema.load('points')['layouts']['xyzi']['point_step'])"]
+    missing = subprocess.run(load, cwd=package, capture_output=True, text=True)
+    assert missing.returncode != 0 and "msg_schemas/points.json is in no folder above" in missing.stderr
+    shutil.copytree(repository / "msg_schemas", tmp_path / share)
+    assert subprocess.run(load, cwd=package, capture_output=True, text=True, check=True).stdout == "16\n"
