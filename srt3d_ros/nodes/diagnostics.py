@@ -1,0 +1,144 @@
+"""/diagnostics of a node, once a second whatever its subscribers: the books of every frame, rates, latency, last error.
+
+Totals count from the start of the node and never fall, so that for every node, once nothing is under way,
+frames_in = frames_out + dropped (for packets that are merged into one frame: messages in, frames out).
+
+Level, from what happened since the last report:
+    ERROR   something failed that should not have, or frames came in and every one was dropped
+    WARN    a frame was dropped or lost, or the node waits for something
+    OK      otherwise, also with nothing to do
+"""
+
+import threading
+import time
+from collections import Counter, deque
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know each other's reports
+PERIOD_S = 1.0
+LATENCIES_KEPT = 200    # frames over which the percentiles are taken
+LAST_WORDS_S = 1.0      # how long the last report may take to reach the subscribers
+
+
+class Diagnostics:
+    """Counts what a node does and reports it. Every method may be called from any thread.
+
+    Args:
+        node: whose books these are; its name is the status's name.
+    """
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._lock = threading.Lock()
+        self._totals: Counter[str] = Counter()
+        self._drops: Counter[str] = Counter()
+        self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
+        self._values: dict[str, object] = {}
+        self._waiting_for = ""
+        self._last_error = ""
+        self._reported = (time.monotonic(), Counter(), Counter())
+        self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
+                                                qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        # a steady clock: diagnostics go on while simulated time stands still
+        self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def received(self) -> None:
+        """A frame came in."""
+        self.count(frames_in=1)
+
+    def sent(self, latency_s: float) -> None:
+        """A frame went out, `latency_s` after its stamp."""
+        with self._lock:
+            self._totals["frames_out"] += 1
+            self._latencies_s.append(latency_s)
+
+    def count(self, **amounts: int) -> None:
+        """Add to totals of these names."""
+        with self._lock:
+            self._totals.update(amounts)
+
+    def drop(self, cause: str, frames: int = 1) -> None:
+        """Frames were given up because of `cause`."""
+        with self._lock:
+            self._drops[cause] += frames
+
+    def lost(self, messages: int) -> None:
+        """The middleware says that messages never reached this node."""
+        self.count(message_lost=messages)
+
+    def error(self, text: str) -> None:
+        """Something failed that should not have; kept as the last error."""
+        with self._lock:
+            self._totals["errors"] += 1
+            self._last_error = text
+
+    def note(self, text: str) -> None:
+        """The last error, of a kind that is counted elsewhere (a malformed message)."""
+        with self._lock:
+            self._last_error = text
+
+    def wait_for(self, what: str) -> None:
+        """The node waits for this; an empty text when it no longer does."""
+        with self._lock:
+            self._waiting_for = what
+
+    def show(self, **values: object) -> None:
+        """Report these values as they are, until changed."""
+        with self._lock:
+            self._values.update(values)
+
+    def report(self) -> None:
+        """Publish the state now."""
+        out = DiagnosticArray()
+        out.header.stamp = self._node.get_clock().now().to_msg()
+        out.status = [self._status()]
+        self.publisher.publish(out)
+
+    def close(self) -> None:
+        """Publish the last report and give it time to arrive."""
+        self._timer.cancel()
+        self.report()
+        self.publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
+
+    def _status(self) -> DiagnosticStatus:
+        with self._lock:
+            now = time.monotonic()
+            since, totals_before, drops_before = self._reported
+            new, new_drops = self._totals - totals_before, self._drops - drops_before
+            self._reported = (now, self._totals.copy(), self._drops.copy())
+            seconds = max(now - since, 1e-3)
+            rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
+            p50_ms, p95_ms = np.percentile(self._latencies_s or [np.nan], [50, 95]) * 1e3
+            values = {"frames_in": 0, "frames_out": 0, "message_lost": 0, "errors": 0, **self._totals,
+                      "dropped": self._drops.total(), **{f"dropped.{cause}": n for cause, n in self._drops.items()},
+                      "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
+                      "latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}",
+                      **self._values, "last_error": self._last_error}
+            level, message = self._judge(new, new_drops)
+            if not message:
+                message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out, latency p95 {p95_ms:.0f} ms"
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        return DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name().lstrip("/"), message=message,
+                                hardware_id=PIPELINE_ID, values=pairs)
+
+    def _judge(self, new: Counter, new_drops: Counter) -> tuple[bytes, str]:
+        """Level and, unless all is well, the message."""
+        if new["errors"]:
+            return DiagnosticStatus.ERROR, self._last_error
+        dropped = "dropped: " + ", ".join(f"{n} {cause}" for cause, n in new_drops.items())
+        if new_drops and new["frames_in"] and not new["frames_out"]:
+            return DiagnosticStatus.ERROR, "every frame " + dropped
+        if new_drops:
+            return DiagnosticStatus.WARN, dropped
+        if new["message_lost"]:
+            return DiagnosticStatus.WARN, f"{new['message_lost']} messages lost on the way here"
+        if self._waiting_for:
+            return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
+        return DiagnosticStatus.OK, ""

@@ -1,0 +1,159 @@
+"""Parameters of a node, from one table: declaration, ranges, validation, configuration file and documentation."""
+
+import difflib
+import textwrap
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+
+from srt3d_ros.errors import InvalidInput, require
+
+Value = bool | int | float | str
+OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One line of a node's table.
+
+    Args:
+        name: as in `-p name:=value`.
+        default: its type is the parameter's type.
+        description: one sentence, for `ros2 param describe`, the configuration file and the documentation.
+        unit: of a number.
+        low, high: range of a number, both ends allowed; None = no limit.
+        choices: all allowed values of a text.
+        form: what a text may be, in words, where there is more to say than "text".
+        live: may be changed while the node runs.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    form: str = ""
+    live: bool = False
+
+    @property
+    def expected(self) -> str:
+        """What is accepted, in words."""
+        if self.choices:
+            return " or ".join(self.choices)
+        words = self.form or KINDS[type(self.default)]
+        if self.low is not None and self.high is not None:
+            words += f" from {self.low:g} to {self.high:g}"
+        elif self.low is not None:
+            words += f" of {self.low:g} or more"
+        return f"{words} {self.unit}".rstrip()
+
+    def check(self, value: Value) -> Value:
+        """The value in the parameter's type, or InvalidInput. An integer passes for a number and a number for text."""
+        kind = type(self.default)
+        if kind is float and type(value) is int or kind is str and type(value) in (int, float):
+            value = kind(value)
+        require(type(value) is kind, self.name, value, self.expected)
+        if kind in (int, float):
+            inside = (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
+            require(inside, self.name, value, self.expected)
+        require(not self.choices or value in self.choices, self.name, value, self.expected)
+        return value
+
+    def descriptor(self) -> ParameterDescriptor:
+        """What `ros2 param describe` shows and tools make sliders from."""
+        unit = f" [{self.unit}]" if self.unit else ""
+        out = ParameterDescriptor(description=self.description + unit, read_only=not self.live,
+                                  additional_constraints=self.expected)
+        if self.low is not None and self.high is not None:
+            if type(self.default) is int:
+                out.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=0)]
+            else:
+                out.floating_point_range = [FloatingPointRange(from_value=float(self.low), to_value=float(self.high))]
+        return out
+
+
+class Parameters:
+    """The parameters of a running node; `parameters["name"]` is the current, checked value.
+
+    The node must have been made with `automatically_declare_parameters_from_overrides=True`, so that a value given
+    for a parameter that does not exist is seen and warned about.
+
+    Args:
+        node: whose parameters they are.
+        table: all of them.
+
+    Raises:
+        InvalidInput: a value given at start cannot be used.
+    """
+
+    def __init__(self, node: Node, table: Iterable[Parameter]):
+        self._table = {parameter.name: parameter for parameter in table}
+        self._values: dict[str, Value] = {}
+        self.on_change: Callable[[], None] = lambda: None
+        self._warn_of_unknown(node)
+        for name, parameter in self._table.items():
+            value = parameter.default
+            if node.has_parameter(name):
+                value = parameter.check(node.get_parameter(name).value)
+                node.undeclare_parameter(name)      # declared from the override, without type or range
+            node.declare_parameter(name, value, parameter.descriptor(), ignore_override=True)
+            self._values[name] = value
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._apply)
+
+    def __getitem__(self, name: str) -> Value:
+        return self._values[name]
+
+    def as_dict(self) -> dict[str, Value]:
+        """A copy of all values."""
+        return dict(self._values)
+
+    def _warn_of_unknown(self, node: Node) -> None:
+        for name in node.list_parameters([], 0).names:
+            if name in self._table or name.startswith(OF_ROS):
+                continue
+            near = difflib.get_close_matches(name, self._table, n=1)
+            node.get_logger().warning(f"parameter {name} is ignored: {node.get_name()} has no such parameter"
+                                      + (f", did you mean {near[0]}?" if near else ""))
+
+    def _check(self, changes) -> SetParametersResult:
+        try:
+            for change in changes:
+                if change.name in self._table:
+                    self._table[change.name].check(change.value)
+        except InvalidInput as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, changes) -> None:
+        known = {change.name: change.value for change in changes if change.name in self._table}
+        if known:
+            self._values = self._values | known
+            self.on_change()
+
+
+def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
+    """A parameter file with every default, commented, for nodes of these names in any namespace."""
+    lines = []
+    for node, table in tables.items():
+        lines += ["", f"/**/{node}:", "  ros__parameters:"]
+        for parameter in table:
+            text = [parameter.description, f"{parameter.expected[0].upper()}{parameter.expected[1:]}."]
+            text += ["May be changed while the node runs."] if parameter.live else []
+            lines += textwrap.wrap(" ".join(text), 116, initial_indent="    # ", subsequent_indent="    # ")
+            lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
+    return "\n".join(lines[1:]) + "\n"
+
+
+def _yaml_value(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # YAML's floats need the dot

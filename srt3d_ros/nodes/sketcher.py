@@ -1,0 +1,102 @@
+"""sketcher: `photons` or `gates` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
+
+import sys
+from collections import deque
+from functools import reduce
+from operator import add
+
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import String
+
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, choose
+from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.nodes.base import LOSSLESS_PARAMETER, PipelineNode
+from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.worker import Dropped
+
+PARAMETERS = (
+    Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
+              "them.", low=1, high=MAX_SKETCH_SIZE),
+    Parameter("frequencies", "auto", "Which frequencies to keep: spread by the IRF's spectrum, 1 to sketch_size as in "
+              "the paper, or these.", form="auto, consecutive or integers such as 1,2,5"),
+    Parameter("packets_per_frame", 1, "Messages that make one frame.", low=1, high=100_000),
+    Parameter("window_frames", 1, "Frames that each sketch covers, the newest and those before it: a sliding window.",
+              low=1, high=1000),
+    Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
+              choices=("float32", "int16")),
+    Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
+    LOSSLESS_PARAMETER,
+)
+
+ANY_SENSOR = SensorModel(rows=1, cols=1, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0])
+
+
+class SketcherNode(PipelineNode):
+    """Follows the latched `sensor`, also when it changes, and publishes `sketch/sensor` and a `sketch` a frame."""
+
+    def __init__(self):
+        super().__init__("sketcher", PARAMETERS)
+        self._frequencies_for(ANY_SENSOR)       # a list that no sensor could use is refused now
+        self._sensor: SensorModel | None = None
+        self._sketcher: Sketcher | None = None
+        self._packets = 0
+        self._window: deque[Sketch] = deque(maxlen=self.parameters["window_frames"])
+        self._sketches = self.advertise(PointCloud2, "sketch")
+        self._sketch_sensor = self.advertise_latched(String, "sketch/sensor")
+        self.hold_frames_for("a sensor description on sensor")
+        self.subscribe_latched(String, "sensor", self._on_sensor)
+        self.subscribe(PointCloud2, "photons", lambda raw: self._on_frame(raw, photons_message))
+        self.subscribe(Image, "gates", lambda raw: self._on_frame(raw, gates_message))
+
+    def _frequencies_for(self, sensor: SensorModel) -> tuple[int, ...]:
+        spec, size = self.parameters["frequencies"], self.parameters["sketch_size"]
+        return choose(spec, sensor, size if spec in ("auto", "consecutive") else None)
+
+    def _on_sensor(self, message: String) -> None:
+        sensor = sensor_message.decode(message)
+        if sensor.same_as(self._sensor):
+            return
+        chosen = self._frequencies_for(sensor)
+        self._sketcher = Sketcher(sensor, chosen)
+        self._sensor = sensor
+        self._packets = 0
+        self._window.clear()
+        self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, chosen, self._window.maxlen))
+        self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins,
+                              frequencies=" ".join(map(str, chosen)))
+        self.release_frames()
+
+    def _on_frame(self, raw: bytes, codec) -> None:
+        if self._sketcher is None:
+            raise Dropped("no_sensor")
+        header, frame = codec.decode_cdr(raw, self._sensor)
+        self._sketcher.add(frame)
+        self._packets += 1
+        if self._packets < self.parameters["packets_per_frame"]:
+            return
+        newest = self._sketcher.sketch()
+        self._sketcher.reset()
+        self._packets = 0
+        self._window.append(newest)
+        self._publish(reduce(add, self._window), self.parameters["frame_id"] or header.frame_id)
+        self.diagnostics.count(photons=int(newest.photons.sum()))
+
+    def _publish(self, sketch: Sketch, frame_id: str) -> None:
+        data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
+        self.publish_frame(self._sketches, data, sketch.stamp_ns)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run(SketcherNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""One thread that does a node's work, so that the executor never blocks."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+NEWEST_ONLY = 1
+LOSSLESS = 256          # frames that may wait when none may be dropped; bounds the memory if the sender does not
+
+
+class Dropped(Exception):
+    """Raised by a job for a frame it cannot use, through nobody's mistake: the cause is counted, nothing else."""
+
+    def __init__(self, cause: str):
+        super().__init__(cause)
+        self.cause = cause
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    function: Callable
+    args: tuple
+    is_frame: bool
+
+
+class Worker:
+    """Runs jobs in the order in which they came. Frames may push each other out of the queue; other jobs never are.
+
+    Args:
+        limit: frames that may wait. A frame too many pushes out the oldest: with 1, the newest frame is always next.
+        failed: called with (exception, is_frame) when a job raises; the worker goes on.
+        dropped: called with the cause when a waiting frame is given up: "queue" (pushed out) or "shutdown".
+    """
+
+    def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str], None]):
+        self.limit, self._failed, self._dropped = limit, failed, dropped
+        self._jobs: deque[_Job] = deque()
+        self._frames_waiting = 0
+        self._holding = False
+        self._closing = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
+        self._thread.start()
+
+    def call(self, function: Callable, *args) -> None:
+        """Run function(*args) after what is already waiting."""
+        self._put(_Job(function, args, is_frame=False))
+
+    def offer(self, function: Callable, *args) -> None:
+        """Run function(*args) for a frame, unless newer frames push it out first."""
+        self._put(_Job(function, args, is_frame=True))
+
+    def hold_frames(self) -> None:
+        """Let frames wait in the queue (other jobs run) until `release_frames`."""
+        self._holding = True
+
+    def release_frames(self) -> None:
+        """Take frames again."""
+        with self._changed:
+            self._holding = False
+            self._changed.notify_all()
+
+    def close(self, drain: bool = False, timeout_s: float = 5.0) -> None:
+        """End the thread after the job in hand or, with `drain`, after all that wait; give up after `timeout_s`."""
+        given_up = 0
+        with self._changed:
+            if not drain:
+                given_up, self._frames_waiting = self._frames_waiting, 0
+                self._jobs.clear()
+            self._holding = False
+            self._closing = True
+            self._changed.notify_all()
+        for _ in range(given_up):
+            self._dropped("shutdown")
+        self._thread.join(timeout_s)
+
+    def _put(self, job: _Job) -> None:
+        pushed_out = False
+        with self._changed:
+            if self._closing:
+                return
+            if job.is_frame and self._frames_waiting == self.limit:
+                self._jobs.remove(next(waiting for waiting in self._jobs if waiting.is_frame))
+                pushed_out = True
+            else:
+                self._frames_waiting += job.is_frame
+            self._jobs.append(job)
+            self._changed.notify_all()
+        if pushed_out:
+            self._dropped("queue")
+
+    def _take(self) -> _Job | None:
+        """The next job that may run, or None when closed and nothing is left."""
+        with self._changed:
+            while True:
+                for job in self._jobs:
+                    if not (job.is_frame and self._holding):
+                        self._jobs.remove(job)
+                        self._frames_waiting -= job.is_frame
+                        return job
+                if self._closing:
+                    return None
+                self._changed.wait()
+
+    def _run(self) -> None:
+        while (job := self._take()) is not None:
+            try:
+                job.function(*job.args)
+            except Exception as error:      # whatever a frame does to a job, the next frame is served
+                self._failed(error, job.is_frame)

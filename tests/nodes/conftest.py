@@ -1,0 +1,220 @@
+"""Real nodes in real processes, and a node in the test's own process that talks with them."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.nodes import base
+
+DEADLINE_S = 60.0       # generous: the machine may be busy; nothing here waits longer than it has to
+REPOSITORY = Path(__file__).resolve().parents[2]
+namespaces = itertools.count()
+
+
+def wait(condition: Callable[[], object], what: str, describe: Callable[[], str] = str):
+    """The condition's value once it is true; fails the test saying what never came."""
+    end = time.monotonic() + DEADLINE_S
+    while not (value := condition()):
+        if time.monotonic() > end:
+            pytest.fail(f"waited {DEADLINE_S:.0f} s for {what}\n{describe()}")
+        time.sleep(0.01)
+    return value
+
+
+class Process:
+    """A node in a process of its own."""
+
+    def __init__(self, command: list[str]):
+        self.lines: list[str] = []
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                                         cwd=REPOSITORY, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+        self.pid = self._process.pid
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            self.lines.append(line.rstrip())
+
+    @property
+    def text(self) -> str:
+        """All that it has written, stdout and stderr."""
+        return "\n".join(self.lines)
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def says(self, text: str) -> "Process":
+        """Wait until it has written this."""
+        wait(lambda: text in self.text or not self.running, f"{text!r} from {self._process.args}")
+        assert text in self.text, f"ended with {self._process.returncode}:\n{self.text}"
+        return self
+
+    def ready(self) -> "Process":
+        return self.says("ready")
+
+    def code(self) -> int:
+        """Wait until it has ended by itself; its exit code."""
+        wait(lambda: not self.running, f"the end of {self._process.args}")
+        self._reader.join(5)
+        return self._process.returncode
+
+    def end(self, number: signal.Signals = signal.SIGTERM) -> int:
+        """Send a signal, wait; the exit code."""
+        self._process.send_signal(number)
+        return self.code()
+
+    def kill(self) -> None:
+        if self.running:
+            self._process.kill()
+        self._process.wait()
+
+
+class Graph:
+    """A namespace with nodes in it, and the test's own node, which spins in a thread."""
+
+    def __init__(self):
+        self.namespace = f"/test{next(namespaces)}_{os.getpid()}"
+        self.node = rclpy.create_node("tester", namespace=self.namespace)
+        self.processes: list[Process] = []
+        self._reports: dict[str, list] = {}
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._stop = False
+        self._thread.start()
+
+    def wait(self, condition: Callable[[], object], what: str):
+        """The condition's value once it is true; or a failure with what the processes have written."""
+        return wait(condition, what, describe=lambda: "\n".join(process.text for process in self.processes))
+
+    def start(self, name: str, *ros_args: str, **parameters) -> Process:
+        """Start a node; parameters as in `-p name:=value`."""
+        command = [sys.executable, "-m", f"srt3d_ros.nodes.{name}", "--ros-args", "-r", f"__ns:={self.namespace}"]
+        for key, value in parameters.items():
+            command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
+        self.processes.append(Process([*command, *ros_args]))
+        return self.processes[-1]
+
+    def collect(self, message_type: type, topic: str, depth: int = 1000, raw: bool = False) -> list:
+        """The list into which the messages on a topic go from now on."""
+        messages: list = []
+        self.node.create_subscription(message_type, topic, messages.append, QoSProfile(depth=depth), raw=raw)
+        return messages
+
+    def collect_latched(self, message_type: type, topic: str) -> list:
+        messages: list = []
+        self.node.create_subscription(message_type, topic, messages.append, base.LATCHED)
+        return messages
+
+    def publisher(self, message_type: type, topic: str):
+        return self.node.create_publisher(message_type, topic, QoSProfile(depth=100))
+
+    def latched(self, message):
+        """Publish the description of the sensor on `sensor`."""
+        publisher = self.node.create_publisher(type(message), "sensor", base.LATCHED)
+        publisher.publish(message)
+        return publisher
+
+    def matched(self, publisher, subscribers: int = 1):
+        """The publisher, once it has its subscribers."""
+        self.wait(lambda: publisher.get_subscription_count() >= subscribers, f"subscribers of {publisher.topic_name}")
+        return publisher
+
+    def report(self, name: str) -> dict[str, str]:
+        """The newest diagnostics of a node, {} before the first; "level" and "message" beside its values."""
+        reports = self.all_reports(name)
+        return reports[-1] if reports else {}
+
+    def all_reports(self, name: str) -> list[dict[str, str]]:
+        return self._reports.get(f"{self.namespace}/{name}".lstrip("/"), [])
+
+    def reports(self, name: str, key: str, value) -> dict[str, str]:
+        """Wait until a node's diagnostics show this value."""
+        wait(lambda: self.report(name).get(key) == str(value), f"{key} = {value} in the diagnostics of {name}",
+             describe=lambda: str(self.report(name)))
+        return self.report(name)
+
+    def close(self) -> None:
+        for process in self.processes:
+            process.kill()
+        self._stop = True
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def _spin(self) -> None:
+        while not self._stop:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            values |= {"level": status.level, "message": status.message}
+            self._reports.setdefault(status.name, []).append(values)
+
+
+@pytest.fixture(scope="session")
+def ros():
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def graph(ros):
+    """An empty graph; whatever is started in it is killed at the end of the test."""
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+@pytest.fixture(scope="module")
+def shared_graph(ros):
+    """A graph for all the tests of a file."""
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+@pytest.fixture(scope="session")
+def sensor() -> SensorModel:
+    """A small sensor: 16 × 12 pixels, T = 100."""
+    irf = np.exp(-0.5 * (np.arange(15) - 7) ** 2 / 4)
+    return SensorModel(rows=16, cols=12, num_bins=100, bin_width_s=1e-10, irf=irf, gates=GateWords(), frame_id="spad")
+
+
+@pytest.fixture(scope="session")
+def events(sensor) -> PhotonEvents:
+    """40 photons a pixel of a plane at bin 50, half of them background; sorted."""
+    rng = np.random.default_rng(1)
+    pixel = np.repeat(np.arange(sensor.pixels, dtype=np.uint32), 40)
+    toa = np.where(rng.random(len(pixel)) < 0.5, rng.integers(0, sensor.num_bins, len(pixel)),
+                   np.clip(np.round(rng.normal(50, 2, len(pixel))), 0, sensor.num_bins - 1))
+    return PhotonEvents(pixel, toa.astype(np.uint16), stamp_ns=1_000_000_000)
+
+
+@pytest.fixture(scope="session")
+def photon_file(sensor, events, tmp_path_factory) -> Path:
+    """The same photons as an npz file."""
+    path = tmp_path_factory.mktemp("photons") / "plane.npz"
+    np.savez(path, rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, bin_width_s=sensor.bin_width_s,
+             pixel=events.pixel, toa=events.toa, irf=sensor.irf, irf_ref=sensor.irf_ref)
+    return path

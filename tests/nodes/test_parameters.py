@@ -1,0 +1,91 @@
+"""One table makes declaration, ranges, validation and the configuration file."""
+
+import itertools
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.nodes.parameters import Parameter, Parameters, as_yaml
+
+TABLE = (
+    Parameter("size", 10, "How many.", "pixels", 1, 100),
+    Parameter("rate_hz", 5.0, "How often.", "Hz", 0, 1e3, live=True),
+    Parameter("tiny", 1e-7, "How little."),
+    Parameter("layout", "float32", "Which type.", choices=("float32", "int16"), live=True),
+    Parameter("list", "auto", "Which ones.", form="auto or integers such as 1,2"),
+    Parameter("loop", True, "Again and again."),
+)
+names = (f"parameters_{k}" for k in itertools.count())
+
+
+@pytest.fixture
+def declare(ros):
+    """Declares TABLE on a new node that was given these overrides; returns (node, parameters)."""
+    nodes = []
+
+    def declare(**overrides):
+        given = [RosParameter(name, value=value) for name, value in overrides.items()]
+        nodes.append(Node(next(names), parameter_overrides=given, automatically_declare_parameters_from_overrides=True))
+        return nodes[-1], Parameters(nodes[-1], TABLE)
+
+    yield declare
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_defaults_and_overrides_with_lossless_conversion(declare):
+    _, parameters = declare(rate_hz=20, list=3, size=100)
+    assert parameters.as_dict() == {"size": 100, "rate_hz": 20.0, "tiny": 1e-7, "layout": "float32", "list": "3",
+                                    "loop": True}
+    assert type(parameters["rate_hz"]) is float
+
+
+@pytest.mark.parametrize("name, value, line", [
+    ("size", 0, "size is 0: expected an integer from 1 to 100 pixels"),
+    ("size", 2.5, "size is 2.5: expected an integer from 1 to 100 pixels"),
+    ("size", "many", "size is many: expected an integer from 1 to 100 pixels"),
+    ("size", True, "size is True: expected an integer from 1 to 100 pixels"),
+    ("rate_hz", 1001.0, "rate_hz is 1001.0: expected a number from 0 to 1000 Hz"),
+    ("rate_hz", float("nan"), "rate_hz is nan: expected a number from 0 to 1000 Hz"),
+    ("layout", "int8", "layout is int8: expected float32 or int16"),
+    ("list", False, "list is False: expected auto or integers such as 1,2"),
+    ("loop", "yes", "loop is yes: expected true or false"),
+])
+def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
+    with pytest.raises(InvalidInput) as caught:
+        declare(**{name: value})
+    assert str(caught.value) == line
+
+
+def test_descriptors_carry_description_range_and_read_only(declare):
+    node, _ = declare()
+    size, rate = node.describe_parameter("size"), node.describe_parameter("rate_hz")
+    assert (size.description, size.read_only) == ("How many. [pixels]", True)
+    assert (size.integer_range[0].from_value, size.integer_range[0].to_value) == (1, 100)
+    assert not rate.read_only and rate.floating_point_range[0].to_value == 1000.0
+    assert node.describe_parameter("layout").additional_constraints == "float32 or int16"
+
+
+def test_live_changes_are_applied_or_refused_with_a_reason(declare):
+    node, parameters = declare()
+    changes = []
+    parameters.on_change = lambda: changes.append(parameters["layout"])
+    results = node.set_parameters([RosParameter("layout", value="int16"), RosParameter("layout", value="int8"),
+                                   RosParameter("size", value=5), RosParameter("rate_hz", value=2000.0)])
+    assert [result.successful for result in results] == [True, False, False, False]
+    assert results[1].reason == "layout is int8: expected float32 or int16"
+    assert "read-only" in results[2].reason and "out of range" in results[3].reason
+    assert changes == ["int16"] and parameters["size"] == 10 and parameters["rate_hz"] == 5.0
+
+
+def test_the_file_has_every_default_and_parses_as_ros_parses_it(ros, tmp_path):
+    path = tmp_path / "parameters.yaml"
+    path.write_text(as_yaml({"some_node": TABLE}))
+    node = Node("some_node", namespace="deep/down", cli_args=["--ros-args", "--params-file", str(path)],
+                automatically_declare_parameters_from_overrides=True)
+    given = {parameter.name: node.get_parameter(parameter.name).value for parameter in TABLE}
+    node.destroy_node()
+    assert given == {parameter.name: parameter.default for parameter in TABLE}
+    assert all(type(given[parameter.name]) is type(parameter.default) for parameter in TABLE)

@@ -1,0 +1,93 @@
+"""The worker thread: newest frame first, everything else in order, nothing hidden."""
+
+import threading
+
+import pytest
+
+from srt3d_ros.nodes.worker import Worker
+
+
+class Probe:
+    """A worker whose first job waits until `go`, and what came of the jobs."""
+
+    def __init__(self, limit: int):
+        self.done, self.failed, self.dropped = [], [], []
+        self.worker = Worker(limit, lambda error, is_frame: self.failed.append((error, is_frame)), self.dropped.append)
+        self.busy, self.go = threading.Event(), threading.Event()
+        self.worker.call(self._block)
+        self.busy.wait()
+
+    def _block(self):
+        self.busy.set()
+        self.go.wait()
+
+    def finish(self):
+        self.go.set()
+        self.worker.close(drain=True)
+
+
+@pytest.fixture
+def probe():
+    probes = []
+
+    def probe(limit):
+        probes.append(Probe(limit))
+        return probes[-1]
+
+    yield probe
+    for made in probes:
+        made.finish()
+
+
+def test_the_newest_frame_pushes_out_the_waiting_one_but_no_other_job(probe):
+    newest = probe(limit=1)
+    newest.worker.offer(newest.done.append, "frame 0")
+    newest.worker.call(newest.done.append, "sensor")
+    newest.worker.offer(newest.done.append, "frame 1")
+    newest.worker.offer(newest.done.append, "frame 2")
+    newest.finish()
+    assert newest.done == ["sensor", "frame 2"] and newest.dropped == ["queue", "queue"]
+
+
+def test_a_queue_keeps_frames_in_order_up_to_its_limit(probe):
+    queue = probe(limit=3)
+    for k in range(5):
+        queue.worker.offer(queue.done.append, k)
+    queue.finish()
+    assert queue.done == [2, 3, 4] and queue.dropped == ["queue", "queue"]
+
+
+def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
+    holding = probe(limit=8)
+    holding.worker.hold_frames()
+    for k in range(3):
+        holding.worker.offer(holding.done.append, k)
+    holding.worker.call(holding.done.append, "sensor")
+    holding.worker.call(holding.worker.release_frames)
+    last = threading.Event()
+    holding.worker.offer(last.set)
+    holding.go.set()
+    assert last.wait(60)
+    assert holding.done == ["sensor", 0, 1, 2]
+
+
+def test_a_job_that_fails_is_told_and_the_next_one_served(probe):
+    failing = probe(limit=8)
+    failing.worker.offer(lambda: 1 / 0)
+    failing.worker.call(lambda: {}["key"])
+    failing.worker.offer(failing.done.append, "next")
+    failing.finish()
+    assert failing.done == ["next"]
+    told = [(type(error), is_frame) for error, is_frame in failing.failed]
+    assert told == [(ZeroDivisionError, True), (KeyError, False)]
+
+
+def test_frames_that_wait_when_it_closes_are_counted(probe):
+    closing = probe(limit=8)
+    for k in range(3):
+        closing.worker.offer(closing.done.append, k)
+    closer = threading.Thread(target=closing.worker.close)
+    closer.start()
+    closing.go.set()
+    closer.join()
+    assert len(closing.done) + len(closing.dropped) == 3 and set(closing.dropped) <= {"shutdown"}
