@@ -9,6 +9,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
 TOA_DTYPES = (np.uint16, np.uint32, np.float32)
+MAX_WORDS = 2**27       # of gates made from events: 256 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,25 @@ class PhotonGates:
     def __post_init__(self):
         require(self.words.dtype == np.uint16, "gates dtype", str(self.words.dtype), "uint16")
         require(self.words.ndim == 3, "gates shape", self.words.shape, "[cycles, rows, cols]")
+
+    @classmethod
+    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonGates":
+        """The same photons as gates: the i-th photon of a pixel falls into cycle i. Fractions of bins are cut off.
+
+        Raises:
+            InvalidInput: a photon lies outside the sensor, or the busiest pixel has too many for this form.
+        """
+        events.check(sensor)
+        pixel = events.pixel
+        order = slice(None) if events.is_sorted else np.argsort(pixel, kind="stable")
+        counts = np.bincount(pixel, minlength=sensor.pixels)
+        cycles = max(int(counts.max()), 1)
+        require(cycles * sensor.pixels <= MAX_WORDS, "gates", f"{cycles} cycles of {sensor.pixels} pixels",
+                f"at most {MAX_WORDS} words: send events instead")
+        words = np.full((cycles, sensor.pixels), sensor.gates.no_detection, np.uint16)
+        cycle = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
+        words[cycle, pixel[order]] = events.toa[order].astype(np.uint16) + np.uint16(sensor.gates.first_word)
+        return cls(words.reshape(cycles, sensor.rows, sensor.cols), events.stamp_ns)
 
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
         """The same photons as events sorted by pixel."""
