@@ -4,6 +4,7 @@ import base64
 import binascii
 import json
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def _value(value, field: dict, name: str):
     fits = {"integer": _is_integer, "number": _is_number, "string": lambda v: isinstance(v, str),
             "object": lambda v: isinstance(v, dict)}[kind]
     require(fits(value), name, value, f"{'an' if kind[0] in 'io' else 'a'} {kind}")
-    return int(value) if kind == "integer" else value
+    return int(value) if kind == "integer" else float(value) if kind == "number" else value
 
 
 def _is_number(value) -> bool:
@@ -99,23 +100,23 @@ def _is_integer(value) -> bool:
 
 
 def _array(value, dtype: str, name: str) -> np.ndarray:
-    if isinstance(value, dict):
-        array = _from_base64(value, dtype, name)
-    else:
-        array = _from_lists(value, dtype, name)
+    array = (_from_base64 if isinstance(value, dict) else _from_lists)(value, dtype, name)
     with np.errstate(over="ignore"):        # what float32 cannot hold becomes Inf, which SensorModel refuses
         return array.astype(dtype)
 
 
 def _from_lists(value, dtype: str, name: str) -> np.ndarray:
-    wanted = f"nested lists of {dtype} of equal lengths, or an object {{{', '.join(ARRAY_KEYS)}}}"
+    wanted = f"nested lists of {dtype}, or an object {{{', '.join(ARRAY_KEYS)}}}"
     require(isinstance(value, list), name, value, wanted)
+    # Looked at one by one: NumPy would take "1.5" and true for numbers, and lists of long texts for gigabytes.
+    kinds = (bool,) if dtype == "bool" else (int, float)
+    for row in value if all(isinstance(row, list) for row in value) else [value]:
+        for number in row:
+            require(type(number) in kinds, name, number, wanted)
     try:
-        array = np.array(value)
-    except ValueError:
-        raise InvalidInput(name, "lists of unequal lengths", wanted) from None
-    require(array.dtype.kind in ("b" if dtype == "bool" else "iuf"), name, f"lists of {array.dtype}", wanted)
-    return array
+        return np.array(value, bool if dtype == "bool" else np.float64)
+    except (ValueError, OverflowError):
+        raise InvalidInput(name, "lists of unequal lengths, or numbers too large", wanted) from None
 
 
 def _from_base64(value: dict, dtype: str, name: str) -> np.ndarray:
@@ -145,8 +146,7 @@ def _stored(dtype: str) -> str:
 def _object(pairs: list[tuple]) -> dict:
     content = dict(pairs)
     if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in content if names.count(name) > 1)
+        (twice, _), = Counter(name for name, _ in pairs).most_common(1)
         raise InvalidInput("repeated key", twice, "each key of an object once")
     return content
 

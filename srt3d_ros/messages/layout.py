@@ -12,14 +12,14 @@ from srt3d_ros.messages.schema import DATATYPES
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
 CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
 STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
-MAX_POINT_STEP = 65_535
+MAX_POINT_STEP = 65_535         # bytes; the largest sketch has 8,196
 
 
 def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> Cloud:
     """A cloud of structured points [N] or [rows, cols] in the layout of their dtype."""
     height, width = points.shape if points.ndim == 2 else (1, len(points))
-    fields = tuple(Field(name, offset, *_wire_type(kind))
-                   for name, (kind, offset, *_) in ((name, points.dtype.fields[name]) for name in points.dtype.names))
+    fields = tuple(Field(name, points.dtype.fields[name][1], *_wire_type(points.dtype[name]))
+                   for name in points.dtype.names)
     step = points.dtype.itemsize
     return Cloud(header, height, width, fields, False, step, width * step, _bytes(points), is_dense)
 

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,13 @@ def test_plain_lists_and_defaults_are_taken():
     assert model.gain[1].tolist() == [2, 2, 2] and model.mask[0].tolist() == [True, True, False]
 
 
+def test_whole_numbers_of_any_length_are_numbers():
+    lens = {"kind": "pinhole", "fx": 10**30, "fy": 20, "cx": 1, "cy": 1}
+    content = plain() | {"rows": 2.0, "bin_width_s": 1, "projection": lens}
+    model = sensor.from_json(json.dumps(content))
+    assert model.projection == Pinhole(1e30, 20.0, 1.0, 1.0) and model.rows == 2
+
+
 def test_keys_of_the_drivers_own_are_left_out():
     assert sensor.from_json(json.dumps(plain() | {"x_serial": "A-17", "x_temperature": {"c": 21}})).rows == 2
 
@@ -94,6 +102,9 @@ MALFORMED = [
     ("irf empty", {"irf": []}, "irf shape"),
     ("irf ragged", {"irf": [[1, 2], [1]]}, "irf"),
     ("irf of texts", {"irf": ["1", "2"]}, "irf"),
+    ("irf with true", {"irf": [1, True]}, "irf"),
+    ("irf with a number of 400 digits", {"irf": [1, 10**400]}, "irf"),
+    ("irf of three levels", {"irf": [[[1]]]}, "irf"),
     ("irf with a hole", {"irf": [1, {}, 2]}, "irf"),
     ("irf negative", {"irf": [1, -1]}, "irf"),
     ("irf all zero", {"irf": [0, 0]}, "irf"),
@@ -169,6 +180,15 @@ def test_unknown_key_cannot_forge_a_message():
 def test_key_twice_is_refused():
     error = refused('{"rows": 3, ' + json.dumps(plain())[1:])
     assert str(error) == "repeated key is rows: expected each key of an object once"
+
+
+def test_long_texts_among_many_take_no_more_memory_than_the_message():
+    text = json.dumps(plain() | {"irf": ["x" * 100_000] + [""] * 100_000})
+    tracemalloc.start()
+    assert refused(text).field == "irf"
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * len(text)
 
 
 def test_size_is_bounded_before_parsing(monkeypatch):
