@@ -27,3 +27,28 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no photon data: the folder shared/data beside the repository is absent")
     return folder
+
+
+@pytest.fixture(scope="session")
+def ball():
+    """(PointCloud, SensorModel): a ball before a wall seen by 40 × 48 pixels, two surfaces at its rim, a hole."""
+    import numpy as np
+
+    from srt3d_ros.core.cloud import PointCloud
+    from srt3d_ros.core.sensor import SensorModel
+
+    sensor = SensorModel(40, 48, 600, 20e-12, np.hanning(12)[1:], toa_offset_bins=100, frame_id="test_lidar")
+    y, x = np.mgrid[-1:1:40j, -1.2:1.2:48j]
+    radius = np.hypot(x, y)
+    seen = (radius > 0.1) & (radius < 0.8)
+    front = np.where(seen, 300 - 120 * np.sqrt(np.maximum(0.64 - radius**2, 0)), 450)
+    front[:3, :4] = np.nan
+    layers = np.stack([front, np.where((radius > 0.7) & seen, 450, np.nan)])
+    surface, row, col = np.nonzero(np.isfinite(layers))
+    order = np.lexsort((surface, row * sensor.cols + col))
+    surface, row, col = surface[order].astype(np.uint8), row[order].astype(np.uint16), col[order].astype(np.uint16)
+    depth = layers[surface, row, col].astype(np.float32)
+    intensity = (20 + 15 * np.sin(x * 9) * np.cos(y * 9)).astype(np.float32)[row, col]
+    cloud = PointCloud(row, col, depth, intensity, (1 / np.sqrt(intensity)).astype(np.float32),
+                       sensor.xyz(row, col, depth), surface, np.full((40, 48), 2.5, np.float32), stamp_ns=1_234_567_890)
+    return cloud, sensor

@@ -1,0 +1,97 @@
+"""Values to colours, for everything that shows a cloud: recordings, pictures, .ply files. NumPy only."""
+
+from functools import cache
+
+import numpy as np
+
+from srt3d_ros.errors import require
+
+# Perceptually even, readable with any colour vision. Every 15th colour of the 256 of the maps of these names by
+# van der Walt, Smith and Firing (viridis, inferno, magma, plasma) and Nuñez, Anderton and Renslow (cividis), CC0.
+_ANCHORS = {
+    "viridis": "440154 481769 472a7a 433d84 3d4e8a 355e8d 2e6d8e 297b8e 23898e "
+               "1f978b 21a585 2eb37c 46c06f 65cb5e 89d548 b0dd2f d8e219 fde725",
+    "cividis": "00224e 002d68 163770 2e416d 3f4c6c 4e566c 5c616e 696b71 767676 "
+               "838179 928c78 a09875 afa471 bfb06b cfbd62 dfca57 f0d846 fee838",
+    "inferno": "000004 0a0722 1e0c45 380962 510e6c 69166e 801f6c 982766 b0315b "
+               "c63d4d d94d3d e9612b f47918 fa9407 fcb014 f8cd37 f2ea69 fcffa4",
+    "magma": "000004 090720 1a1042 311165 4a1079 621980 792282 912b81 aa337d "
+             "c23b75 d9466b ec5860 f7725c fc8e64 feaa74 fec68a fde2a3 fcfdbf",
+    "plasma": "0d0887 2f0596 4903a0 6100a7 7801a8 8e0ca4 a21d9a b42e8d c43e7f "
+              "d24f71 de6164 e97257 f3854b f99a3e fdaf31 fdc627 f8df25 f0f921",
+}
+COLOUR_MAPS = tuple(_ANCHORS)
+CLOUD_MAP = "inferno"
+_DARKEST = 60
+_RANGE_SAMPLES = 4096
+
+
+@cache
+def colour_table(name: str) -> np.ndarray:
+    """A colour map as uint8 [256, 3], read-only; InvalidInput for a name that is not one of COLOUR_MAPS."""
+    require(name in _ANCHORS, "colour map", name, f"one of {', '.join(COLOUR_MAPS)}")
+    anchors = np.array([list(bytes.fromhex(colour)) for colour in _ANCHORS[name].split()], dtype=float)
+    position = np.linspace(0, 255, len(anchors))
+    table = np.stack([np.interp(np.arange(256), position, anchors[:, c]) for c in range(3)], axis=1)
+    table = np.round(table).astype(np.uint8)
+    table.flags.writeable = False
+    return table
+
+
+@cache
+def packed_colour_table(name: str) -> np.ndarray:
+    """The same as uint32 [256], 0xRRGGBBAA, opaque; read-only."""
+    red, green, blue = colour_table(name).astype(np.uint32).T
+    packed = red << 24 | green << 16 | blue << 8 | 255
+    packed.flags.writeable = False
+    return packed
+
+
+def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> np.ndarray:
+    """Indices into a colour table, uint8 like `values`: `low` and below give 0, `high` and above 255, NaN 0.
+
+    With `root` the square roots are spread evenly: photon counts then differ by equal noise, not by equal number.
+    """
+    values, ends = np.asarray(values, np.float32), np.array([low, high], np.float32)
+    if root:
+        values, ends = np.sqrt(np.maximum(values, 0)), np.sqrt(np.maximum(ends, 0))
+    span = max(float(ends[1] - ends[0]), 1e-12)
+    scaled = (values - ends[0]) * np.float32(255 / span)
+    return np.nan_to_num(np.clip(scaled, 0, 255), nan=0.0).astype(np.uint8)
+
+
+def intensity_levels(intensity: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Indices into the table CLOUD_MAP, uint8 [N], for intensities in photons: none too dark for a dark background."""
+    level = levels(intensity, low, high, root=True).astype(np.uint16)
+    return (_DARKEST + level * (255 - _DARKEST) // 255).astype(np.uint8)
+
+
+def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tuple[float, float] | None:
+    """Percentiles of the finite values (of a sample if there are many); None if there are none."""
+    values = np.asarray(values).ravel()
+    values = values[:: max(len(values) // _RANGE_SAMPLES, 1)]
+    values = values[np.isfinite(values)]
+    if len(values) == 0:
+        return None
+    bottom, top = np.percentile(values, (low, high))
+    return float(bottom), float(top)
+
+
+class AdaptiveRange:
+    """The range a colour map is spread over: follows the data slowly, so that a film does not flicker.
+
+    Args:
+        rate: share of the way towards a frame's own range taken per frame.
+        fixed: (low, high) to keep whatever the data.
+    """
+
+    def __init__(self, rate: float = 0.1, fixed: tuple[float, float] | None = None):
+        self._rate, self._fixed, self._range = rate, fixed, fixed
+
+    def update(self, values: np.ndarray) -> tuple[float, float]:
+        """Take a frame's values in; the (low, high) to use for it. (0, 1) until a finite value was seen."""
+        seen = None if self._fixed else percentile_range(values)
+        if seen is not None:
+            old = self._range or seen
+            self._range = tuple(a + self._rate * (b - a) for a, b in zip(old, seen))
+        return self._range or (0.0, 1.0)

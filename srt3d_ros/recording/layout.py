@@ -1,0 +1,103 @@
+"""What a recording holds and under which names: shared by the writer, the blueprint and the reader."""
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.viewpoint import sensor_axes
+
+APPLICATION_ID = "srt3d_ros"
+STAMP, FRAME = "stamp", "frame"                     # timelines
+POINTS, DEPTH, METRICS = "/points", "/depth", "/metrics"
+INTENSITY = "intensity"                             # component beside the points: float32, photons
+RUN, SENSOR = "run", "sensor"                        # properties
+PROPERTIES = "/__properties"                        # where rerun keeps them
+
+_MM_PER_M = 1000
+_MOST_MM = np.iinfo(np.uint16).max
+_NONE_MARGIN = 0.2                                  # of the depth range, kept free: "none" has a colour of its own
+_RADIUS_PER_SPACING = 0.6                           # discs of neighbouring pixels then just overlap
+
+
+def points(xyz: np.ndarray, intensity: np.ndarray, colour: np.ndarray, radius_m: float | None) -> list:
+    """What is logged for a cloud; the arrays must not change afterwards (rerun does not copy them).
+
+    Args:
+        xyz: float32 [N, 3], contiguous, metres.
+        intensity: float32 [N], kept as values beside the colours.
+        colour: uint32 [N], 0xRRGGBBAA.
+        radius_m: of the discs; a size on the screen if None.
+    """
+    radius = rr.Radius.ui_points(1.5) if radius_m is None else radius_m
+    # As an Arrow array: rerun cannot tell the type of an empty NumPy array here, and warns.
+    return [rr.Points3D(xyz, colors=colour, radii=radius), rr.AnyValues(**{INTENSITY: pa.array(intensity)})]
+
+
+def depth_image(depth_m: np.ndarray, low: float, high: float, in_mm: bool) -> rr.DepthImage:
+    """A depth image [rows, cols] in metres, NaN = none, coloured from `low` to `high` metres.
+
+    Whole millimetres in 16 bits (0 = none) if `in_mm`, half the size; otherwise as they are.
+    """
+    low -= _NONE_MARGIN * (high - low)
+    if not in_mm:
+        return rr.DepthImage(depth_m, meter=1, colormap="viridis", depth_range=(low, high))
+    mm = np.nan_to_num(np.rint(depth_m * _MM_PER_M), nan=0, posinf=0, neginf=0)
+    mm = np.clip(mm, 0, _MOST_MM).astype(np.uint16)
+    return rr.DepthImage(mm, meter=_MM_PER_M, colormap="viridis", depth_range=(low * _MM_PER_M, high * _MM_PER_M))
+
+
+def metres(buffer: np.ndarray, shape: tuple[int, int], units_per_m: float) -> np.ndarray:
+    """The depth image [rows, cols] that a logged buffer of bytes holds, float32 metres, NaN = none."""
+    if units_per_m == 1:
+        return buffer.view(np.float32).reshape(shape)
+    units = buffer.view(np.uint16).reshape(shape)
+    return np.where(units == 0, np.float32(np.nan), units / np.float32(units_per_m))
+
+
+def fits_mm(sensor: SensorModel | None) -> bool:
+    """True if every range the sensor can see is below 65.5 m and above 0."""
+    return sensor is not None and 0 < sensor.range_m(0) + 1 and sensor.range_m(sensor.num_bins) * _MM_PER_M < _MOST_MM
+
+
+def metric_path(name: str) -> str:
+    """Where a scalar is logged: `latency_ms` at /metrics/latency_ms, `latency_ms/sketch` below it."""
+    return f"{METRICS}/{name}"
+
+
+def view_coordinates(sensor: SensorModel | None) -> rr.ViewCoordinates:
+    """Which way the axes of the sensor's frame point."""
+    forward = sensor_axes(sensor.projection if sensor else None)[0]
+    return rr.ViewCoordinates.FLU if forward[0] else rr.ViewCoordinates.RDF
+
+
+def point_radius_m(xyz: np.ndarray, sensor: SensorModel | None) -> float | None:
+    """Radius with which the points of a surface at the cloud's distance close up; None without a sensor."""
+    if sensor is None or len(xyz) == 0 or sensor.pixels == 1:
+        return None
+    rays = sensor.rays
+    spacing = [np.linalg.norm(np.diff(rays[line], axis=0), axis=-1).mean() for line in _middle_lines(sensor)]
+    return float(_RADIUS_PER_SPACING * max(spacing) * np.linalg.norm(np.median(xyz, axis=0)))
+
+
+def _middle_lines(sensor: SensorModel) -> list:
+    lines = [(sensor.rows // 2, slice(None)), (slice(None), sensor.cols // 2)]
+    return [line for line, length in zip(lines, (sensor.cols, sensor.rows)) if length > 1]
+
+
+def property_values(facts: dict) -> rr.AnyValues:
+    """Facts as the values of a property: numbers, texts and lists as they are, None left out, the rest as text."""
+    kept = (bool, int, float, str, list, tuple, np.generic, np.ndarray)
+    return rr.AnyValues(**{name: value if isinstance(value, kept) else str(value)
+                           for name, value in facts.items() if value is not None})
+
+
+def sensor_properties(sensor: SensorModel) -> dict:
+    """The sensor, as far as a recording tells it."""
+    facts = {name: getattr(sensor, name) for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref",
+                                                      "toa_offset_bins", "range_offset_m", "frame_id")}
+    facts["projection"] = sensor.projection.kind
+    facts |= {name: float(value) for name, value in vars(sensor.projection).items()}
+    if sensor.irf.ndim == 1:
+        facts["irf"] = sensor.irf
+    return facts

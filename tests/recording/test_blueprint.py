@@ -1,0 +1,99 @@
+"""The layout that recordings open with: present in the file, with the right eye, and accepted by the viewer."""
+
+import ctypes.util
+import socket
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
+
+from srt3d_ros import cloud_files
+from srt3d_ros.core.projection import AngularScan
+from srt3d_ros.recording import layout
+from srt3d_ros.recording.writer import RecordingWriter
+from srt3d_ros.viewpoint import look_at
+
+
+def blueprint_columns(path):
+    """Every logged component of the file's blueprint, as {name: [values]}."""
+    reader = RrdReader(path)
+    (blueprint,) = reader.blueprints()
+    found = {}
+    for chunk in reader.stream(store=blueprint):
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if "timestamp" not in str(batch.column(name).type):
+                found.setdefault(name, []).extend(batch.column(name).to_pylist())
+    return found
+
+
+def record(path, cloud, sensor):
+    with RecordingWriter(path, sensor) as writer:
+        for k in range(3):
+            writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
+            writer.log_depth(k * 10**8, k, cloud.range_image())
+            writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "photons": 9000, "drops": 0}, k)
+
+
+def test_film_opens_on_cloud_depth_and_the_four_plots_with_the_eye_on_the_cloud(tmp_path, ball):
+    record(tmp_path / "a.rrd", *ball)
+    columns = blueprint_columns(tmp_path / "a.rrd")
+    origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
+    assert origins == {"/", "/depth", "/metrics/latency_ms", "/metrics/points", "/metrics/photons", "/metrics/drops"}
+    eye = look_at(ball[0].xyz, ball[1].projection)
+    (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
+    assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
+    assert ["stamp"] in columns["TimePanelBlueprint:timeline"]
+
+
+def test_a_recording_without_points_has_a_layout_too(tmp_path):
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_cloud(0, 0, np.empty((0, 3)), np.empty(0))
+    assert len(blueprint_columns(tmp_path / "a.rrd")["EyeControls3D:position"]) == 1
+
+
+def test_a_single_cloud_opens_without_plots(tmp_path, ball):
+    cloud, sensor = ball
+    cloud_files.save(cloud, tmp_path / "a.rrd", frequencies=(1, 2), sensor=sensor)
+    origins = {origin for (origin,) in blueprint_columns(tmp_path / "a.rrd")["ViewBlueprint:space_origin"]}
+    assert origins == {"/", "/depth"}
+
+
+def test_axes_and_point_size_follow_the_sensor(ball):
+    cloud, sensor = ball
+    scanner = sensor.replace(projection=AngularScan(0.4, -0.02, 0.4, -0.02))
+    assert layout.view_coordinates(sensor) == layout.view_coordinates(None) != layout.view_coordinates(scanner)
+    apart_m = np.linalg.norm(sensor.rays[20, 24] - sensor.rays[20, 25]) * np.median(np.linalg.norm(cloud.xyz, axis=1))
+    assert apart_m / 2 < layout.point_radius_m(cloud.xyz, sensor) < apart_m
+    assert layout.point_radius_m(cloud.xyz, None) is None
+
+
+@pytest.fixture
+def viewer():
+    """A headless rerun viewer; skips where none can run."""
+    if ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")):
+        pytest.skip("no Vulkan driver: the rerun viewer cannot run without a screen")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    client = ViewerClient.spawn(headless=True, port=port, executable_path=str(Path(sys.executable).with_name("rerun")))
+    yield client
+    client.quit()
+
+
+def test_the_viewer_opens_a_film_without_a_complaint_and_shows_the_cloud(tmp_path, ball, viewer):
+    record(tmp_path / "a.rrd", *ball)
+    viewer.open(str(tmp_path / "a.rrd"))
+    viewer.set_time("frame", sequence=1, play_state="paused")
+    for _ in range(2):      # the first picture comes before all views are drawn
+        viewer.save_screenshot(str(tmp_path / "a.png"))
+    views = {view.name: view.reports for view in viewer.get_state().views}
+    assert set(views) == {"Point cloud, coloured by intensity", "Depth", "Latency [ms]", "Points", "Photons", "Drops"}
+    assert not any(views.values())
+    picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+    cloud = picture[100:-100, : picture.shape[1] // 2]
+    assert np.mean(cloud.max(axis=2) > 100) > 0.1       # a good part of the 3D view is points

@@ -1,0 +1,214 @@
+"""RecordingWriter: what is logged is in the file, and whatever happens to the file, the caller goes on."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.recording.writer import RecordingWriter
+
+
+def random_cloud(points, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(points, 3)).astype(np.float32), rng.gamma(2, 5, points).astype(np.float32)
+
+
+def test_clouds_are_read_back_bit_exact(tmp_path, ball):
+    clouds = [random_cloud(n, seed=n) for n in (1000, 1, 0, 20_000)]
+    clouds[0][0][3] = np.nan
+    clouds[0][1][5] = np.nan
+    with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
+        for k, (xyz, intensity) in enumerate(clouds):
+            writer.log_cloud(10**18 + k, 7 * k, xyz, intensity)
+    read = list(RecordingReader(tmp_path / "a.rrd").clouds())
+    assert writer.error is None and writer.dropped == 0
+    assert [(c.stamp_ns, c.frame_index) for c in read] == [(10**18 + k, 7 * k) for k in range(4)]
+    for cloud, (xyz, intensity) in zip(read, clouds):
+        assert cloud.xyz.dtype == cloud.intensity.dtype == np.float32
+        assert cloud.xyz.tobytes() == xyz.tobytes() and cloud.intensity.tobytes() == intensity.tobytes()
+
+
+def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path):
+    records = np.zeros((500, 4))
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        for k in range(5):
+            records[:] = k
+            writer.log_cloud(k, k, records[:, :3], records[:, 3])
+        records[:] = 99
+    for k, cloud in enumerate(RecordingReader(tmp_path / "a.rrd").clouds()):
+        assert (cloud.xyz == k).all() and (cloud.intensity == k).all()
+
+
+def test_brighter_points_get_brighter_colours_and_the_range_follows_slowly(tmp_path):
+    xyz, intensity = np.zeros((100, 3)), np.linspace(1, 50, 100)
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_cloud(0, 0, xyz, intensity)
+        writer.log_cloud(1, 1, xyz, 4 * intensity)
+    first, second = RecordingReader(tmp_path / "a.rrd").clouds()
+    luminance = sum((first.colour >> shift & 255) * weight for shift, weight in ((24, 0.3), (16, 0.6), (8, 0.1)))
+    assert (np.diff(luminance) >= -1).all() and luminance[-1] > 3 * luminance[0] and (first.colour & 255 == 255).all()
+    assert np.mean(second.colour == first.colour[-1]) > 0.5     # still the range of the first frame, nearly
+
+
+def test_depth_image_is_kept_to_half_a_millimetre_with_its_holes(tmp_path, ball):
+    cloud, sensor = ball
+    image = cloud.range_image()
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        writer.log_depth(5, 2, image)
+    (stamp_ns, frame_index, read), = RecordingReader(tmp_path / "a.rrd").depth_images()
+    assert (stamp_ns, frame_index) == (5, 2)
+    assert np.isnan(image).sum() == 12 and (np.isnan(read) == np.isnan(image)).all()
+    assert np.nanmax(np.abs(read - image)) <= 0.0005 + 1e-6
+
+
+def test_depth_image_of_a_far_sensor_is_kept_exactly(tmp_path, ball):
+    image = np.array([[9800.123, np.nan], [9801.5, 9799.25]], np.float32)
+    with RecordingWriter(tmp_path / "a.rrd", ball[1].replace(range_offset_m=9790.0)) as writer:
+        writer.log_depth(0, 0, image)
+    (_, _, read), = RecordingReader(tmp_path / "a.rrd").depth_images()
+    assert np.array_equal(read, image, equal_nan=True)
+
+
+def test_scalars_are_complete_under_load_and_every_missing_cloud_is_counted(tmp_path):
+    xyz, intensity = random_cloud(20_000)
+    frames = 150
+    with RecordingWriter(tmp_path / "a.rrd", None, queue_frames=4) as writer:
+        for k in range(frames):
+            writer.log_cloud(k, k, xyz, intensity)
+            writer.log_scalars(k, {"latency_ms": k / 7, "points": 20_000 + k, "latency_ms/sketch": k}, k)
+    reader = RecordingReader(tmp_path / "a.rrd")
+    series = reader.series()
+    assert set(series) == {"latency_ms", "points", "latency_ms/sketch"}
+    for name, values in (("latency_ms", np.arange(frames) / 7), ("points", 20_000 + np.arange(frames))):
+        assert np.array_equal(series[name].stamp_ns, np.arange(frames))
+        assert np.array_equal(series[name].values, values)
+    assert len(list(reader.clouds())) + writer.dropped == frames
+    assert writer.error is None
+
+
+def test_scalars_without_a_frame_or_a_value_are_taken(tmp_path):
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_scalars(3, {"drops": 1, "points": None})
+        writer.log_scalars(4, {"drops": np.int64(2), "points": float("nan")}, 9)
+    series = RecordingReader(tmp_path / "a.rrd").series()
+    assert series["drops"].values.tolist() == [1, 2] and series["drops"].stamp_ns.tolist() == [3, 4]
+    assert len(series["points"].values) == 1 and np.isnan(series["points"].values[0])
+
+
+def test_flush_puts_everything_into_the_unfinished_file(tmp_path):
+    writer = RecordingWriter(tmp_path / "a.rrd", None)
+    xyz, intensity = random_cloud(20_000)
+    for k in range(5):
+        writer.log_cloud(k, k, xyz, intensity)
+        writer.log_scalars(k, {"points": k}, k)
+    assert writer.flush()
+    (tmp_path / "copy.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())      # as kill -9 would leave it
+    copy = RecordingReader(tmp_path / "copy.rrd")
+    assert not copy.is_finished()
+    assert len(list(copy.clouds())) == 5 and copy.series()["points"].values.tolist() == [0, 1, 2, 3, 4]
+    writer.close()
+    assert RecordingReader(tmp_path / "a.rrd").is_finished()
+
+
+def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_path):
+    """The file is a named pipe that nobody empties at first."""
+    os.mkfifo(tmp_path / "slow.rrd")
+    reading = os.open(tmp_path / "slow.rrd", os.O_RDONLY | os.O_NONBLOCK)
+    writer = RecordingWriter(tmp_path / "slow.rrd", None, queue_frames=3)
+    xyz, intensity = random_cloud(20_000)
+    for _ in range(20):     # until rerun's own buffers are full as well
+        writer.log_cloud(0, 0, xyz, intensity)
+        time.sleep(0.001)
+    writer.flush(timeout_s=0.2)
+    before = writer.dropped
+    for k in range(50):
+        writer.log_cloud(100 + k, 100 + k, xyz, intensity)
+    assert writer.dropped - before >= 47
+    os.set_blocking(reading, True)
+    emptying = threading.Thread(target=lambda: (tmp_path / "a.rrd").write_bytes(open(reading, "rb").read()))
+    emptying.start()
+    writer.close()
+    emptying.join()
+    assert writer.error is None
+    kept = [cloud.frame_index for cloud in RecordingReader(tmp_path / "a.rrd").clouds()]
+    assert kept[-3:] == [147, 148, 149]
+
+
+@pytest.mark.parametrize("path, why", [("absent/a.rrd", "No such file or directory"), (".", "Is a directory")])
+def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path, path, why):
+    errors = []
+    with RecordingWriter(tmp_path / path, None, on_error=errors.append) as writer:
+        assert writer.error == f"recording {tmp_path / path}: {why}"
+        for k in range(3):
+            writer.log_cloud(k, k, *random_cloud(10))
+            writer.log_depth(k, k, np.ones((2, 2)))
+            writer.log_scalars(k, {"points": 10}, k)
+        assert not writer.flush()
+    assert errors == [writer.error]
+    assert writer.dropped == 6
+
+
+def test_a_full_disk_gives_one_error_and_lets_the_process_end():
+    """In a process of its own: rerun's file sink, left to itself, keeps a process with a full disk from ending."""
+    script = """
+import numpy as np, time
+from srt3d_ros.recording.writer import RecordingWriter
+errors = []
+writer = RecordingWriter("/dev/full", None, on_error=errors.append)
+for k in range(200):
+    writer.log_cloud(k, k, np.ones((10_000, 3)), np.ones(10_000))
+    if writer.error is not None and k > 20:
+        break
+    time.sleep(0.02)
+assert not writer.flush()
+writer.log_cloud(k, k, np.ones((10, 3)), np.ones(10))
+writer.close()
+assert errors == [writer.error], errors
+assert writer.dropped > 0
+print(writer.error)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "recording /dev/full: No space left on device\n"
+    assert done.stderr == ""
+
+
+def test_closing_twice_and_logging_afterwards_change_nothing(tmp_path):
+    writer = RecordingWriter(tmp_path / "a.rrd", None)
+    writer.log_scalars(0, {"points": 1})
+    writer.close()
+    size = (tmp_path / "a.rrd").stat().st_size
+    writer.log_cloud(1, 1, *random_cloud(10))
+    writer.log_scalars(1, {"points": 2})
+    writer.close()
+    assert writer.error is None and writer.dropped == 1
+    assert (tmp_path / "a.rrd").stat().st_size == size
+
+
+def test_two_recordings_of_one_process_stay_apart(tmp_path):
+    with RecordingWriter(tmp_path / "a.rrd", None) as a, RecordingWriter(tmp_path / "b.rrd", None) as b:
+        a.log_scalars(0, {"points": 1})
+        b.log_scalars(0, {"points": 2})
+    readers = [RecordingReader(tmp_path / name) for name in ("a.rrd", "b.rrd")]
+    assert readers[0].recording_id != readers[1].recording_id
+    assert [reader.series()["points"].values.tolist() for reader in readers] == [[1], [2]]
+
+
+def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
+    sensor = ball[1]
+    facts = {"version": "1.2", "frequencies": [1, 2, 5], "nothing": None, "path": tmp_path, "rate_hz": 10.0,
+             "live": True}
+    with RecordingWriter(tmp_path / "a.rrd", sensor, properties=facts):
+        pass
+    properties = RecordingReader(tmp_path / "a.rrd").properties()
+    run = properties["run"]
+    assert run["frequencies"].tolist() == [1, 2, 5] and run["path"] == str(tmp_path) and "nothing" not in run
+    assert (run["version"], run["rate_hz"], run["live"]) == ("1.2", 10.0, True)
+    assert properties["sensor"]["rows"] == 40 and properties["sensor"]["bin_width_s"] == 20e-12
+    assert properties["sensor"]["projection"] == "pinhole" and properties["sensor"]["fx"] == sensor.projection.fx
+    assert np.array_equal(properties["sensor"]["irf"].astype(np.float32), sensor.irf)

@@ -1,0 +1,131 @@
+"""Saved clouds, read by parsers of our own; and what happens to a path that cannot be used."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from srt3d_ros import cloud_files
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording.reader import RecordingReader
+
+FREQUENCIES = (1, 2, 5)
+PLY_TYPES = {"float": "<f4", "uchar": "u1"}
+
+
+@pytest.fixture
+def saved(tmp_path, ball):
+    """Save the ball under a name, return the path."""
+    def save(name, cloud=ball[0]):
+        cloud_files.save(cloud, tmp_path / name, frequencies=FREQUENCIES, sensor=ball[1])
+        return tmp_path / name
+    return save
+
+
+@pytest.fixture(scope="session")
+def no_points(ball):
+    from dataclasses import replace
+
+    cloud = ball[0]
+    return replace(cloud, **{name: getattr(cloud, name)[:0] for name in ("row", "col", "depth_bins", "intensity",
+                                                                         "depth_std_bins", "xyz", "surface")})
+
+
+def read_ply(path):
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    lines = head.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    (count,) = [int(line.split()[2]) for line in lines if line.startswith("element vertex ")]
+    fields = [(line.split()[2], PLY_TYPES[line.split()[1]]) for line in lines if line.startswith("property ")]
+    points = np.frombuffer(body, fields)
+    assert len(points) == count
+    return points
+
+
+def read_pcd(path):
+    head, _, body = path.read_bytes().partition(b"DATA binary\n")
+    header = dict(line.split(maxsplit=1) for line in head.decode("ascii").splitlines() if not line.startswith("#"))
+    assert header["VERSION"] == "0.7" and set(header["TYPE"].split()) == {"F"} and set(header["SIZE"].split()) == {"4"}
+    assert header["WIDTH"] == header["POINTS"] and header["HEIGHT"] == "1" and set(header["COUNT"].split()) == {"1"}
+    points = np.frombuffer(body, [(name, "<f4") for name in header["FIELDS"].split()])
+    assert len(points) == int(header["POINTS"])
+    return points
+
+
+def test_npz_holds_every_field_with_its_type(saved, ball):
+    cloud, sensor = ball
+    with np.load(saved("cloud.npz"), allow_pickle=False) as file:
+        for name in ("row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface", "background"):
+            assert np.array_equal(file[name], getattr(cloud, name)) and file[name].dtype == getattr(cloud, name).dtype
+        assert file["frequencies"].tolist() == [1, 2, 5]
+        assert (file["num_bins"], file["bin_width_s"], file["irf_ref"]) == (600, 20e-12, sensor.irf_ref)
+        assert (file["toa_offset_bins"], file["stamp_ns"]) == (100, 1_234_567_890)
+
+
+def test_ply_holds_the_points_and_their_colours(saved, ball):
+    points = read_ply(saved("cloud.PLY"))
+    assert points.dtype.names == ("x", "y", "z", "intensity", "red", "green", "blue")
+    assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
+    assert np.array_equal(points["intensity"], ball[0].intensity)
+    bright = points[np.argmax(points["intensity"])]
+    dim = points[np.argmin(points["intensity"])]
+    assert int(bright["green"]) > int(dim["green"]) + 100
+
+
+def test_pcd_holds_the_points(saved, ball):
+    points = read_pcd(saved("cloud.pcd"))
+    assert points.dtype.names == ("x", "y", "z", "intensity")
+    assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
+    assert np.array_equal(points["intensity"], ball[0].intensity)
+
+
+def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
+    cloud = ball[0]
+    reader = RecordingReader(saved("cloud.rrd"))
+    (read,) = reader.clouds()
+    assert np.array_equal(read.xyz, cloud.xyz) and np.array_equal(read.intensity, cloud.intensity)
+    assert read.stamp_ns == cloud.stamp_ns
+    ((_, _, depth_m),) = reader.depth_images()
+    assert np.allclose(depth_m, cloud.range_image(), atol=0.0006, equal_nan=True)
+    assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
+    assert reader.is_finished()
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd", ".rrd"])
+def test_an_empty_cloud_is_a_valid_file(saved, no_points, suffix):
+    path = saved("empty" + suffix, no_points)
+    count = {".npz": lambda: len(np.load(path)["row"]), ".ply": lambda: len(read_ply(path)),
+             ".pcd": lambda: len(read_pcd(path)), ".rrd": lambda: len(next(RecordingReader(path).clouds()).xyz)}
+    assert count[suffix]() == 0
+
+
+@pytest.mark.parametrize("name, expected", [
+    ("cloud.las", "a file name that ends in .npz, .ply, .pcd, .rrd"),
+    ("cloud", "a file name that ends in"),
+    ("absent/cloud.ply", "a directory .*absent that exists"),
+    ("folder.pcd", "a file, not a directory"),
+])
+def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name, expected):
+    (tmp_path / "folder.pcd").mkdir()
+    with pytest.raises(InvalidInput, match=f"output is .*{name}: expected {expected}") as caught:
+        saved(name)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd", ".rrd"])
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, monkeypatch, suffix):
+    path = tmp_path / ("cloud" + suffix)
+    path.write_text("old")
+    part = tmp_path / f".cloud.{cloud_files.os.getpid()}.part{suffix}"
+    part.symlink_to("/dev/full")        # the temporary file is then on a full disk
+    with pytest.raises(InvalidInput, match=r"No space left on device\)$"):
+        saved(path.name)
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_rerun_and_matplotlib_are_not_imported_for_the_other_formats(tmp_path):
+    script = "import sys, srt3d_ros.cloud_files; print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])"
+    root = Path(__file__).resolve().parent.parent
+    assert subprocess.run([sys.executable, "-c", script], cwd=root, text=True, capture_output=True).stdout == "[]\n"

@@ -1,0 +1,66 @@
+"""Colour maps and the ranges they are spread over."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.colours import (
+    COLOUR_MAPS,
+    AdaptiveRange,
+    colour_table,
+    intensity_levels,
+    levels,
+    packed_colour_table,
+    percentile_range,
+)
+from srt3d_ros.errors import InvalidInput
+
+
+@pytest.mark.parametrize("name", COLOUR_MAPS)
+def test_tables_are_the_published_maps_and_get_steadily_lighter(name):
+    matplotlib = pytest.importorskip("matplotlib")
+    published = np.round(np.asarray(matplotlib.colormaps[name](np.arange(256)))[:, :3] * 255)
+    table = colour_table(name).astype(int)
+    assert table.shape == (256, 3) and np.abs(table - published).max() <= 11
+    assert np.array_equal(table[::15], published[::15])
+    assert (np.diff(table @ [0.2126, 0.7152, 0.0722]) > -1).all()
+
+
+def test_packed_table_holds_the_same_colours_opaque():
+    packed = packed_colour_table("viridis")
+    assert packed.dtype == np.uint32 and packed[0] == 0x440154FF
+    channels = np.stack([packed >> 24, packed >> 16 & 255, packed >> 8 & 255], axis=1)
+    assert np.array_equal(channels, colour_table("viridis")) and (packed & 255 == 255).all()
+
+
+def test_unknown_map_is_refused_with_the_names_there_are():
+    with pytest.raises(InvalidInput, match="colour map is jet: expected one of viridis"):
+        colour_table("jet")
+
+
+def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():
+    values = np.array([-1, 0, 5, 10, 20, np.nan, np.inf])
+    assert levels(values, 0, 10).tolist() == [0, 0, 127, 255, 255, 0, 255]
+    assert levels(np.array([2.5]), 0, 10, root=True).tolist() == [127]
+    assert set(levels(np.full(4, 3.0), 3, 3).tolist()) <= {0, 255}
+
+
+def test_no_point_is_drawn_too_dark_to_be_seen():
+    dimmest = colour_table("inferno")[intensity_levels(np.array([0.0]), 1, 10)[0]]
+    assert dimmest.max() > 90
+
+
+def test_percentile_range_ignores_outliers_and_gaps():
+    values = np.concatenate([np.linspace(1, 2, 9800), np.full(100, 1e9), np.full(100, np.nan)])
+    low, high = percentile_range(values)
+    assert 1 <= low < 1.1 and 1.9 < high <= 2.01
+    assert percentile_range(np.full(5, np.nan)) is None
+
+
+def test_adaptive_range_starts_at_the_data_and_follows_slowly():
+    adaptive = AdaptiveRange(rate=0.1)
+    assert adaptive.update(np.empty(0)) == (0.0, 1.0)
+    first = adaptive.update(np.linspace(0, 10, 1000))
+    assert first == pytest.approx((0.2, 9.8), abs=0.02)
+    assert adaptive.update(np.linspace(0, 110, 1000))[1] == pytest.approx(9.8 * 0.9 + 107.8 * 0.1, abs=0.1)
+    assert adaptive.update(np.empty(0)) == adaptive.update(np.full(3, np.nan))
+    assert AdaptiveRange(fixed=(1, 2)).update(np.array([50.0])) == (1, 2)
