@@ -78,7 +78,7 @@ def _save_rrd(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], senso
     try:        # rerun is imported for this suffix only
         from srt3d_ros.recording.cloud_rrd import save_cloud
     except ImportError as e:
-        raise InvalidInput("output", path.suffix, f"rerun-sdk to be installed: pip install 'srt3d_ros[record]' ({e})") from None
+        raise InvalidInput("output", path.suffix, f"pip install 'srt3d_ros[record]' to have been run ({e})") from None
 
     save_cloud(cloud, path, sensor, {"frequencies": list(frequencies)})
 
