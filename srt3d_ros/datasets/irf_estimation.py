@@ -1,0 +1,116 @@
+"""Estimate the instrument response from the photons of a file that has none."""
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.errors import require
+
+PHOTONS_USED = 100_000      # to estimate an IRF from
+FEWEST_PHOTONS = 3          # in a pixel, for it to tell anything about the IRF
+SHIFTS = 16                 # depths tried on either side of a cluster's centre
+REACH = 10                  # half length that an estimated IRF may have, in widths of the clusters
+ROUNDS = 8
+FLOOR = 1e-2                # likelihood of a stray photon, so that one outlier does not rule a depth out
+KEEP_ABOVE = 0.003          # of the peak, where the response is cut
+
+
+def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
+    """The IRF that explains the photons of many pixels best, each pixel at a depth of its own; float64 [L].
+
+    The photons of a pixel cluster about its strongest surface, at an unknown depth. Expectation–maximisation over
+    these depths: every photon votes for the IRF bin it would fall into, weighted by how well the *other* photons of
+    its pixel agree with that depth (with its own vote it would pull the depth to itself and sharpen the estimate).
+    Then the baseline is removed. The result is slightly broader than the truth: depths are found to within some bins.
+
+    Args:
+        events: photons of one frame, any order.
+
+    Raises:
+        InvalidInput: the photons do not cluster, so that no IRF can be seen in them.
+    """
+    pixel, toa = _fullest_pixels(events)
+    require(len(pixel) > 0, "photons", events.photons, "some pixels with enough to estimate the IRF from: give irf")
+    centre, width = _clusters(pixel, toa, num_bins)
+    reach = min(REACH * width, (num_bins - 1) // 4)
+    near = np.abs(toa - centre) <= reach
+    pixel, lag = pixel[near], (toa - centre)[near]
+    start = np.flatnonzero(np.diff(pixel, prepend=-1))
+    counts = np.diff(start, append=len(pixel))
+    step = -(-width // SHIFTS)
+    shifts = step * np.arange(-SHIFTS, SHIFTS + 1)
+    middle = reach + step * SHIFTS
+    at = lag[:, None] - shifts + middle                     # the IRF bin of each photon, for each shift of its pixel
+    irf = np.exp(-0.5 * (np.arange(-middle, middle + 1) / (0.4 * width + 0.5)) ** 2)
+    for _ in range(ROUNDS):
+        score = np.log(irf / irf.sum() + FLOOR / len(irf)).astype(np.float32)[at]
+        others = np.repeat(np.add.reduceat(score, start), counts, axis=0) - score
+        votes = np.exp(others - others.max(axis=1, keepdims=True))
+        votes /= votes.sum(axis=1, keepdims=True)
+        irf = np.bincount(at.ravel(), votes.ravel(), minlength=len(irf))
+        irf = np.roll(irf, middle - int(np.argmax(_smooth(irf))))
+    return _cut_out(irf[middle - reach: middle + reach + 1])
+
+
+def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
+    """The photons of the pixels with the most, up to PHOTONS_USED, sorted by pixel and ToA; each int64."""
+    counts = np.bincount(events.pixel)
+    by_count = np.argsort(-counts, kind="stable")
+    enough = np.searchsorted(np.cumsum(counts[by_count]), PHOTONS_USED) + 1
+    use = np.zeros(len(counts), bool)
+    use[by_count[:enough]] = True
+    use &= counts >= FEWEST_PHOTONS
+    kept = use[events.pixel]
+    pixel, toa = events.pixel[kept].astype(np.int64), events.toa[kept].astype(np.int64)
+    order = np.lexsort((toa, pixel))
+    return pixel[order], toa[order]
+
+
+def _clusters(pixel: np.ndarray, toa: np.ndarray, num_bins: int) -> tuple[np.ndarray, int]:
+    """The centre of the densest window of each photon's pixel, and the window's width, the same for all.
+
+    The width is the one at which the windows stand out most from a uniform background (a scan statistic).
+    """
+    total = np.bincount(pixel)[pixel]
+    line = pixel * (4 * num_bins) + toa                     # pixels so far apart that windows never reach the next
+    start = np.flatnonzero(np.diff(pixel, prepend=-1))
+    best_score, best = -np.inf, (toa, 1)
+    width = 1.0
+    while width < max(num_bins / 8, 2):
+        bins = int(width)
+        inside = np.searchsorted(line, line + bins) - np.arange(len(line))      # photons in [toa, toa + bins)
+        stands_out = inside * np.log(inside * num_bins / (total * bins))
+        score = np.maximum.reduceat(stands_out, start).sum()
+        if score > best_score:
+            first = _argmax_of_runs(inside, start)
+            sums = np.concatenate([[0], np.cumsum(toa)])
+            mean = (sums[first + inside[first]] - sums[first]) / inside[first]
+            centre = np.repeat(np.rint(mean).astype(np.int64), np.diff(start, append=len(line)))
+            best_score, best = score, (centre, bins)
+        width = max(width + 1, width * 1.25)
+    return best
+
+
+def _argmax_of_runs(values: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Index of the first largest value of each run; runs begin at `start`."""
+    largest = np.repeat(np.maximum.reduceat(values, start), np.diff(start, append=len(values)))
+    candidate = np.where(values == largest, np.arange(len(values)), len(values))
+    return np.minimum.reduceat(candidate, start)
+
+
+def _cut_out(irf: np.ndarray) -> np.ndarray:
+    """The response about the peak in the middle, without baseline, cut where it falls to KEEP_ABOVE of the peak."""
+    edge = max(len(irf) // 8, 1)
+    baseline = np.median(np.concatenate([irf[:edge], irf[-edge:]]))
+    peak = len(irf) // 2
+    smooth = _smooth(irf)
+    require(bool(smooth[peak] > 3 * baseline), "photons", "without clusters",
+            "returns to estimate the IRF from: give irf")
+    low = smooth - baseline <= KEEP_ABOVE * (smooth[peak] - baseline)
+    before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
+    first = before[-1] + 1 if before.size else 0
+    end = peak + after[0] if after.size else len(irf)
+    return np.maximum(irf[first:end] - baseline, 0)
+
+
+def _smooth(irf: np.ndarray) -> np.ndarray:
+    return np.convolve(irf, (0.25, 0.5, 0.25), mode="same")

@@ -1,0 +1,215 @@
+"""The .mat files that single-photon lidar data are published in, read unmodified.
+
+A file is recognised by the name and shape of its variables. To read another published file, add its `Layout`.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
+from srt3d_ros.datasets.files import require_file
+from srt3d_ros.datasets.irf_estimation import estimate
+from srt3d_ros.datasets.mat_container import check_container
+from srt3d_ros.datasets.options import apply_to, number
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, gate_events
+from srt3d_ros.errors import InvalidInput, require
+
+EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How one published kind of file holds its photons.
+
+    Args:
+        variable: name of the array of photons: a cell array [rows, cols] of ToA lists, or with `counts` a numeric
+            array [T, rows · cols] of photons per bin with pixels in MATLAB's column-major order.
+        bin_width_s: where the file does not say; what the authors say, or inferred from their description.
+        counts: see `variable`.
+        picoseconds: ToA are times in picoseconds, not bins.
+        first_bin: what the file calls bin 0; 1 where bins are MATLAB indices.
+        window: scalars that hold the first and last ToA of the measured window.
+        reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
+    """
+
+    variable: str
+    bin_width_s: float
+    counts: bool = False
+    picoseconds: bool = False
+    first_bin: int = 0
+    window: tuple[str, str] | None = None
+    reference: str | None = None
+
+    @property
+    def form(self) -> str:
+        """What the variable looks like, in words."""
+        return f"{self.variable} ({'[T, rows·cols] counts' if self.counts else '[rows, cols] cell'})"
+
+
+LAYOUTS = (
+    Layout("Y", 16e-12, counts=True, reference="DepthImage"),   # Heriot-Watt polystyrene head
+    Layout("photon_times", 8e-12),                              # MIT, two layers (Shin et al., Opt. Express 2016)
+    Layout("Ts", 8e-12),                                        # MIT, mannequin face (Shin et al., IEEE TCI 2015)
+    Layout("data_processed", 100e-12, picoseconds=True,         # USTC, tower at 9.8 km (Li et al., Optica 2021);
+           window=("mm", "MM")),                                # the bin width is our choice
+)
+
+
+def read(path: str | Path, options: dict) -> Photons:
+    """The photons of a published .mat file; `options` (see options.gather) tell what it does not.
+
+    `num_bins`, `gate`: T and the first bin that are kept. Without a gate, the file's own window; without that, bins
+    0 to num_bins; without that, the smallest to the largest ToA. `toa_offset_bins` counts up to the file's own bin 0;
+    the window's first bin is added to it.
+
+    Raises:
+        InvalidInput: naming the file, variable or option that cannot be used.
+    """
+    path = Path(path)
+    require_file(path, "photon file")
+    layout, variables = _load(path)
+    width_s = number("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
+    require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
+    notes = () if "bin_width_s" in options else (f"bin width taken to be {width_s * 1e12:g} ps: the file has none",)
+    try:
+        unpack = _from_counts if layout.counts else _from_cells
+        content = unpack(layout, variables, options)
+        toa = _to_bins(layout, content.toa, width_s)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
+    first, bins, may_drop = _window(layout, variables, options, width_s, toa, content.bins)
+    events, dropped = gate_events(PhotonEvents(content.pixel, toa), first, bins)
+    require(may_drop or not dropped, "num_bins", bins, f"above {toa.max(initial=0)}, the largest ToA; or give a gate")
+    irf = options.get("irf")
+    if irf is None:
+        irf = estimate(events, bins)
+        dropped += ("IRF estimated from the photons, which makes it slightly broad: the file has none",)
+    sensor = SensorModel(content.rows, content.cols, bins, width_s, irf)
+    sensor = apply_to(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
+    sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
+    reference = _reference(layout, variables, first, bins, (content.rows, content.cols))
+    return Photons(sensor, events, reference, path.stem, notes + dropped)
+
+
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """What a file holds: ToA as the file counts them, and the bins of its histograms if it has such."""
+
+    rows: int
+    cols: int
+    pixel: np.ndarray
+    toa: np.ndarray
+    bins: int | None
+
+
+def _load(path: Path) -> tuple[Layout, dict[str, np.ndarray]]:
+    """The layout of a file and its variables."""
+    from scipy.io import loadmat, whosmat
+
+    check_container(path)
+    try:
+        present = {name: (shape, kind) for name, shape, kind in whosmat(path)}
+        layout = next((one for one in LAYOUTS if _fits(one, present)), None)
+        if layout is not None:
+            wanted = [layout.variable, *(layout.window or ()), *([layout.reference] if layout.reference else ())]
+            return layout, loadmat(path, variable_names=wanted)
+    except Exception as error:                  # a damaged file makes scipy raise nearly anything
+        raise InvalidInput(path.name, f"damaged ({error})", "a MATLAB 5 .mat file (save -v7)") from None
+    found = ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, (shape, kind) in present.items())
+    raise InvalidInput(f"{path.name} variables", found, f"one of {'; '.join(one.form for one in LAYOUTS)}")
+
+
+def _fits(layout: Layout, present: dict[str, tuple[tuple[int, ...], str]]) -> bool:
+    shape, kind = present.get(layout.variable, ((), ""))
+    return len(shape) == 2 and (kind not in ("cell", "struct", "char") if layout.counts else kind == "cell")
+
+
+def _from_counts(layout: Layout, variables: dict, options: dict) -> _Content:
+    counts = variables[layout.variable]
+    require(isinstance(counts, np.ndarray) and counts.dtype.kind in "iuf", layout.variable, type(counts).__name__,
+            "photons per bin")
+    bins, pixels = counts.shape
+    rows, cols = _counted_shape(layout, variables, options, pixels)
+    require(bool((counts >= 0).all() and (counts == np.floor(counts)).all()), layout.variable,
+            "negative or fractional in places", "photons per bin")
+    total = float(counts.sum(dtype=np.float64))
+    require(total <= MAX_PHOTONS, f"{layout.variable} photons", total, f"at most {MAX_PHOTONS}")
+    by_pixel = np.ascontiguousarray(counts.reshape(bins, cols, rows).transpose(2, 1, 0)).ravel()
+    at = np.flatnonzero(by_pixel)
+    photons = by_pixel[at].astype(np.int64)
+    pixel, toa = np.divmod(at, bins)
+    return _Content(rows, cols, np.repeat(pixel.astype(np.uint32), photons), np.repeat(toa, photons), bins)
+
+
+def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) -> tuple[int, int]:
+    """Rows and columns of a counts array: the options', the reference's, or square."""
+    side = int(np.sqrt(pixels))
+    shape = getattr(variables.get(layout.reference), "shape", (side, side))
+    expected = f"rows and cols whose product is the {pixels} pixels of {layout.variable}"
+    rows, cols = (number(name, options.get(name, own), expected) for name, own in zip(("rows", "cols"), shape))
+    require(rows == int(rows) > 0 and rows * cols == pixels, "rows, cols", f"{rows:g}, {cols:g}", expected)
+    return int(rows), int(cols)
+
+
+def _from_cells(layout: Layout, variables: dict, options: dict) -> _Content:
+    cells = variables[layout.variable]
+    rows, cols = cells.shape
+    require(0 < cells.size <= MAX_PIXELS, f"{layout.variable} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
+    require(options.get("rows", rows) == rows and options.get("cols", cols) == cols, "rows, cols",
+            f"{options.get('rows', rows)}, {options.get('cols', cols)}", f"{rows}, {cols}, as in the file")
+    lists = [cell for cell in cells.flat]
+    counts = np.fromiter((cell.size for cell in lists), np.int64, len(lists))
+    require(int(counts.sum()) <= MAX_PHOTONS, f"{layout.variable} photons", int(counts.sum()), f"at most {MAX_PHOTONS}")
+    seen = [cell.ravel() for cell in lists if cell.size]
+    toa = np.concatenate(seen) if seen else np.zeros(0, np.int64)
+    require(toa.dtype.kind in "iuf", f"{layout.variable} cells", str(toa.dtype), "lists of numbers")
+    whole = layout.picoseconds or toa.dtype.kind != "f" or bool((toa == np.floor(toa)).all())
+    require(whole and bool(np.isfinite(toa).all()), layout.variable, "fractional or not finite in places", "whole bins")
+    pixel = np.repeat(np.arange(len(lists), dtype=np.uint32), counts)
+    return _Content(rows, cols, pixel, toa, None)
+
+
+def _to_bins(layout: Layout, toa: np.ndarray, width_s: float) -> np.ndarray:
+    """ToA as the file counts them → 0-based bins, uint32."""
+    if layout.picoseconds:
+        toa = np.floor(toa * (1e-12 / width_s) + EDGE)
+    elif not layout.counts:
+        toa = toa.astype(np.int64) - layout.first_bin
+    require(len(toa) == 0 or 0 <= toa.min() <= toa.max() < 2**32, f"{layout.variable} ToA",
+            "below 0 or beyond 2³² bins in places", "times of arrival from 0")
+    return toa.astype(np.uint32)
+
+
+def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa: np.ndarray,
+            bins_in_file: int | None) -> tuple[int, int, bool]:
+    """First bin and number of bins to keep, and whether photons outside may be dropped."""
+    if "gate" in options:
+        return *options["gate"], True
+    given = options.get("num_bins")
+    if given is not None:
+        given = int(number("num_bins", given, "a number of bins"))
+    if layout.window is not None and all(name in variables for name in layout.window):
+        low, high = (number(name, variables[name].item(0), "a ToA") for name in layout.window)
+        if layout.picoseconds:
+            low, high = low * (1e-12 / width_s), high * (1e-12 / width_s)
+        first, may_drop = int(np.floor(low + EDGE)), True
+        bins = given or int(np.ceil(high - EDGE)) - first
+    elif given or bins_in_file:
+        first, bins, may_drop = 0, given or bins_in_file, False
+    else:
+        first, may_drop = int(toa.min(initial=2**32 - 1)), False
+        bins = int(toa.max(initial=0)) - first + 1
+    require(first >= 0 and 2 <= bins <= MAX_BINS, "num_bins", bins,
+            f"2 to {MAX_BINS} bins: give num_bins, gate or bin_width_s")
+    return first, bins, may_drop
+
+
+def _reference(layout: Layout, variables: dict, first: int, bins: int, shape: tuple[int, int]) -> np.ndarray | None:
+    if layout.reference is None or layout.reference not in variables:
+        return None
+    depth = np.asarray(variables[layout.reference], dtype=np.float32) - np.float32(1 + first)
+    require(depth.shape == shape, f"{layout.reference} shape", depth.shape, f"{shape}")
+    return np.where((depth >= 0) & (depth < bins), depth, np.float32(np.nan))[None]

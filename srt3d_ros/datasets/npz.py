@@ -1,0 +1,169 @@
+"""The npz photon file (docs/photon-file.md): photons of one frame, their sensor and, if known, the true depths."""
+
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.datasets.files import read_npz_arrays, require_file
+from srt3d_ros.datasets.options import pinhole
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons
+from srt3d_ros.errors import InvalidInput, require
+
+REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa", "irf")
+SCALARS = ("irf_ref", "toa_offset_bins", "range_offset_m")
+MAPS = ("gain", "delay_bins", "mask")
+PROJECTIONS = {"pinhole": (Pinhole, ("fx", "fy", "cx", "cy")),
+               "angular_scan": (AngularScan, ("azimuth_start_rad", "azimuth_step_rad",
+                                              "elevation_start_rad", "elevation_step_rad"))}
+FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
+MAX_SURFACES = 8
+OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
+KNOWN = (*REQUIRED, *SCALARS, *MAPS, *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "projection",
+         "projection_values", "gate_words", "frame_id", "stamp_ns")
+
+
+def read(path: str | Path) -> Photons:
+    """The content of an npz photon file; arrays with other names are left alone.
+
+    Raises:
+        InvalidInput: naming the file and the array that cannot be used.
+    """
+    path = Path(path)
+    require_file(path, "photon file")
+    arrays = read_npz_arrays(path, KNOWN)
+    for name in REQUIRED:
+        require(name in arrays, f"{path.name} {name}", "missing", f"the arrays {', '.join(REQUIRED)}")
+    try:
+        sensor = _sensor(arrays)
+        events = _events(arrays, sensor)
+        reference = _reference(arrays, sensor)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
+    return Photons(sensor, events, reference, path.stem)
+
+
+def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
+         reference_depth_bins: np.ndarray | None = None) -> None:
+    """Write an npz photon file.
+
+    Args:
+        path: ends in .npz.
+        frame: photons; gates are written as events.
+        reference_depth_bins: [rows, cols] or [S, rows, cols], NaN = unknown or no surface.
+
+    Raises:
+        InvalidInput: another suffix, photons outside the sensor, a reference of another shape, a path that cannot be
+            written.
+    """
+    path = Path(path)
+    require(path.suffix.lower() == ".npz", "photon file", path.name, "a name that ends in .npz")
+    events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
+    events.check(sensor)
+    kind = sensor.projection.kind
+    arrays = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
+              "irf": sensor.irf, "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns),
+              "frame_id": sensor.frame_id, "projection": kind,
+              "projection_values": np.array([getattr(sensor.projection, name) for name in PROJECTIONS[kind][1]])}
+    arrays |= {name: getattr(sensor, name) for name in (*SCALARS, *MAPS) if getattr(sensor, name) is not None}
+    if sensor.gates is not None:
+        arrays["gate_words"] = np.array([sensor.gates.first_word, sensor.gates.no_detection], np.uint16)
+    if reference_depth_bins is not None:
+        surfaces = _as_surfaces(np.asarray(reference_depth_bins, np.float32), sensor, "reference_depth_bins")
+        arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
+    try:
+        np.savez_compressed(path, **arrays)
+    except OSError as error:
+        raise InvalidInput("photon file", str(path), f"a path that can be written ({error.strerror})") from None
+
+
+def _sensor(arrays: dict[str, np.ndarray]) -> SensorModel:
+    known = {name: _scalar(arrays, name) for name in ("rows", "cols", "num_bins", "bin_width_s", *SCALARS)
+             if name in arrays}
+    known |= {name: _numbers(arrays, name) for name in ("irf", *MAPS) if name in arrays}
+    if "frame_id" in arrays:
+        known["frame_id"] = _text(arrays, "frame_id")
+    if "gate_words" in arrays:
+        words = _numbers(arrays, "gate_words")
+        require(words.shape == (2,), "gate_words shape", words.shape, "[2]: first word, no-detection word")
+        known["gates"] = GateWords(int(words[0]), int(words[1]))
+    sensor = SensorModel(**known)
+    return sensor.replace(projection=_projection(arrays, sensor))
+
+
+def _projection(arrays: dict[str, np.ndarray], sensor: SensorModel) -> Projection:
+    if "projection" in arrays:
+        kind = _text(arrays, "projection")
+        require(kind in PROJECTIONS, "projection", kind, f"one of {', '.join(PROJECTIONS)}")
+        projection, names = PROJECTIONS[kind]
+        require("projection_values" in arrays, "projection_values", "missing", f"[{', '.join(names)}]")
+        values = _numbers(arrays, "projection_values")
+        require(values.shape == (4,), "projection_values shape", values.shape, f"[4]: {', '.join(names)}")
+        return projection(*(float(value) for value in values))
+    if "fov_deg" in arrays:
+        return pinhole(sensor.rows, sensor.cols, _scalar(arrays, "fov_deg"))
+    return sensor.projection
+
+
+def _events(arrays: dict[str, np.ndarray], sensor: SensorModel) -> PhotonEvents:
+    pixel, toa = _numbers(arrays, "pixel"), _numbers(arrays, "toa")
+    for name, values in (("pixel", pixel), ("toa", toa)):
+        require(values.ndim == 1, f"{name} shape", values.shape, "[N], one entry a photon")
+    require(len(pixel) <= MAX_PHOTONS, "photons", len(pixel), f"at most {MAX_PHOTONS}")
+    require(pixel.dtype.kind in "iu", "pixel dtype", str(pixel.dtype), "an integer type, best uint32")
+    _within("pixel", pixel, sensor.pixels)              # before a conversion could wrap around
+    if toa.dtype.kind in "iu":
+        _within("toa", toa, sensor.num_bins)
+    toa = toa.astype(np.float32 if toa.dtype.kind == "f" else np.uint16, copy=False)
+    stamp_ns = int(_scalar(arrays, "stamp_ns")) if "stamp_ns" in arrays else 0
+    events = PhotonEvents(pixel.astype(np.uint32, copy=False), toa, stamp_ns)
+    events.check(sensor)
+    return events
+
+
+def _within(name: str, values: np.ndarray, end: int) -> None:
+    if len(values):
+        low, high = int(values.min()), int(values.max())
+        require(0 <= low and high < end, name, low if low < 0 else high, f"0 to {end - 1}")
+
+
+def _reference(arrays: dict[str, np.ndarray], sensor: SensorModel) -> np.ndarray | None:
+    first = next((name for name in FIRST_REFERENCES if name in arrays), None)
+    if first is None:
+        return None
+    names = [first]
+    for name in OTHER_REFERENCES:
+        if name not in arrays:
+            break
+        names.append(name)
+    for name in names:
+        shape = _numbers(arrays, name).shape
+        require(shape == (sensor.rows, sensor.cols), f"{name} shape", shape, f"[{sensor.rows}, {sensor.cols}]")
+    return np.stack([arrays[name] for name in names]).astype(np.float32)
+
+
+def _as_surfaces(reference: np.ndarray, sensor: SensorModel, name: str) -> np.ndarray:
+    surfaces = reference[None] if reference.ndim == 2 else reference
+    require(surfaces.ndim == 3 and surfaces.shape[1:] == (sensor.rows, sensor.cols)
+            and 1 <= len(surfaces) <= MAX_SURFACES, f"{name} shape", reference.shape,
+            f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
+    return surfaces
+
+
+def _scalar(arrays: dict[str, np.ndarray], name: str) -> float | int:
+    value = _numbers(arrays, name)
+    require(value.size == 1, f"{name} shape", value.shape, "one number")
+    return value.item()
+
+
+def _numbers(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
+    require(arrays[name].dtype.kind in "iufb", f"{name} dtype", str(arrays[name].dtype), "numbers")
+    return arrays[name]
+
+
+def _text(arrays: dict[str, np.ndarray], name: str) -> str:
+    text = arrays[name]
+    require(text.dtype.kind == "U" and text.size == 1, f"{name} dtype", str(text.dtype), "one text")
+    return str(text.item())

@@ -1,0 +1,86 @@
+"""Scenes to simulate: what every pixel of a sensor sees at a time. The default one is `bust.Bust`."""
+
+from typing import Protocol
+
+import numpy as np
+
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.datasets import irf
+from srt3d_ros.errors import require
+
+
+class Scene(Protocol):
+    """What a simulator needs of a scene."""
+
+    def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The scene at time `t_s`.
+
+        Returns:
+            range_m: float [S, rows, cols], metres along each pixel's ray; NaN = no surface. A pixel may see several
+                surfaces; their order is free.
+            reflectivity: float [S, rows, cols], of 0 or more: relative strength of the returns.
+        """
+
+
+class StaticScene:
+    """A scene that does not move, such as a measured depth map.
+
+    Args:
+        range_m: [rows, cols] or [S, rows, cols], metres along the rays; NaN = no surface.
+        reflectivity: the same shape, 0 or more; or one number for all.
+    """
+
+    def __init__(self, range_m: np.ndarray, reflectivity: np.ndarray | float = 1.0):
+        range_m = np.asarray(range_m, dtype=np.float32)
+        require(range_m.ndim in (2, 3) and range_m.size > 0, "range_m shape", range_m.shape, "[S, rows, cols]")
+        self._range_m = range_m.reshape(-1, *range_m.shape[-2:])
+        reflectivity = np.asarray(reflectivity, dtype=np.float32)
+        require(reflectivity.shape in ((), range_m.shape), "reflectivity shape", reflectivity.shape, f"{range_m.shape}")
+        self._reflectivity = np.broadcast_to(reflectivity, range_m.shape).reshape(self._range_m.shape)
+
+    def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The same at every time; see Scene."""
+        return self._range_m, self._reflectivity
+
+
+class NetScene:
+    """A camouflage net that waves before a plane: two surfaces in most pixels, one where the net is dense or open.
+
+    Args:
+        sensor: gives the rays.
+        net_m, plane_m: their distances along the optical axis.
+    """
+
+    def __init__(self, sensor: SensorModel, net_m: float = 2.0, plane_m: float = 3.2):
+        self._rays = sensor.rays.astype(np.float64)
+        self._net_m, self._plane_m = net_m, plane_m
+
+    def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Net and plane at time `t_s`; see Scene."""
+        x, y, z = np.moveaxis(self._rays, -1, 0)
+        u, v = x / z * self._net_m, y / z * self._net_m                 # where the ray meets the net
+        wave = 0.08 * np.sin(2 * np.pi * (1.3 * u + 0.7 * v - 0.4 * t_s))
+        cover = np.clip(0.5 + 0.45 * np.sin(17 * u + 2 * np.sin(9 * v)) + 0.25 * np.sin(23 * v - 5 * u), 0, 1)
+        range_m = np.stack([(self._net_m + wave) / z, self._plane_m / z])
+        reflectivity = np.stack([cover, 1 - cover])
+        range_m[reflectivity <= 0] = np.nan
+        return range_m.astype(np.float32), reflectivity.astype(np.float32)
+
+
+def default_sensor() -> SensorModel:
+    """The sensor of the default scene: 141×141 pixels, 11°, T = 4613 bins of 0.3 mm that begin at a range of 1.5 m.
+
+    T, bin and size are those of the head scanned by Heriot-Watt University that the SRT3D paper uses.
+    """
+    bin_width_s = 2 * 0.3e-3 / SPEED_OF_LIGHT
+    return SensorModel(rows=141, cols=141, num_bins=4613, bin_width_s=bin_width_s, irf=irf.spad(bin_width_s),
+                       toa_offset_bins=5000, projection=Pinhole.from_fov(141, 141, fov_deg=11.0))
+
+
+def net_sensor() -> SensorModel:
+    """A sensor for NetScene: 32×32 pixels, 10°, T = 153 bins of 37.5 mm, as the paper's camouflage data."""
+    bin_width_s = 250e-12
+    response = irf.spad(bin_width_s, fwhm_s=500e-12, tail_s=300e-12, tail_share=0.2)
+    return SensorModel(rows=32, cols=32, num_bins=153, bin_width_s=bin_width_s, irf=response,
+                       projection=Pinhole.from_fov(32, 32, fov_deg=10.0))

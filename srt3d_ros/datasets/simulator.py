@@ -1,0 +1,146 @@
+"""Photons of a simulated scene, by the observation model of the SRT3D paper, with the truth attached."""
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets.bust import Bust
+from srt3d_ros.datasets.photons import MAX_PHOTONS
+from srt3d_ros.datasets.scene import Scene, default_sensor
+from srt3d_ros.errors import require
+
+QUANTILES = 2**16
+
+
+class Simulator:
+    """A sensor that looks at a scene; frame k starts at k / frame_rate_hz.
+
+    The photons of pixel (i, j) are a Poisson process over the T bins (Tachella, Sheehan and Davies, ICASSP 2022,
+    eq. 1 and 2, with the gain of RT3D): Σ_k r_ijk h(x − t_ijk) + b, times the pixel's gain, wrapped modulo T, with
+    the IRF h of sum 1, `irf[irf_ref]` on the depth. Depths fall between bins: h is then shifted by linear
+    interpolation. r is the scene's reflectivity times a constant; the background b is uniform over bins and pixels.
+
+    That constant and b are set once, on frame 0, over the pixels that the sensor's mask leaves in:
+        ppp = mean over pixels of the expected photons per frame, signal and background together;
+        sbr = expected signal photons / expected background photons, summed over all pixels and bins.
+    A scene that moves nearer or brighter later gives more photons later, as it would with a real sensor.
+
+    Args:
+        scene: what is seen; `Bust`, the moving head and shoulders, unless given.
+        sensor: who sees it; `default_sensor()` unless given. Its gain, delay, mask and IRF (of all or of each pixel)
+            are obeyed; masked pixels give no photons.
+        sbr: above 0, or infinite for no background.
+        ppp: 0 or more.
+        seed: an integer of 0 or more. Frame k depends on the arguments and on k only, not on what was asked before.
+        frame_rate_hz: frames per second of the scene's time.
+
+    Raises:
+        InvalidInput: naming the argument that cannot be used.
+    """
+
+    def __init__(self, scene: Scene | None = None, sensor: SensorModel | None = None, sbr: float = 1.0,
+                 ppp: float = 10.0, seed: int = 0, frame_rate_hz: float = 10.0):
+        require(sbr > 0, "sbr", sbr, "a ratio above 0")
+        require(0 <= ppp < np.inf, "ppp", ppp, "photons per pixel, 0 or more")
+        require(seed == int(seed) and seed >= 0, "seed", seed, "an integer of 0 or more")
+        require(0 < frame_rate_hz < np.inf, "frame_rate_hz", frame_rate_hz, "a rate above 0 Hz")
+        self.sensor = default_sensor() if sensor is None else sensor
+        self._scene = Bust(self.sensor) if scene is None else scene
+        self._seed, self._frame_rate_hz = int(seed), frame_rate_hz
+        pixels = self.sensor.pixels
+        require(ppp * pixels <= MAX_PHOTONS, "ppp", ppp, f"at most {MAX_PHOTONS} photons in a frame of {pixels} pixels")
+        self._gain = _gain(self.sensor)
+        self._draw_irf = _IrfSampler(self.sensor.irf)
+        _, relative = self._look(0)
+        used = max(np.count_nonzero(self._gain), 1)
+        background_share = 1 / (1 + sbr)
+        mean_signal = (relative * self._gain).sum() / used
+        require(mean_signal > 0 or ppp == 0, "scene", "dark", "some reflectivity in frame 0")
+        self._brightness = ppp * (1 - background_share) / mean_signal if ppp else 0.0
+        self._background = ppp * background_share * used / max(self._gain.sum(), 1e-30)
+
+    def frame(self, k: int) -> tuple[PhotonEvents, np.ndarray]:
+        """Photons of frame k, sorted by pixel, stamped k / frame_rate_hz; and the true depths.
+
+        Returns:
+            The photons, and float32 [S, rows, cols]: the bin of each surface in [0, T), NaN = no surface.
+        """
+        depth, signal, background = self.expected(k)
+        events = self._draw(depth, signal, background, np.random.default_rng([self._seed, k]))
+        stamp_ns = round(k * 1e9 / self._frame_rate_hz)
+        return PhotonEvents(*events, stamp_ns), depth
+
+    def expected(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What frame k is drawn from.
+
+        Returns:
+            depth_bins: as from `frame`.
+            signal: float [S, rows, cols], expected photons of each return in the frame.
+            background: float [rows, cols], expected background photons in the frame, over all bins.
+        """
+        depth, relative = self._look(k)
+        return depth, relative * self._gain * self._brightness, self._gain * self._background
+
+    def _look(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (bins, NaN = none) and reflectivity (0 where none) at frame k."""
+        sensor = self.sensor
+        range_m, reflectivity = self._scene.frame(k / self._frame_rate_hz)
+        shape = (sensor.rows, sensor.cols)
+        require(range_m.ndim == 3 and range_m.shape[1:] == shape and reflectivity.shape == range_m.shape, "scene shape",
+                f"{range_m.shape} and {reflectivity.shape}", f"[S, {sensor.rows}, {sensor.cols}], the sensor's pixels")
+        seen = np.isfinite(range_m)
+        along_m = np.where(seen, range_m, np.nan).astype(np.float64) - sensor.range_offset_m
+        depth = np.mod(along_m / sensor.bin_width_m - sensor.toa_offset_bins, sensor.num_bins).astype(np.float32)
+        depth[depth >= sensor.num_bins] = 0                     # where rounding made it T
+        require(bool((reflectivity[seen] >= 0).all()), "reflectivity", "negative or NaN in places", "0 or more")
+        return depth, np.where(seen, reflectivity, 0)
+
+    def _draw(self, depth: np.ndarray, signal: np.ndarray, background: np.ndarray,
+              random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """pixel and ToA of one frame; within a pixel first the photons of its surfaces, then its background."""
+        sensor, surfaces = self.sensor, len(depth)
+        rates = np.concatenate([signal, background[None]]).reshape(surfaces + 1, -1).T
+        counts = random.poisson(rates)
+        pixel = np.repeat(np.arange(sensor.pixels, dtype=np.uint32), counts.sum(axis=1))
+        # ToA = floor(where the IRF would start + a draw from it); a background photon may start anywhere.
+        late = 0 if sensor.delay_bins is None else sensor.delay_bins
+        starts = np.full((sensor.pixels, surfaces + 1), np.nan, np.float32)
+        starts[:, :surfaces] = (depth + late - sensor.irf_ref).reshape(surfaces, -1).T
+        start = np.repeat(starts.ravel(), counts.ravel())
+        toa = self._draw_irf(pixel, random)
+        toa += start
+        stray = np.flatnonzero(np.isnan(start))
+        toa[stray] = random.integers(0, sensor.num_bins, len(stray))
+        bins = np.floor(toa).astype(np.int32)
+        bins %= sensor.num_bins
+        return pixel, bins.astype(np.uint16)
+
+
+class _IrfSampler:
+    """Draws times, in bins from the beginning of an IRF, from the density that is irf[j] over [j, j + 1)."""
+
+    def __init__(self, irf: np.ndarray):
+        cumulative = np.cumsum(irf, axis=-1, dtype=np.float64)
+        cumulative /= cumulative[..., -1:]
+        self._quantiles = None
+        if irf.ndim == 1:       # a table is several times faster than a search; it is exact to 2⁻¹⁶ of the photons
+            edges = np.concatenate([[0.0], cumulative])
+            quantile = np.interp(np.linspace(0, 1, QUANTILES + 1), edges, np.arange(len(edges)))
+            self._quantiles, self._steps = quantile[:-1].astype(np.float32), np.diff(quantile).astype(np.float32)
+        else:
+            self._cumulative = cumulative + np.arange(len(irf))[:, None]        # that of pixel p lies in (p, p + 1]
+
+    def __call__(self, pixel: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """One draw for every entry of `pixel`, float32."""
+        if self._quantiles is not None:
+            drawn = random.integers(0, QUANTILES, len(pixel), dtype=np.uint16)
+            return self._quantiles[drawn] + self._steps[drawn] * random.random(len(pixel), dtype=np.float32)
+        found = np.searchsorted(self._cumulative.ravel(), pixel + random.random(len(pixel)), side="right")
+        length = self._cumulative.shape[1]
+        return (found - pixel.astype(np.int64) * length + random.random(len(pixel))).astype(np.float32)
+
+
+def _gain(sensor: SensorModel) -> np.ndarray:
+    """Relative efficiency of every pixel, 0 where masked."""
+    gain = np.ones((sensor.rows, sensor.cols)) if sensor.gain is None else sensor.gain.astype(np.float64)
+    return gain if sensor.mask is None else gain * sensor.mask
