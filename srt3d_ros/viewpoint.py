@@ -1,13 +1,17 @@
-"""Where to look at a cloud from: the eye that recordings open with and pictures are drawn from. NumPy only."""
+"""How to look at a cloud: the eye that recordings open with and pictures are drawn from, the size of its points."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from srt3d_ros.core.projection import AngularScan, Projection
+from srt3d_ros.core.sensor import SensorModel
 
-_PERCENTILES = (2, 98)
+_PERCENTILES = (0.5, 99.5)      # of the points: what lies outside is taken for an outlier
+_FITTING_STEPS = 4              # each leaves a few per cent of the error of the one before
+_SHORTEST_M = 1e-3
 _SAMPLES = 8192
+_RADIUS_PER_PITCH = 0.6         # discs of neighbouring pixels then just overlap
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +19,7 @@ class Viewpoint:
     """An eye at `position` looking at `target`, `up` upwards on the screen; metres, sensor's frame, float64 [3] each.
 
     Args:
-        fov_deg: angle of view across the picture's height.
+        fov_deg: angle of view across the picture's smaller side.
     """
 
     position: np.ndarray
@@ -39,33 +43,56 @@ def sensor_axes(projection: Projection | None) -> np.ndarray:
     return np.array([[0.0, 0, 1], [1, 0, 0], [0, -1, 0]])
 
 
-def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = -30, pitch_deg: float = 15,
-            fov_deg: float = 45, margin: float = 0.75) -> Viewpoint:
-    """The eye from which the cloud fills the view, turned about its middle away from the sensor's line of sight.
+def look_at(xyz: np.ndarray, projection: Projection | None = None, yaw_deg: float = -20, pitch_deg: float = 10,
+            fov_deg: float = 30, aspect: float = 1.0, margin: float = 1.1) -> Viewpoint:
+    """The eye from which the cloud just fills the view, turned about its middle away from the sensor's line of sight.
 
     Args:
-        xyz: float [N, 3], metres, sensor's frame; points that are not finite are left out, outliers hardly count.
+        xyz: float [N, 3], metres, sensor's frame; points that are not finite are left out, outliers may be out of view.
         projection: the sensor's, which says where up is; an optical frame if None.
         yaw_deg: to the right of the sensor if positive.
         pitch_deg: above the sensor if positive.
         fov_deg: the eye's angle of view.
-        margin: distance, relative to the one from which the cloud just fits.
+        aspect: the view's width over its height.
+        margin: size of the view relative to the cloud in it.
     """
     forward, right, up = sensor_axes(projection)
-    low, high = _box(xyz, np.stack([right, up, forward]))
-    centre = ((low + high) / 2) @ np.stack([right, up, forward])
-    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     towards = np.cos(pitch) * (np.sin(yaw) * right - np.cos(yaw) * forward) + np.sin(pitch) * up
-    distance = margin * radius / np.tan(np.radians(fov_deg) / 2)
-    return Viewpoint(centre + distance * towards, centre, up, fov_deg)
+    xyz = _some_points(xyz, forward)
+    half = margin**-1 * np.tan(np.radians(fov_deg) / 2) * np.array([max(aspect, 1), max(1 / aspect, 1)])
+    low, high = np.percentile(xyz, _PERCENTILES, axis=0)
+    target, distance = (low + high) / 2, max(2 * float(np.linalg.norm(high - low)), _SHORTEST_M)
+    for _ in range(_FITTING_STEPS):
+        eye = Viewpoint(target + distance * towards, target, up, fov_deg)
+        low, high = np.percentile(_tangents(xyz, eye), _PERCENTILES, axis=0)
+        target = target + distance * ((low + high) / 2 @ eye.axes()[:2])
+        distance = max(distance * float(((high - low) / 2 / half).max()), _SHORTEST_M)
+    return Viewpoint(target + distance * towards, target, up, fov_deg)
 
 
-def _box(xyz: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Low and high corner, along `axes`, of the box that most points lie in; a metre ahead for an empty cloud."""
+def _tangents(xyz: np.ndarray, eye: Viewpoint) -> np.ndarray:
+    """Tangents of the angles right and down at which `eye` sees points, [N, 2]; those beside or behind it at 45°."""
+    right, down, forward = ((xyz - eye.position) @ eye.axes().T).T
+    return np.stack([right, down], axis=1) / np.maximum(forward, np.hypot(right, down))[:, None]
+
+
+def _some_points(xyz: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Enough of the finite points to frame the cloud by, float64; for an empty cloud two that frame a metre ahead."""
     xyz = np.asarray(xyz, np.float64)[:: max(len(xyz) // _SAMPLES, 1)]
     xyz = xyz[np.isfinite(xyz).all(axis=1)]
+    return xyz if len(xyz) else np.stack([forward - 0.5, forward + 0.5])
+
+
+def pixel_pitch_rad(sensor: SensorModel) -> float:
+    """Angle between the rays of neighbouring pixels in the middle of the array, the larger of the two directions."""
+    across, along = sensor.rays[sensor.rows // 2], sensor.rays[:, sensor.cols // 2]
+    return max((float(np.linalg.norm(np.diff(line, axis=0), axis=1).mean()) for line in (across, along)
+                if len(line) > 1), default=0.0)
+
+
+def point_radius_m(xyz: np.ndarray, sensor: SensorModel) -> float:
+    """Radius of points with which a surface at the cloud's median distance closes up; 0 for an empty cloud."""
     if len(xyz) == 0:
-        return np.array([-0.5, -0.5, 0.5]), np.array([0.5, 0.5, 1.5])
-    low, high = np.percentile(xyz @ axes.T, _PERCENTILES, axis=0)
-    return low, high
+        return 0.0
+    return _RADIUS_PER_PITCH * pixel_pitch_rad(sensor) * float(np.nanmedian(np.linalg.norm(xyz, axis=1)))

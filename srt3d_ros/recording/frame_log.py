@@ -13,10 +13,11 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.recording import layout
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 from srt3d_ros.recording.file_sink import FileSink
-from srt3d_ros.viewpoint import Viewpoint, look_at
+from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m
 
 _FLUSH_TIMEOUT_S = 2.0
 _FLUSH_TRIES = 10
+_VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
 
 
 class FrameLog:
@@ -55,8 +56,8 @@ class FrameLog:
         level = intensity_levels(intensity, *self._intensity_range.update(intensity))
         colour = packed_colour_table(CLOUD_MAP)[level]
         self._at(stamp_ns, frame_index)
-        self._stream.log(layout.POINTS, *layout.points(xyz, intensity, colour,
-                                                       layout.point_radius_m(xyz, self._sensor)))
+        radius_m = point_radius_m(xyz, self._sensor) if self._sensor else 0.0
+        self._stream.log(layout.POINTS, *layout.points(xyz, intensity, colour, radius_m))
         self._check()
 
     def depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
@@ -100,7 +101,8 @@ class FrameLog:
 
     def _choose_eye(self, xyz: np.ndarray) -> None:
         projection = self._sensor.projection if self._sensor else None
-        self._stream.send_blueprint(self._blueprint(look_at(xyz, projection)))
+        eye = look_at(xyz, projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
+        self._stream.send_blueprint(self._blueprint(eye))
         self._eye_chosen = True
 
     def _write_statics(self, properties: dict) -> None:

@@ -17,19 +17,18 @@ PROPERTIES = "/__properties"                        # where rerun keeps them
 _MM_PER_M = 1000
 _MOST_MM = np.iinfo(np.uint16).max
 _NONE_MARGIN = 0.2                                  # of the depth range, kept free: "none" has a colour of its own
-_RADIUS_PER_SPACING = 0.6                           # discs of neighbouring pixels then just overlap
 
 
-def points(xyz: np.ndarray, intensity: np.ndarray, colour: np.ndarray, radius_m: float | None) -> list:
+def points(xyz: np.ndarray, intensity: np.ndarray, colour: np.ndarray, radius_m: float) -> list:
     """What is logged for a cloud; the arrays must not change afterwards (rerun does not copy them).
 
     Args:
         xyz: float32 [N, 3], contiguous, metres.
         intensity: float32 [N], kept as values beside the colours.
         colour: uint32 [N], 0xRRGGBBAA.
-        radius_m: of the discs; a size on the screen if None.
+        radius_m: of the discs; 0 for a size on the screen.
     """
-    radius = rr.Radius.ui_points(1.5) if radius_m is None else radius_m
+    radius = radius_m or rr.Radius.ui_points(1.5)
     # As an Arrow array: rerun cannot tell the type of an empty NumPy array here, and warns.
     return [rr.Points3D(xyz, colors=colour, radii=radius), rr.AnyValues(**{INTENSITY: pa.array(intensity)})]
 
@@ -69,20 +68,6 @@ def view_coordinates(sensor: SensorModel | None) -> rr.ViewCoordinates:
     """Which way the axes of the sensor's frame point."""
     forward = sensor_axes(sensor.projection if sensor else None)[0]
     return rr.ViewCoordinates.FLU if forward[0] else rr.ViewCoordinates.RDF
-
-
-def point_radius_m(xyz: np.ndarray, sensor: SensorModel | None) -> float | None:
-    """Radius with which the points of a surface at the cloud's distance close up; None without a sensor."""
-    if sensor is None or len(xyz) == 0 or sensor.pixels == 1:
-        return None
-    rays = sensor.rays
-    spacing = [np.linalg.norm(np.diff(rays[line], axis=0), axis=-1).mean() for line in _middle_lines(sensor)]
-    return float(_RADIUS_PER_SPACING * max(spacing) * np.linalg.norm(np.median(xyz, axis=0)))
-
-
-def _middle_lines(sensor: SensorModel) -> list:
-    lines = [(sensor.rows // 2, slice(None)), (slice(None), sensor.cols // 2)]
-    return [line for line, length in zip(lines, (sensor.cols, sensor.rows)) if length > 1]
 
 
 def property_values(facts: dict) -> rr.AnyValues:

@@ -44,7 +44,7 @@ def test_film_opens_on_cloud_depth_and_the_four_plots_with_the_eye_on_the_cloud(
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
     assert origins == {"/", "/depth", "/metrics/latency_ms", "/metrics/points", "/metrics/photons", "/metrics/drops"}
-    eye = look_at(ball[0].xyz, ball[1].projection)
+    eye = look_at(ball[0].xyz, ball[1].projection, fov_deg=55, aspect=1.2)
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
     assert ["stamp"] in columns["TimePanelBlueprint:timeline"]
@@ -63,13 +63,10 @@ def test_a_single_cloud_opens_without_plots(tmp_path, ball):
     assert origins == {"/", "/depth"}
 
 
-def test_axes_and_point_size_follow_the_sensor(ball):
-    cloud, sensor = ball
+def test_axes_follow_the_sensor(ball):
+    sensor = ball[1]
     scanner = sensor.replace(projection=AngularScan(0.4, -0.02, 0.4, -0.02))
     assert layout.view_coordinates(sensor) == layout.view_coordinates(None) != layout.view_coordinates(scanner)
-    apart_m = np.linalg.norm(sensor.rays[20, 24] - sensor.rays[20, 25]) * np.median(np.linalg.norm(cloud.xyz, axis=1))
-    assert apart_m / 2 < layout.point_radius_m(cloud.xyz, sensor) < apart_m
-    assert layout.point_radius_m(cloud.xyz, None) is None
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Pictures of clouds, drawn without a screen. matplotlib and Pillow only here."""

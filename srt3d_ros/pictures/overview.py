@@ -1,0 +1,190 @@
+"""The picture of a run: the photons as they came, the cloud made of them, and its depth map."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+from srt3d_ros.colours import colour_table, levels, percentile_range
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.pictures.raster import draw_fog, draw_surface, focal_px
+from srt3d_ros.viewpoint import Viewpoint, look_at, pixel_pitch_rad, point_radius_m, sensor_axes
+
+_WIDTH_PX, _HEIGHT_PX, _DPI = 2000, 900, 100
+_BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
+_SPECK_OPACITY, _FADE = 0.6, 0.08               # of a photon; of the panel
+_OUTSIDE = (96, 104, 116)
+_BACKGROUND, _TEXT, _DIM = (13, 16, 21), "#e8eaed", "#8b939e"
+# Near is bright, so that what is in front stands out; without the darkest quarter, which the background would swallow.
+_RANGE_MAP = colour_table("viridis")[np.linspace(255, 45, 256).round().astype(int)]
+_CLOSER = 1.2                                   # larger points than in the viewer: no gaps in surfaces seen aslant
+_MOST_PHOTONS = 1_000_000                       # drawn; of more, an even sample
+
+
+def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonEvents | None, title: str,
+                  figures: dict) -> None:
+    """Write a .png: photons, cloud and depth map side by side, the same colours for the same range.
+
+    Args:
+        path: the picture; its directory must exist.
+        cloud: may be empty, which the picture then says.
+        photons: those the cloud was made of; without them their panel is left out.
+        title: what is seen.
+        figures: shown below, in order: {"photons per pixel": 10.0, "points": 19_871, "reconstruction": "35 ms"}.
+
+    Raises:
+        InvalidInput: if the picture cannot be written there.
+    """
+    look = _Look.of(cloud, sensor)
+    figure = Figure((_WIDTH_PX / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI, facecolor=_hex(_BACKGROUND))
+    FigureCanvasAgg(figure)
+    _line(figure, 0.94, title, 25, color=_TEXT, weight="bold")
+    _line(figure, 0.045, _caption(figures), 15, color=_DIM)
+    left = 0.02
+    if photons is not None:
+        width = 0.28
+        eye = look_at(cloud.xyz, sensor.projection, aspect=_aspect(width))
+        _panel(figure, left, width, lambda w, h: _photons(photons, sensor, look, eye, w, h),
+               f"{photons.photons:,} photons", "each at its pixel and time of arrival")
+        left = 0.31
+    width = 0.69 - left
+    eye = look_at(cloud.xyz, sensor.projection, aspect=_aspect(width))
+    axes = _panel(figure, left, width, lambda w, h: _cloud(cloud, look, eye, w, h),
+                  f"{len(cloud):,} points", "coloured by range, shaded by intensity")
+    if len(cloud) == 0:
+        axes.text(0.5, 0.5, "no points", color=_DIM, size=20, ha="center", transform=axes.transAxes)
+    else:
+        _scale_bar(axes, eye)
+    _depth_map(figure, 0.71, 0.235, cloud.range_image(), look)
+    try:
+        figure.savefig(Path(path), format="png", dpi=_DPI, facecolor=figure.get_facecolor())
+    except OSError as e:
+        raise InvalidInput("picture", str(path), f"a file that can be written ({e.strerror or e})") from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What the panels share: the ends of the range's colours in metres, and the size of the points."""
+
+    near_m: float
+    far_m: float
+    radius_m: float
+
+    @classmethod
+    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "_Look":
+        range_m = np.linalg.norm(cloud.xyz, axis=1)
+        near_m, far_m = percentile_range(range_m, 1, 99) or sensor.range_m(np.array([0, sensor.num_bins]))
+        return cls(near_m, far_m, _CLOSER * point_radius_m(cloud.xyz, sensor))
+
+    def colour(self, xyz: np.ndarray) -> np.ndarray:
+        """Colours of points by their range, uint8 [N, 3]; those far outside the cloud's ranges are grey."""
+        range_m, span_m = np.linalg.norm(xyz, axis=1), self.far_m - self.near_m
+        colour = _RANGE_MAP[levels(range_m, self.near_m, self.far_m)]
+        colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
+        return colour
+
+
+def _photons(photons: PhotonEvents, sensor: SensorModel, look: _Look, eye: Viewpoint, width: int,
+             height: int) -> np.ndarray:
+    chosen = slice(None, None, -(-photons.photons // _MOST_PHOTONS) or 1)
+    pixel, toa = photons.pixel[chosen], photons.toa[chosen].astype(np.float64)
+    # Anywhere in its pixel and bin, which is all that is known of it; otherwise the pixel grid makes moiré.
+    rng = np.random.default_rng(0)
+    row, col = np.divmod(pixel, sensor.cols)
+    xyz = sensor.xyz(row, col, toa + rng.uniform(-0.5, 0.5, len(toa)))
+    aside = rng.uniform(-0.5, 0.5, (len(xyz), 2)).astype(np.float32) * np.float32(pixel_pitch_rad(sensor))
+    xyz += np.linalg.norm(xyz, axis=1, keepdims=True) * (aside @ sensor_axes(sensor.projection)[1:].astype(np.float32))
+    return _faded(draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, _BACKGROUND))
+
+
+def _cloud(cloud: PointCloud, look: _Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+    bright = levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1), root=True)[:, None] / np.float32(255)
+    colour = (look.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
+    return draw_surface(cloud.xyz, colour, eye, width, height, look.radius_m, _BACKGROUND, finer=2)
+
+
+def _faded(image: np.ndarray) -> np.ndarray:
+    """The image, fading into the background at its borders: what goes on there is not cut off."""
+    rows, cols = image.shape[:2]
+    inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (rows, cols)]
+    weight = np.outer(*inside)[..., None]
+    return (image * weight + np.array(_BACKGROUND) * (1 - weight)).astype(np.uint8)
+
+
+def _aspect(width: float) -> float:
+    """Width over height of a panel that takes `width` of the figure's."""
+    return width * _WIDTH_PX / ((_TOP - _BOTTOM) * _HEIGHT_PX)
+
+
+def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, look: _Look) -> None:
+    rows, cols = range_m.shape
+    # As large as fits, in the middle of the panel's height; sizes as shares of the figure.
+    size_px = min(width * _WIDTH_PX / cols, (_TOP - _BOTTOM) * _HEIGHT_PX / rows)
+    width, height = cols * size_px / _WIDTH_PX, rows * size_px / _HEIGHT_PX
+    bottom = (_TOP + _BOTTOM - height) / 2
+    colours = ListedColormap(_RANGE_MAP / 255).with_extremes(bad=_hex(_BACKGROUND))
+    scale = Normalize(look.near_m, look.far_m)
+    axes = figure.add_axes((left, bottom, width, height))
+    axes.set_axis_off()
+    axes.imshow(range_m, cmap=colours, norm=scale, interpolation="nearest", aspect="auto")
+    _heading(figure, left, "depth map", f"{rows} × {cols} pixels, range in metres")
+    beside = figure.add_axes((left + width + 0.008, bottom, 0.007, height))
+    bar = figure.colorbar(ScalarMappable(scale, colours), cax=beside)
+    bar.outline.set_visible(False)
+    bar.ax.invert_yaxis()
+    bar.ax.tick_params(colors=_DIM, labelsize=13, length=0)
+
+
+def _panel(figure: Figure, left: float, width: float, draw: Callable[[int, int], np.ndarray], heading: str, note: str):
+    """A panel filled by `draw(width, height)`, element for element."""
+    axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM))
+    axes.set_axis_off()
+    image = draw(round(width * _WIDTH_PX), round((_TOP - _BOTTOM) * _HEIGHT_PX))
+    axes.imshow(image, interpolation="nearest", aspect="auto")
+    _heading(figure, left, heading, note)
+    return axes
+
+
+def _line(figure: Figure, height: float, text: str, size: float, **style) -> None:
+    """A line of text over the figure's width, smaller if it is long; a $ in it is a $."""
+    size = min(size, _WIDTH_PX / max(len(text), 1))
+    figure.text(0.02, height, text, size=size, va="center", parse_math=False, **style)
+
+
+def _heading(figure: Figure, left: float, heading: str, note: str) -> None:
+    figure.text(left, _TOP + 0.055, heading, color=_TEXT, size=17, va="bottom")
+    figure.text(left, _TOP + 0.02, note, color=_DIM, size=13, va="bottom")
+
+
+def _scale_bar(axes, eye: Viewpoint) -> None:
+    """A bar of a round number of metres, as long as it is at the target."""
+    height, width = axes.images[0].get_array().shape[:2]
+    px_per_m = focal_px(eye, width, height) / np.linalg.norm(eye.target - eye.position)
+    exponent = np.floor(np.log10(0.2 * width / px_per_m))
+    length_m = max(step * 10**exponent for step in (1, 2, 5) if step * 10**exponent * px_per_m <= 0.2 * width)
+    end, line = width - 0.02 * width, height - 0.03 * height
+    axes.plot([end - length_m * px_per_m, end], [line, line], color=_DIM, linewidth=2, solid_capstyle="butt")
+    text = f"{length_m:g} m" if length_m >= 1 else f"{length_m * 100:g} cm"
+    axes.text(end, line - 0.015 * height, text, color=_DIM, size=13, ha="right", va="bottom")
+
+
+def _caption(figures: dict) -> str:
+    return "     ".join(f"{name}: {_number(value)}" for name, value in figures.items())
+
+
+def _number(value) -> str:
+    if isinstance(value, (int, np.integer)):
+        return f"{value:,}"
+    return f"{value:.3g}" if isinstance(value, (float, np.floating)) else str(value)
+
+
+def _hex(colour: tuple[int, int, int]) -> str:
+    return "#" + bytes(colour).hex()

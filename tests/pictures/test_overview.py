@@ -1,0 +1,89 @@
+"""The overview picture: every panel is filled, whatever the cloud lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.pictures.overview import draw_overview
+
+PANELS = {"photons": slice(60, 580), "cloud": slice(640, 1360), "depth map": slice(1430, 1880)}    # columns
+FIGURES = {"photons per pixel": 10.04, "points": 19_871, "reconstruction": "35 ms"}
+
+
+@pytest.fixture
+def drawn(tmp_path, ball):
+    """Draw, and give the picture as an array int [rows, cols, 3]."""
+    def draw(cloud=ball[0], sensor=ball[1], photons=None, title="A ball", figures=FIGURES):
+        draw_overview(tmp_path / "a.png", cloud, sensor, photons, title, figures)
+        return np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+    return draw
+
+
+@pytest.fixture(scope="module")
+def photons(ball):
+    cloud, sensor = ball
+    rng = np.random.default_rng(0)
+    pixel = (cloud.row.astype(np.uint32) * sensor.cols + cloud.col).repeat(10)
+    toa = np.clip(cloud.depth_bins.repeat(10) + rng.normal(0, 8, len(pixel)), 0, 599).astype(np.uint16)
+    return PhotonEvents(pixel, toa)
+
+
+def filled(picture, columns):
+    """Share of a panel that is lighter than the background."""
+    return (picture[200:700, columns].max(axis=2) > 50).mean()
+
+
+def test_all_three_panels_show_something(drawn, photons):
+    picture = drawn(photons=photons)
+    assert picture.shape == (900, 2000, 3)
+    assert filled(picture, PANELS["cloud"]) > 0.5 and filled(picture, PANELS["depth map"]) > 0.5
+    assert 0.02 < filled(picture, PANELS["photons"]) < 0.7
+    assert (picture[30:80, 30:300].max(axis=2) > 200).any()         # title
+    assert (picture[840:880, 30:600].max(axis=2) > 100).any()       # figures
+
+
+def test_near_is_yellow_and_far_is_blue_in_cloud_and_depth_map(drawn):
+    picture = drawn()
+    size = 470 / 48                                     # of a pixel in the depth map, whose middle is at (499, 1655)
+    ball_front, wall, hole = picture[499, int(1655 - 8 * size)], picture[499 - int(18 * size), 1655], picture[499, 1655]
+    assert min(ball_front[:2]) > ball_front[2] + 60     # yellow
+    assert wall[2] > wall[0] + 30 and hole[2] > hole[0] + 30        # blue; the ball has a hole in its middle
+    cloud = picture[200:700, PANELS["cloud"]].reshape(-1, 3)
+    assert (cloud[:, :2].min(axis=1) > cloud[:, 2] + 60).mean() > 0.1 and (cloud[:, 2] > cloud[:, 0] + 30).mean() > 0.1
+
+
+def test_without_photons_the_cloud_takes_their_place(drawn):
+    assert filled(drawn(), slice(60, 1360)) > 0.3
+
+
+def test_an_empty_cloud_is_a_picture_that_says_so(drawn, ball, photons):
+    cloud = ball[0]
+    empty = replace(cloud, **{name: getattr(cloud, name)[:0] for name in (
+        "row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface")})
+    picture = drawn(empty, photons=photons)
+    assert 0 < filled(picture, PANELS["cloud"]) < 0.02               # the words
+    assert filled(picture, PANELS["photons"]) > 0.001
+
+
+def test_missing_values_and_single_points_are_drawn_around(drawn, ball):
+    cloud = ball[0]
+    xyz, intensity = cloud.xyz.copy(), cloud.intensity.copy()
+    xyz[::3], intensity[1::5] = np.nan, np.nan
+    assert filled(drawn(replace(cloud, xyz=xyz, intensity=intensity)), PANELS["cloud"]) > 0.3
+    one = replace(cloud, **{name: getattr(cloud, name)[:1] for name in (
+        "row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface")})
+    assert filled(drawn(one), slice(60, 1360)) > 0
+
+
+def test_texts_are_taken_literally_and_may_be_long(drawn):
+    picture = drawn(title="a$b$_{x} \\frac " + "very " * 60 + "long", figures={f"figure {k}": k / 7 for k in range(30)})
+    assert (picture[:, 1990:].max(axis=2) < 50).all()               # nothing runs over the edge
+
+
+def test_a_picture_that_cannot_be_written_is_refused_in_one_line(tmp_path, ball):
+    with pytest.raises(InvalidInput, match=r"picture is .*absent/a.png: expected a file that can be written \(No such"):
+        draw_overview(tmp_path / "absent" / "a.png", *ball, None, "A ball", {})

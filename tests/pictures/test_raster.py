@@ -1,0 +1,78 @@
+"""The point raster: what is where, what hides what, and what cannot be drawn."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.pictures.raster import draw_fog, draw_surface, project
+from srt3d_ros.viewpoint import Viewpoint
+
+EYE = Viewpoint(np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, -1, 0]), 53.13)      # 2 m wide at 2 m
+RED, BLUE = (200, 0, 0), (0, 0, 200)
+
+
+def surface(xyz, colour, radius_m=0.05, **options):
+    return draw_surface(np.array(xyz, np.float32), np.array(colour, np.uint8), EYE, 120, 100, radius_m, **options)
+
+
+def plane(z, colour, x_from=-2.0):
+    x, y = np.meshgrid(np.arange(x_from, 2, 0.02), np.arange(-1.5, 1.5, 0.02))
+    xyz = np.stack([x, y, np.full_like(x, z)], axis=-1).reshape(-1, 3)
+    return xyz, np.tile(np.array(colour, np.uint8), (len(xyz), 1))
+
+
+def test_points_appear_where_they_are():
+    x, y, depth = project(np.array([[0, 0, 2], [1, 0, 2], [0, 1, 2], [0.5, 0, 1]]), EYE, 120, 100)
+    assert np.allclose(x, [60, 110, 60, 110], atol=0.01) and np.allclose(y, [50, 50, 100, 50], atol=0.01)
+    assert np.allclose(depth, [2, 2, 2, 1])
+
+
+def test_a_point_is_a_disc_of_its_size_in_its_colour():
+    image = surface([[0.2, 0, 2]], [RED], radius_m=0.2)
+    covered = image[..., 0] > 0
+    assert covered.sum() == pytest.approx(np.pi * 10**2, rel=0.05)
+    rows, cols = np.nonzero(covered)
+    assert (rows.mean() + 0.5, cols.mean() + 0.5) == pytest.approx((50, 70), abs=0.5)
+    assert set(map(tuple, image[covered])) == {RED}
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_the_nearer_point_hides_the_farther_whatever_their_order(order):
+    points, colours = np.array([[0, 0, 1.0], [0, 0, 2]]), np.array([RED, BLUE])
+    image = surface(points[order], colours[order], radius_m=0.1)
+    assert tuple(image[50, 60]) == RED and not (image[..., 2] > 0).any()
+
+
+def test_points_behind_the_eye_far_aside_or_missing_are_left_out():
+    nowhere = [[0, 0, -1], [0, 0, 0], [500, 0, 1], [np.nan, 0, 2], [0, 0, np.inf]]
+    image = surface(nowhere, [RED] * 5, background=(1, 2, 3))
+    assert (image == (1, 2, 3)).all()
+
+
+def test_an_empty_cloud_is_the_background():
+    assert (surface(np.empty((0, 3)), np.empty((0, 3)), background=(9, 8, 7)) == (9, 8, 7)).all()
+    assert (draw_fog(np.empty((0, 3)), np.empty((0, 3)), EYE, 12, 10, 0.5, (9, 8, 7)) == (9, 8, 7)).all()
+
+
+def test_a_plane_is_even_and_only_the_foot_of_a_step_is_darkened():
+    far, near = plane(2.5, BLUE), plane(2.0, RED, x_from=0)
+    image = surface(*(np.concatenate(parts) for parts in zip(far, near))).astype(int)
+    row = image[50]
+    assert row[20, 2] == 200 and row[100, 0] == 200
+    assert row[60, 0] == 200                        # the edge itself stays bright
+    assert 60 < row[56, 2] < 170                    # what lies behind it does not
+
+
+def test_drawing_finer_smooths_edges_and_changes_nothing_else():
+    points = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 2.1], (300, 3))
+    coarse, fine = (surface(points, [RED] * 300, finer=finer).astype(float) for finer in (1, 2))
+    assert coarse.shape == fine.shape == (100, 120, 3)
+    assert coarse[..., 0].mean() == pytest.approx(fine[..., 0].mean(), rel=0.1)
+    assert len(np.unique(fine)) > len(np.unique(coarse))
+
+
+def test_fog_glows_where_many_points_are_and_hides_nothing():
+    points = np.array([[0, 0, 2.0]] + [[0.5, 0, 1.5], [0.5 / 0.75, 0, 2.0]] * 3)
+    image = draw_fog(points, np.array([RED] + [RED, BLUE] * 3), EYE, 120, 100, 0.3).astype(int)
+    assert image[50, 60].tolist() == [60, 0, 0]
+    assert image[50, 93].tolist() == pytest.approx([100 * (1 - 0.7**6), 0, 100 * (1 - 0.7**6)], abs=1)
+    assert (image.sum(axis=2) > 0).sum() == 2
