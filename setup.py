@@ -25,8 +25,8 @@ EXTRAS = {
     "review": [RERUN, *PICTURES],
     "demo": [RERUN, *PICTURES],
     "mat": [SCIPY],
-    "test": [SCIPY, "pytest>=8,<10", "hypothesis>=6.100,<7", "rosbags>=0.10,<0.12",
-             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18"],
+    "test": [SCIPY, "pytest>=8,<10", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
+             "rosbags>=0.10,<0.12", "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18"],
 }
 
 

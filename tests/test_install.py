@@ -71,17 +71,10 @@ def test_ros2_run_finds_the_nodes(prefix, monkeypatch):
     assert sorted(path.name for path in folder.iterdir() if os.access(path, os.X_OK)) == sorted(NODES)
 
 
-def test_a_node_found_so_runs_the_installed_package(prefix, environment, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(
-        "import importlib, sys, types\n"
-        "node = types.ModuleType('srt3d_ros.nodes.sketcher')\n"
-        "import srt3d_ros\n"
-        "node.main = lambda: print(srt3d_ros.__file__, sys.argv)\n"
-        "sys.modules[node.__name__] = node\n")
-    environment["PYTHONPATH"] = f"{tmp_path}:{environment['PYTHONPATH']}"
-    printed = run([prefix / "lib" / "srt3d_ros" / "sketcher", "--ros-args", "-r", "a:=b c"], tmp_path, **environment)
-    assert printed.split(" ", 1)[0].startswith(str(prefix))
-    assert printed.endswith("['sketcher', '--ros-args', '-r', 'a:=b c']\n")
+def test_a_node_found_so_runs_and_gets_its_ros_arguments(prefix, environment, tmp_path):
+    done = subprocess.run([prefix / "lib" / "srt3d_ros" / "sketcher", "--ros-args", "-p", "layout:=a b"], cwd=tmp_path,
+                          env={**os.environ, **environment}, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "layout is a b: expected float32 or int16\n")
 
 
 def test_the_command_is_on_path(prefix, environment, tmp_path):

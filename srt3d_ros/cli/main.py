@@ -10,7 +10,7 @@ from srt3d_ros.errors import InvalidInput
 
 # Each is a module here with add_parser(subparsers) and run(args) -> int. They import what they need in run(), so
 # that `srt3d --help` answers at once.
-COMMANDS = ("play", "node")
+COMMANDS = ("play", "demo", "node")
 
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "demo", "PIL": "demo", "scipy": "mat"}

@@ -1,5 +1,6 @@
 """`srt3d play` starts the player with the parameters that its options name, and no others."""
 
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -27,3 +28,15 @@ def player_arguments(monkeypatch):
 def test_options_become_parameters(player_arguments, options, expected):
     assert main.main(["play", *options]) == 0
     assert player_arguments == ["player", "--ros-args", *expected]
+
+
+@pytest.mark.parametrize("options, code, said", [
+    (["simulator", "--frames", "2", "--rate-hz", "50", "--ros-args", "-p", "wait_for_subscribers:=0"], 0, "ready"),
+    (["no such file.npz"], 2, "no such file.npz"),
+    (["simulator", "--rate-hz", "-1"], 2, "rate_hz is -1.0: expected a number from 0 to 10000 Hz\n"),
+])
+def test_the_player_takes_them(repository, options, code, said):
+    done = subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", "play", *options], cwd=repository,
+                          capture_output=True, text=True)
+    assert done.returncode == code and said in done.stderr, done.stderr
+    assert code == 0 or done.stderr.count("\n") == 1

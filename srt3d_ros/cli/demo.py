@@ -1,0 +1,252 @@
+"""`srt3d demo`, which `make demo` runs: photons to clouds to a recording, by ROS 2 nodes in processes of their own."""
+
+import argparse
+import json
+import os
+import platform
+import random
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros import __version__
+from srt3d_ros.cli.processes import Processes
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import require
+
+PPP, SBR, SEED = 15.0, 1.0, 1           # of the simulated scene
+SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head
+FILE_TOLERANCE_BINS = 10.0
+JUDGED_FRAMES = 40                      # held against the truth, evenly spaced: all would outlast the streaming
+PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
+READY_TIMEOUT_S = 180.0                 # the reconstructor compiles, on a slow machine
+CLOUD_TIMEOUT_S = 60.0                  # between two clouds
+LAST_CLOUD_TIMEOUT_S = 5.0              # after the player is done
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is played.
+
+    Args:
+        title: for the reader.
+        sensor: that sees it.
+        photons: those of frame k.
+        truth: the true depths of frame k, bins [S, rows, cols], or None.
+        tolerance_bins: a point so near to the truth is a true detection.
+        parameters: make the player play it.
+        notes: what the user should know about it.
+    """
+
+    title: str
+    sensor: SensorModel
+    photons: Callable[[int], PhotonEvents]
+    truth: Callable[[int], np.ndarray | None]
+    tolerance_bins: float
+    parameters: dict[str, object]
+    notes: tuple[str, ...] = ()
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "demo", help="the whole pipeline over ROS 2 on this machine: a recording, a picture and a table",
+        description="Start player, sketcher, reconstructor and recorder as processes of their own, stream a simulated "
+                    "moving scene or a photon file through them, and report what came out.")
+    parser.add_argument("--photons", metavar="FILE", help="photon file to stream instead of the simulated scene")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="default: %(default)s")
+    parser.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="default: %(default)g")
+    parser.add_argument("--duration-s", metavar="S", type=float, default=20.0, help="default: %(default)g")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
+    require(1 <= args.duration_s * args.rate_hz < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
+    source = open_simulator() if args.photons is None else open_file(args.photons)
+    for note in source.notes:
+        _say(f"note: {note}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    _join_private_network()
+    for ending in (signal.SIGTERM, signal.SIGHUP):      # as Ctrl-C does: the nodes are ended in order
+        signal.signal(ending, signal.default_int_handler)
+    summary, problems = _stream(source, round(args.duration_s * args.rate_hz), args.rate_hz, args.out)
+    if summary:
+        (args.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        print(_table(summary))
+        print(f"\n{args.out}/  recording.rrd (open it with `rerun`)  cloud.png  summary.json  logs/")
+    for problem in problems:
+        print(f"srt3d demo: {problem}", flush=True)
+    return 1 if problems else 0
+
+
+def open_simulator() -> Source:
+    simulator = Simulator(ppp=PPP, sbr=SBR, seed=SEED)
+    return Source("simulated moving scene", simulator.sensor, lambda k: simulator.frame(k)[0],
+                  lambda k: simulator.expected(k)[0], SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m,
+                  {"input": "simulator", "ppp": PPP, "sbr": SBR, "seed": SEED})
+
+
+def open_file(path: str) -> Source:
+    photons = open_photons(path)
+    return Source(photons.name, photons.sensor, lambda k: photons.frame, lambda k: photons.reference_depth_bins,
+                  FILE_TOLERANCE_BINS, {"input": os.path.abspath(path)}, photons.notes)
+
+
+def _join_private_network() -> None:
+    """Keep to this machine and clear of any other ROS 2 on it. The nodes inherit it; set before rclpy is imported."""
+    os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 100))
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
+    """Play all frames through the nodes; returns the summary and what went wrong, in words."""
+    from srt3d_ros.nodes.monitor import Monitor
+    keep_every = -(-frames // JUDGED_FRAMES)
+    with Monitor(keep_every) as monitor, Processes(out / "logs", monitor.spin_until) as nodes:
+        nodes.start("recorder", path=str(out / "recording.rrd"))
+        nodes.start("reconstructor", fields="full", lossless=True)
+        nodes.start("sketcher", lossless=True)
+        _say("starting the nodes; the reconstructor compiles its kernels if this is its first time")
+        for name in PIPELINE:
+            if not monitor.spin_until(lambda: name in monitor.statuses or nodes.failed(), READY_TIMEOUT_S):
+                return {}, [f"{name} was not ready after {READY_TIMEOUT_S:.0f} s: see {nodes.log(name)}"]
+        if nodes.failed():
+            return {}, nodes.failed()
+        _say(f"streaming the {source.title} at {rate_hz:g} Hz")
+        nodes.start("player", rate_hz=rate_hz, frames=frames, lossless=True, **source.parameters)
+        _watch(monitor, nodes, frames)
+        problems = nodes.failed()
+        nodes.stop()
+        problems = problems or nodes.failed()
+    if not monitor.arrivals:
+        return {}, problems or ["no cloud came"]
+    _say("comparing with the truth and drawing")
+    summary = _summarise(source, monitor, rate_hz)
+    if summary["frames_lost"]:
+        problems.append(f"{summary['frames_lost']} of {summary['frames_sent']} frames were lost ({_drops(monitor)})")
+    _draw(out / "cloud.png", source, monitor, summary)
+    return summary, problems
+
+
+def _watch(monitor, nodes: Processes, frames: int) -> None:
+    """Show the clouds as they come, until all are here or no more will come."""
+    def moved() -> bool:
+        return len(monitor.arrivals) > bar.n or bool(nodes.failed())
+
+    with tqdm(total=frames, unit="cloud") as bar:
+        while bar.n < frames and not nodes.failed():
+            if not monitor.spin_until(lambda: moved() or nodes.ended("player"), CLOUD_TIMEOUT_S):
+                return
+            if not moved() and not monitor.spin_until(moved, LAST_CLOUD_TIMEOUT_S):
+                return
+            bar.update(len(monitor.arrivals) - bar.n)
+            bar.set_postfix(latency=f"{monitor.arrivals[-1].latency_ms:.0f} ms", refresh=False)
+
+
+def _summarise(source: Source, monitor, rate_hz: float) -> dict:
+    sensor = source.sensor
+    latencies_ms = monitor.latencies_ms()
+    sent = monitor.total("player", "frames_sent")
+    return {
+        "source": source.title, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
+        "bin_width_s": sensor.bin_width_s, "rate_hz": rate_hz,
+        "frames_sent": sent, "frames_reconstructed": len(monitor.arrivals), "frames_lost": sent - len(monitor.arrivals),
+        "latency_median_ms": round(float(np.median(latencies_ms)), 2),
+        "latency_p95_ms": round(float(np.percentile(latencies_ms, 95)), 2),
+        "photons_per_frame": monitor.total("player", "photons_sent") // max(sent, 1),
+        "points_per_frame": int(np.median([arrival.points for arrival in monitor.arrivals])),
+        **_judge(source, monitor, rate_hz),
+        "version": __version__, "machine": f"{platform.machine()}, {os.cpu_count()} CPUs",
+    }
+
+
+def _judge(source: Source, monitor, rate_hz: float) -> dict:
+    """Detections and depth error of the clouds that were kept, against the truth at their stamps."""
+    sensor, results = source.sensor, []
+    for raw in monitor.kept:
+        cloud = _cloud(raw, sensor)
+        truth = source.truth(_frame_index(cloud, monitor, rate_hz))
+        if truth is None:
+            return {}
+        results.append(evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins))
+    dae_bins = float(np.nanmean([result.dae_bins for result in results]))
+    return {
+        "tolerance_bins": round(source.tolerance_bins, 2),
+        "tolerance_mm": round(source.tolerance_bins * sensor.bin_width_m * 1e3, 2),
+        "true_detections_percent": round(100 * float(np.mean([result.true_detections for result in results])), 2),
+        "false_detections_percent": round(100 * float(np.mean([result.false_detections for result in results])), 2),
+        "dae_bins": round(dae_bins, 3), "dae_mm": round(dae_bins * sensor.bin_width_m * 1e3, 3),
+        "frames_judged": len(results),
+    }
+
+
+def _draw(path: Path, source: Source, monitor, summary: dict) -> None:
+    from srt3d_ros.pictures.overview import draw_overview
+    cloud = _cloud(monitor.kept[3 * len(monitor.kept) // 4], source.sensor)
+    photons = source.photons(_frame_index(cloud, monitor, summary["rate_hz"]))
+    figures = {"photons per pixel": photons.photons / source.sensor.pixels, "points": len(cloud),
+               "latency": f"{summary['latency_median_ms']:.0f} ms"}
+    if "dae_mm" in summary:
+        figures["mean depth error"] = f"{summary['dae_mm']:.3g} mm"
+    draw_overview(path, cloud, source.sensor, photons, source.title, figures)
+
+
+def _frame_index(cloud: PointCloud, monitor, rate_hz: float) -> int:
+    """Which of the player's frames a cloud shows: the player stamps frame k with first stamp + k / rate."""
+    return round((cloud.stamp_ns - int(monitor.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz)
+
+
+def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
+    """The PointCloud in a `points` message of the full layout."""
+    from srt3d_ros.messages import points
+    header, columns = points.decode_cdr(raw)
+    row, col = columns["row"], columns["col"]
+    range_m = np.linalg.norm(columns["xyz"].astype(np.float64), axis=1)
+    depth_bins = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+    background = np.full((sensor.rows, sensor.cols), np.nan, np.float32)
+    background[row, col] = columns["background"]
+    return PointCloud(row, col, depth_bins.astype(np.float32), columns["intensity"],
+                      columns["depth_std"] / np.float32(sensor.bin_width_m), columns["xyz"], columns["surface"],
+                      background, header.stamp_ns)
+
+
+def _drops(monitor) -> str:
+    """Where frames were lost, by the nodes' own books."""
+    found = [f"{node} {key} {value}" for node, values in monitor.statuses.items() for key, value in values.items()
+             if (key.startswith("dropped.") or key in ("message_lost", "unanswered")) and value != "0"]
+    return ", ".join(found) or "no node says where"
+
+
+def _table(summary: dict) -> str:
+    lines = [
+        ("frames sent", f"{summary['frames_sent']}", ""),
+        ("frames reconstructed", f"{summary['frames_reconstructed']}", ""),
+        ("frames lost", f"{summary['frames_lost']}", ""),
+        ("latency, median", f"{summary['latency_median_ms']:.1f}", "ms from the photons' stamp to the cloud"),
+        ("latency, 95 %", f"{summary['latency_p95_ms']:.1f}", "ms"),
+        ("photons per frame", f"{summary['photons_per_frame']}", ""),
+        ("points per frame", f"{summary['points_per_frame']}", "median"),
+    ]
+    if "frames_judged" in summary:
+        lines += [
+            ("true detections", f"{summary['true_detections_percent']:.1f}",
+             f"% of the surfaces have a point within {summary['tolerance_mm']:.3g} mm"),
+            ("false detections", f"{summary['false_detections_percent']:.1f}", "% more points that are farther off"),
+            ("depth error (DAE)", f"{summary['dae_bins']:.2f}", f"bins = {summary['dae_mm']:.3g} mm"),
+        ]
+    title = (f"{summary['source']}: {summary['rows']} × {summary['cols']} pixels, {summary['num_bins']} bins of "
+             f"{summary['bin_width_s'] * 1e12:.3g} ps, {summary['rate_hz']:g} Hz")
+    return "\n".join(["", title, *(f"  {name:<22}{value:>9}  {unit}".rstrip() for name, value, unit in lines)])
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,121 @@
+"""`srt3d demo`, as `make demo` runs it: real nodes in real processes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets.simulator import Simulator
+
+NODES = {"player", "sketcher", "reconstructor", "recorder"}
+
+
+@pytest.fixture(scope="module")
+def photon_file(tmp_path_factory) -> Path:
+    """Photons of a small simulated sensor, with reference."""
+    sensor = SensorModel(rows=32, cols=32, num_bins=300, bin_width_s=1e-10, irf=[1, 4, 2, 1])
+    events, truth = Simulator(sensor=sensor, ppp=20).frame(0)
+    path = tmp_path_factory.mktemp("photons") / "a bust, 32².npz"
+    np.savez(path, rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, bin_width_s=sensor.bin_width_s,
+             pixel=events.pixel, toa=events.toa, irf=sensor.irf, irf_ref=sensor.irf_ref, ref_depth_bins=truth[0])
+    return path
+
+
+@pytest.fixture
+def start(tmp_path, repository):
+    """Start `srt3d demo`, with its output in out.txt; whatever happens, it and its nodes are gone afterwards."""
+    started = []
+
+    def start(*options) -> psutil.Popen:
+        command = [sys.executable, "-m", "srt3d_ros.cli.main", "demo", "--out", str(tmp_path / "out"), *options]
+        with (tmp_path / "out.txt").open("wb") as output:
+            started.append(psutil.Popen(command, cwd=repository, stdout=output, stderr=output))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.is_running():
+            process.send_signal(signal.SIGINT)
+            process.wait(60)
+
+
+def nodes_of(process: psutil.Popen) -> dict[str, psutil.Process]:
+    """The node processes of a running demo, by name."""
+    found = {}
+    for child in process.children():
+        try:
+            found[child.cmdline()[2].rpartition(".")[2]] = child
+        except (psutil.NoSuchProcess, IndexError):
+            pass
+    return found
+
+
+def wait_for_cloud(process: psutil.Popen, output: Path) -> None:
+    """Wait until the demo has shown its first cloud."""
+    while "1/" not in output.read_text():
+        assert process.poll() is None, output.read_text()
+        time.sleep(0.05)
+
+
+def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
+    demo = start("--photons", str(photon_file), "--rate-hz", "5", "--duration-s", "2")
+    assert demo.wait() == 0, (tmp_path / "out.txt").read_text()
+    out = tmp_path / "out"
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["frames_sent"], summary["frames_reconstructed"], summary["frames_lost"]) == (10, 10, 0)
+    assert 0 < summary["latency_median_ms"] <= summary["latency_p95_ms"]
+    assert summary["true_detections_percent"] > 90 and summary["dae_bins"] < 2
+    assert summary["tolerance_bins"] == 10 and summary["frames_judged"] == 10
+    assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "logs"}
+    assert {path.stem for path in (out / "logs").iterdir()} == NODES
+    assert (out / "cloud.png").read_bytes()[1:4] == b"PNG" and (out / "recording.rrd").read_bytes()[:3] == b"RRF"
+    assert "frames reconstructed         10" in (tmp_path / "out.txt").read_text()
+
+
+def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, tmp_path):
+    demo = start("--duration-s", "1.5")
+    assert demo.wait() == 0, (tmp_path / "out.txt").read_text()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["frames_reconstructed"] == summary["frames_judged"] == 15
+    assert summary["true_detections_percent"] > 95 and summary["dae_mm"] < 6
+
+
+def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_file):
+    demo = start("--photons", str(photon_file), "--duration-s", "60")
+    wait_for_cloud(demo, tmp_path / "out.txt")
+    nodes = nodes_of(demo)
+    nodes["reconstructor"].kill()
+    assert demo.wait() == 1
+    assert "srt3d demo: reconstructor was killed by SIGKILL" in (tmp_path / "out.txt").read_text()
+    assert not any(node.is_running() for node in nodes.values())
+
+
+def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file):
+    demo = start("--photons", str(photon_file), "--duration-s", "60")
+    wait_for_cloud(demo, tmp_path / "out.txt")
+    nodes = nodes_of(demo)
+    assert set(nodes) == NODES
+    demo.send_signal(signal.SIGINT)
+    assert demo.wait() == 130
+    assert not any(node.is_running() for node in nodes.values())
+    assert "Traceback" not in (tmp_path / "out.txt").read_text()
+
+
+@pytest.mark.parametrize("options, said", [
+    (["--photons", "no such file.npz"], "no such file.npz"),
+    (["--rate-hz", "0"], "--rate-hz is 0.0: expected a rate above 0"),
+    (["--duration-s", "0"], "--duration-s is 0.0: expected time for 1 to"),
+])
+def test_what_cannot_be_played_is_refused_before_anything_starts(repository, tmp_path, options, said):
+    done = subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", "demo", "--out", tmp_path / "out", *options],
+                          cwd=repository, capture_output=True, text=True)
+    assert done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1
+    assert not os.listdir(tmp_path)
