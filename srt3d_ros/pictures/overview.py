@@ -48,15 +48,16 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
     FigureCanvasAgg(figure)
     _line(figure, 0.94, title, 25, color=_TEXT, weight="bold")
     _line(figure, 0.045, _caption(figures), 15, color=_DIM)
-    left = 0.02
+    left, photon_xyz = 0.02, None if photons is None else _positions(photons, sensor)
+    framed = cloud.xyz if len(cloud) or photons is None else photon_xyz
     if photons is not None:
         width = 0.28
-        eye = look_at(cloud.xyz, sensor.projection, aspect=_aspect(width))
-        _panel(figure, left, width, lambda w, h: _photons(photons, sensor, look, eye, w, h),
+        eye = look_at(framed, sensor.projection, aspect=_aspect(width))
+        _panel(figure, left, width, lambda w, h: _photons(photon_xyz, look, eye, w, h),
                f"{photons.photons:,} photons", "each at its pixel and time of arrival")
         left = 0.31
     width = 0.69 - left
-    eye = look_at(cloud.xyz, sensor.projection, aspect=_aspect(width))
+    eye = look_at(framed, sensor.projection, aspect=_aspect(width))
     axes = _panel(figure, left, width, lambda w, h: _cloud(cloud, look, eye, w, h),
                   f"{len(cloud):,} points", "coloured by range, shaded by intensity")
     if len(cloud) == 0:
@@ -92,31 +93,29 @@ class _Look:
         return colour
 
 
-def _photons(photons: PhotonEvents, sensor: SensorModel, look: _Look, eye: Viewpoint, width: int,
-             height: int) -> np.ndarray:
-    chosen = slice(None, None, -(-photons.photons // _MOST_PHOTONS) or 1)
-    pixel, toa = photons.pixel[chosen], photons.toa[chosen].astype(np.float64)
-    # Anywhere in its pixel and bin, which is all that is known of it; otherwise the pixel grid makes moiré.
+def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
+    """Where each photon was seen, float32 [N, 3] metres: anywhere in its pixel and bin, or the pixels make moiré."""
+    chosen = slice(None, None, max(-(-photons.photons // _MOST_PHOTONS), 1))
     rng = np.random.default_rng(0)
-    row, col = np.divmod(pixel, sensor.cols)
-    xyz = sensor.xyz(row, col, toa + rng.uniform(-0.5, 0.5, len(toa)))
+    row, col = np.divmod(photons.pixel[chosen], sensor.cols)
+    xyz = sensor.xyz(row, col, photons.toa[chosen] + rng.uniform(-0.5, 0.5, len(row)))
     aside = rng.uniform(-0.5, 0.5, (len(xyz), 2)).astype(np.float32) * np.float32(pixel_pitch_rad(sensor))
-    xyz += np.linalg.norm(xyz, axis=1, keepdims=True) * (aside @ sensor_axes(sensor.projection)[1:].astype(np.float32))
-    return _faded(draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, _BACKGROUND))
+    right_up = sensor_axes(sensor.projection)[1:].astype(np.float32)
+    return xyz + np.linalg.norm(xyz, axis=1, keepdims=True) * (aside @ right_up)
+
+
+def _photons(xyz: np.ndarray, look: _Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+    """The photons as a fog that fades at the borders: what goes on there is not cut off."""
+    fog = draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, _BACKGROUND)
+    inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
+    weight = np.outer(*inside)[..., None]
+    return (fog * weight + np.array(_BACKGROUND) * (1 - weight)).astype(np.uint8)
 
 
 def _cloud(cloud: PointCloud, look: _Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     bright = levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1), root=True)[:, None] / np.float32(255)
     colour = (look.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
     return draw_surface(cloud.xyz, colour, eye, width, height, look.radius_m, _BACKGROUND, finer=2)
-
-
-def _faded(image: np.ndarray) -> np.ndarray:
-    """The image, fading into the background at its borders: what goes on there is not cut off."""
-    rows, cols = image.shape[:2]
-    inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (rows, cols)]
-    weight = np.outer(*inside)[..., None]
-    return (image * weight + np.array(_BACKGROUND) * (1 - weight)).astype(np.uint8)
 
 
 def _aspect(width: float) -> float:

@@ -1,5 +1,6 @@
 """RecordingWriter: takes frames without ever blocking or raising, and writes them to an .rrd from its own thread."""
 
+import atexit
 import threading
 import time
 from collections import deque
@@ -48,6 +49,8 @@ class RecordingWriter:
             self._fail(e)
         else:
             self._thread.start()
+            # Before rerun's own exit handler, which can deadlock with a thread that still logs.
+            atexit.register(self.close)
 
     def log_cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray) -> None:
         """A cloud: `xyz` [N, 3] in metres, `intensity` [N] in photons; both kept as float32."""
@@ -81,6 +84,7 @@ class RecordingWriter:
             self._wake.notify()
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
+        atexit.unregister(self.close)
         if self._thread.is_alive():
             self._fail(TimeoutError(f"not finished within {timeout_s:g} s"))
 
