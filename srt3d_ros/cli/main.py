@@ -8,8 +8,8 @@ import sys
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput
 
-# Each is a module here with add_parser(subparsers) and run(args) -> int. They import what they need in run(), so
-# that `srt3d --help` answers at once.
+# Each is a module here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported:
+# a node needs nothing of the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
 COMMANDS = ("play", "demo", "node")
 
 # Optional packages: how to get what a command turns out to need.
@@ -28,12 +28,12 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"srt3d: error: {message} (see {self.prog} --help)\n")
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line of `srt3d` with all its sub-commands."""
+def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
+    """The command line of `srt3d` with these sub-commands."""
     top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name in commands:
         importlib.import_module(f"srt3d_ros.cli.{name}").add_parser(subparsers)
     return top
 
@@ -43,8 +43,10 @@ def main(argv: list[str] | None = None) -> int:
 
     0 done, 1 failed, 2 bad input, 130 interrupted.
     """
+    argv = sys.argv[1:] if argv is None else argv
     try:
-        args = parser().parse_args(argv)
+        named = tuple(name for name in COMMANDS if name in argv[:1])
+        args = parser(named or COMMANDS).parse_args(argv)
         code = args.run(args)
         sys.stdout.flush()
         return code

@@ -82,6 +82,13 @@ def test_a_reader_that_stops_reading_is_no_error(repository):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+def test_a_node_starts_without_what_other_commands_need(repository):
+    script = ("import sys, srt3d_ros.cli.main as main, srt3d_ros.cli.node as node\n"
+              "node.start = lambda name, ros_args: 'numpy' in sys.modules or 'tqdm' in sys.modules\n"
+              "sys.exit(main.main(['node', 'sketcher']))")
+    assert subprocess.run([sys.executable, "-c", script], cwd=repository).returncode == 0
+
+
 def test_a_node_gets_its_ros_arguments_unchanged(monkeypatch):
     seen = []
     monkeypatch.setitem(sys.modules, "srt3d_ros.nodes.player", SimpleNamespace(main=lambda: seen.append(sys.argv) or 0))
