@@ -21,6 +21,7 @@ from srt3d_ros.viewpoint import Viewpoint, look_at, pixel_pitch_rad, point_radiu
 _WIDTH_PX, _HEIGHT_PX, _DPI = 2000, 900, 100
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
 _SPECK_OPACITY, _FADE = 0.6, 0.08               # of a photon; of the panel
+_SPARSE = 0.4                                   # photons per picture element below which they are drawn larger
 _OUTSIDE = (96, 104, 116)
 _BACKGROUND, _TEXT, _DIM = (13, 16, 21), "#e8eaed", "#8b939e"
 # Near is bright, so that what is in front stands out; without the darkest quarter, which the background would swallow.
@@ -106,7 +107,8 @@ def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
 
 def _photons(xyz: np.ndarray, look: _Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     """The photons as a fog that fades at the borders: what goes on there is not cut off."""
-    fog = draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, _BACKGROUND)
+    size_px = 1 if len(xyz) > _SPARSE * width * height else 2
+    fog = draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, size_px, _BACKGROUND)
     inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
     weight = np.outer(*inside)[..., None]
     return (fog * weight + np.array(_BACKGROUND) * (1 - weight)).astype(np.uint8)

@@ -72,14 +72,17 @@ def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int
 
 
 def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, opacity: float,
-             background: tuple[int, int, int] = (0, 0, 0)) -> np.ndarray:
+             size_px: int = 1, background: tuple[int, int, int] = (0, 0, 0)) -> np.ndarray:
     """Points as specks that hide nothing: where many lie on a line of sight it glows; uint8 [height, width, 3].
 
     Args:
         xyz, colour, eye, width, height, background: as for draw_surface.
         opacity: of one speck, 0 … 1.
+        size_px: side of the square that a speck is.
     """
     x, y, _ = project(xyz, eye, width, height)
+    x, y = (np.concatenate([at + step for step in steps]) for at, steps in zip((x, y), _square(size_px)))
+    colour = np.tile(colour, (size_px**2, 1))
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)      # False for NaN
     element = y[inside].astype(np.int64) * width + x[inside].astype(np.int64)
     number = np.bincount(element, minlength=width * height)
@@ -87,6 +90,11 @@ def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, he
     mean = total / np.maximum(number, 1)[:, None]
     cover = 1 - (1 - opacity)**number[:, None]
     return (mean * cover + (1 - cover) * background).reshape(height, width, 3).astype(np.uint8)
+
+
+def _square(size_px: int) -> np.ndarray:
+    """Steps right and down, [2, size_px²], to the elements of a square around a point."""
+    return np.mgrid[:size_px, :size_px].reshape(2, -1) - (size_px - 1) / 2
 
 
 def _topmost(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:

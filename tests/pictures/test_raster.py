@@ -50,7 +50,7 @@ def test_points_behind_the_eye_far_aside_or_missing_are_left_out():
 
 def test_an_empty_cloud_is_the_background():
     assert (surface(np.empty((0, 3)), np.empty((0, 3)), background=(9, 8, 7)) == (9, 8, 7)).all()
-    assert (draw_fog(np.empty((0, 3)), np.empty((0, 3)), EYE, 12, 10, 0.5, (9, 8, 7)) == (9, 8, 7)).all()
+    assert (draw_fog(np.empty((0, 3)), np.empty((0, 3)), EYE, 12, 10, 0.5, background=(9, 8, 7)) == (9, 8, 7)).all()
 
 
 def test_a_plane_is_even_and_only_the_foot_of_a_step_is_darkened():
@@ -76,3 +76,8 @@ def test_fog_glows_where_many_points_are_and_hides_nothing():
     assert image[50, 60].tolist() == [60, 0, 0]
     assert image[50, 93].tolist() == pytest.approx([100 * (1 - 0.7**6), 0, 100 * (1 - 0.7**6)], abs=1)
     assert (image.sum(axis=2) > 0).sum() == 2
+
+
+def test_larger_specks_cover_squares():
+    image = draw_fog(np.array([[0.01, 0.01, 2.0]]), np.array([RED]), EYE, 120, 100, 0.5, size_px=3)
+    assert (image[49:52, 59:62, 0] == 100).all() and (image > 0).sum() == 9
