@@ -1,6 +1,5 @@
 """FrameLog: what is written to a recording for each frame. One thread; the queue before it is writer.py's."""
 
-import uuid
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,8 +35,7 @@ class FrameLog:
                  blueprint: Callable[[Viewpoint], rrb.Blueprint] = film_blueprint):
         self._sensor, self._blueprint = sensor, blueprint
         self._sink = FileSink(path)
-        # A recording_id of its own: the default one is shared by all streams of the process.
-        self._stream = rr.RecordingStream(application_id, recording_id=str(uuid.uuid4()))
+        self._stream = rr.RecordingStream(application_id)
         self._stream.save(self._sink.pipe_path)
         self._sink.opened()
         self._eye_chosen, self._in_mm = False, layout.fits_mm(sensor)

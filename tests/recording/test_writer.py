@@ -1,5 +1,6 @@
 """RecordingWriter: what is logged is in the file, and whatever happens to the file, the caller goes on."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import time
 import numpy as np
 import pytest
 
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
 
@@ -33,15 +36,20 @@ def test_clouds_are_read_back_bit_exact(tmp_path, ball):
         assert cloud.xyz.tobytes() == xyz.tobytes() and cloud.intensity.tobytes() == intensity.tobytes()
 
 
-def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path):
-    records = np.zeros((500, 4))
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path, dtype):
+    xyz, records, image = np.zeros((500, 3), dtype), np.zeros((500, 4), dtype), np.zeros((20, 30), dtype)
     with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        for k in range(5):
-            records[:] = k
-            writer.log_cloud(k, k, records[:, :3], records[:, 3])
-        records[:] = 99
-    for k, cloud in enumerate(RecordingReader(tmp_path / "a.rrd").clouds()):
-        assert (cloud.xyz == k).all() and (cloud.intensity == k).all()
+        for k in range(2):
+            xyz[:], records[:], image[:] = k, k, k
+            writer.log_cloud(2 * k, k, xyz, records[:, 3])
+            writer.log_cloud(2 * k + 1, k, records[:, :3], xyz[:, 0])
+            writer.log_depth(k, k, image)
+        xyz[:], records[:], image[:] = 99, 99, 99
+    reader = RecordingReader(tmp_path / "a.rrd")
+    assert [(cloud.xyz == cloud.frame_index).all() for cloud in reader.clouds()] == [True] * 4
+    assert [(cloud.intensity == cloud.frame_index).all() for cloud in reader.clouds()] == [True] * 4
+    assert [(depth_m == k).all() for _, k, depth_m in reader.depth_images()] == [True] * 2
 
 
 def test_brighter_points_get_brighter_colours_and_the_range_follows_slowly(tmp_path):
@@ -89,6 +97,23 @@ def test_scalars_are_complete_under_load_and_every_missing_cloud_is_counted(tmp_
         assert np.array_equal(series[name].values, values)
     assert len(list(reader.clouds())) + writer.dropped == frames
     assert writer.error is None
+
+
+def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeypatch):
+    """Without a flush now and then, rerun would write clouds only."""
+    monkeypatch.setattr(writer_module, "FLUSH_PERIOD_S", 0.1)
+    xyz, intensity = random_cloud(20_000)
+    names = set()
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_scalars(0, {"points": 1}, 0)
+        for k in range(200):
+            writer.log_cloud(k, k, xyz, intensity)
+            time.sleep(0.01)
+            if k >= 50 and k % 10 == 0 and not names:
+                (tmp_path / "copy.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())
+                with contextlib.suppress(InvalidInput):         # copied in the middle of a chunk: once more
+                    names = set(RecordingReader(tmp_path / "copy.rrd").series())
+    assert names == {"points"}
 
 
 def test_scalars_without_a_frame_or_a_value_are_taken(tmp_path):
