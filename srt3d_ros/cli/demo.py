@@ -28,6 +28,7 @@ SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detecti
 FILE_TOLERANCE_BINS = 10.0
 JUDGED_FRAMES = 40                      # held against the truth, evenly spaced: all would outlast the streaming
 PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
+RESULTS = RECORDING, PICTURE, SUMMARY = "recording.rrd", "cloud.png", "summary.json"
 READY_TIMEOUT_S = 180.0                 # the reconstructor compiles, on a slow machine
 CLOUD_TIMEOUT_S = 60.0                  # between two clouds
 LAST_CLOUD_TIMEOUT_S = 5.0              # after the player is done
@@ -75,14 +76,16 @@ def run(args: argparse.Namespace) -> int:
     for note in source.notes:
         _say(f"note: {note}")
     args.out.mkdir(parents=True, exist_ok=True)
+    for name in RESULTS:        # of an earlier run: they must not pass for this one's
+        (args.out / name).unlink(missing_ok=True)
     _join_private_network()
     for ending in (signal.SIGTERM, signal.SIGHUP):      # as Ctrl-C does: the nodes are ended in order
         signal.signal(ending, signal.default_int_handler)
     summary, problems = _stream(source, round(args.duration_s * args.rate_hz), args.rate_hz, args.out)
     if summary:
-        (args.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        (args.out / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
         print(_table(summary))
-        print(f"\n{args.out}/  recording.rrd (open it with `rerun`)  cloud.png  summary.json  logs/")
+        print(f"\n{args.out}/  {PICTURE}  {RECORDING} (to open with `rerun`)  {SUMMARY}  logs/")
     for problem in problems:
         print(f"srt3d demo: {problem}", flush=True)
     return 1 if problems else 0
@@ -112,7 +115,7 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     from srt3d_ros.nodes.monitor import Monitor
     keep_every = -(-frames // JUDGED_FRAMES)
     with Monitor(keep_every) as monitor, Processes(out / "logs", monitor.spin_until) as nodes:
-        nodes.start("recorder", path=str(out / "recording.rrd"))
+        nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True)
         _say("starting the nodes; the reconstructor compiles its kernels if this is its first time")
@@ -133,7 +136,7 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     summary = _summarise(source, monitor, rate_hz)
     if summary["frames_lost"]:
         problems.append(f"{summary['frames_lost']} of {summary['frames_sent']} frames were lost ({_drops(monitor)})")
-    _draw(out / "cloud.png", source, monitor, summary)
+    _draw(out / PICTURE, source, monitor, summary)
     return summary, problems
 
 
