@@ -12,6 +12,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
+from srt3d_ros.nodes.gaps import Gaps
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, Dropped, Worker
 
@@ -37,35 +38,42 @@ class PipelineNode(Node):
     Args:
         name: the node's name unless remapped.
         table: its parameters; with "lossless" among them the node can be told to drop nothing.
-        queue_limit: frames that may wait for the worker; by default the newest only, or all when lossless.
+        queue_limit: frames that may wait for the worker unless lossless; by default the newest only.
 
     Raises:
         InvalidInput: a parameter cannot be used.
     """
 
-    def __init__(self, name: str, table: Iterable[Parameter], queue_limit: int | None = None):
+    def __init__(self, name: str, table: Iterable[Parameter], queue_limit: int = NEWEST_ONLY):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.parameters = Parameters(self, table)
         self.lossless = bool(self.parameters.as_dict().get("lossless", False))
         self.diagnostics = Diagnostics(self)
         self.stopping = threading.Event()       # set by a node that is done, and by close()
         self.exit_code = 0
-        limit = queue_limit or (LOSSLESS if self.lossless else NEWEST_ONLY)
-        self.worker = Worker(limit, self._failed, self.diagnostics.drop)
+        self.worker = Worker(LOSSLESS if self.lossless else queue_limit, self._failed, self.diagnostics.drop)
 
     def subscribe(self, message_type: type, topic: str, handle: Callable[[bytes], None]) -> None:
         """Have the worker call `handle` with the CDR bytes of the frames on `topic`."""
-        def received(raw: bytes) -> None:
+        gaps = Gaps(lambda: subscription.get_publisher_count())
+
+        def received(raw: bytes, info: dict) -> None:
+            self.diagnostics.lost(gaps.after(info["publication_sequence_number"]))
             self.diagnostics.received()
             self.worker.offer(handle, raw)
 
+        def lost(event) -> None:
+            if not gaps.numbered:       # or they would be counted twice
+                self.diagnostics.lost(event.total_count_change)
+
         qos = QoSProfile(depth=LOSSLESS_DEPTH if self.lossless else SUBSCRIBE_DEPTH)
         options = {"raw": True, "qos_overriding_options": OVERRIDABLE}
-        lost = SubscriptionEventCallbacks(message_lost=lambda event: self.diagnostics.lost(event.total_count_change))
         try:
-            self.create_subscription(message_type, topic, received, qos, event_callbacks=lost, **options)
+            events = SubscriptionEventCallbacks(message_lost=lost)
+            subscription = self.create_subscription(message_type, topic, received, qos, event_callbacks=events,
+                                                    **options)
         except UnsupportedEventTypeError:       # a middleware that cannot tell
-            self.create_subscription(message_type, topic, received, qos, **options)
+            subscription = self.create_subscription(message_type, topic, received, qos, **options)
 
     def subscribe_latched(self, message_type: type, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with the message that describes what follows; it is never dropped."""

@@ -70,7 +70,7 @@ class Diagnostics:
             self._drops[cause] += frames
 
     def lost(self, messages: int) -> None:
-        """The middleware says that messages never reached this node."""
+        """Messages were sent to this node and never came out of the middleware."""
         self.count(message_lost=messages)
 
     def error(self, text: str) -> None:
@@ -115,18 +115,24 @@ class Diagnostics:
             self._reported = (now, self._totals.copy(), self._drops.copy())
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
-            p50_ms, p95_ms = np.percentile(self._latencies_s or [np.nan], [50, 95]) * 1e3
+            latency = self._latency()
             values = {"frames_in": 0, "frames_out": 0, "message_lost": 0, "errors": 0, **self._totals,
                       "dropped": self._drops.total(), **{f"dropped.{cause}": n for cause, n in self._drops.items()},
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
-                      "latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}",
-                      **self._values, "last_error": self._last_error}
+                      **latency, **self._values, "last_error": self._last_error}
             level, message = self._judge(new, new_drops)
             if not message:
-                message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out, latency p95 {p95_ms:.0f} ms"
+                message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name().lstrip("/"), message=message,
                                 hardware_id=PIPELINE_ID, values=pairs)
+
+    def _latency(self) -> dict[str, str]:
+        """Percentiles of the newest frames' latencies; nothing before the first frame."""
+        if not self._latencies_s:
+            return {}
+        p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
+        return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
 
     def _judge(self, new: Counter, new_drops: Counter) -> tuple[bytes, str]:
         """Level and, unless all is well, the message."""

@@ -47,9 +47,9 @@ class Parameter:
             return " or ".join(self.choices)
         words = self.form or KINDS[type(self.default)]
         if self.low is not None and self.high is not None:
-            words += f" from {self.low:g} to {self.high:g}"
+            words += f" from {_plain(self.low)} to {_plain(self.high)}"
         elif self.low is not None:
-            words += f" of {self.low:g} or more"
+            words += f" of {_plain(self.low)} or more"
         return f"{words} {self.unit}".rstrip()
 
     def check(self, value: Value) -> Value:
@@ -143,11 +143,14 @@ def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
     for node, table in tables.items():
         lines += ["", f"/**/{node}:", "  ros__parameters:"]
         for parameter in table:
-            text = [parameter.description, f"{parameter.expected[0].upper()}{parameter.expected[1:]}."]
-            text += ["May be changed while the node runs."] if parameter.live else []
-            lines += textwrap.wrap(" ".join(text), 116, initial_indent="    # ", subsequent_indent="    # ")
+            text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
+            lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
             lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
     return "\n".join(lines[1:]) + "\n"
+
+
+def _plain(number: float) -> str:
+    return str(number) if isinstance(number, int) else f"{number:g}"
 
 
 def _yaml_value(value: Value) -> str:

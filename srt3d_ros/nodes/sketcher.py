@@ -5,11 +5,13 @@ from collections import deque
 from functools import reduce
 from operator import add
 
+import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, choose
-from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.messages import gates as gates_message
@@ -35,7 +37,7 @@ PARAMETERS = (
     LOSSLESS_PARAMETER,
 )
 
-ANY_SENSOR = SensorModel(rows=1, cols=1, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0])
+ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 
 
 class SketcherNode(PipelineNode):
@@ -44,6 +46,7 @@ class SketcherNode(PipelineNode):
     def __init__(self):
         super().__init__("sketcher", PARAMETERS)
         self._frequencies_for(ANY_SENSOR)       # a list that no sensor could use is refused now
+        warm_up()
         self._sensor: SensorModel | None = None
         self._sketcher: Sketcher | None = None
         self._packets = 0
@@ -91,6 +94,15 @@ class SketcherNode(PipelineNode):
     def _publish(self, sketch: Sketch, frame_id: str) -> None:
         data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
         self.publish_frame(self._sketches, data, sketch.stamp_ns)
+
+
+def warm_up() -> None:
+    """Sketch photons in every form in which they may arrive, so that nothing is compiled while frames wait."""
+    sketcher = Sketcher(ANY_SENSOR, (1,))
+    sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
+    for toa_dtype in TOA_DTYPES:
+        for pixels in ([0, 1], [1, 0]):         # sorted and not
+            sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, toa_dtype)))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -16,9 +16,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from std_msgs.msg import String
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import base
 
 DEADLINE_S = 60.0       # generous: the machine may be busy; nothing here waits longer than it has to
@@ -81,9 +84,18 @@ class Process:
         return self.code()
 
     def kill(self) -> None:
-        if self.running:
-            self._process.kill()
+        """SIGKILL, and wait."""
+        self._process.kill()
         self._process.wait()
+
+    def stop(self) -> None:
+        """End it for good, in order if it can: a killed process leaves its shared memory behind."""
+        if self.running:
+            self._process.terminate()
+        try:
+            self._process.wait(20)
+        except subprocess.TimeoutExpired:
+            self.kill()
 
 
 class Graph:
@@ -103,7 +115,11 @@ class Graph:
 
     def wait(self, condition: Callable[[], object], what: str):
         """The condition's value once it is true; or a failure with what the processes have written."""
-        return wait(condition, what, describe=lambda: "\n".join(process.text for process in self.processes))
+        def describe() -> str:
+            latest = [f"{name}: {reports[-1]}" for name, reports in self._reports.items()]
+            return "\n".join([*latest, *(process.text for process in self.processes)])
+
+        return wait(condition, what, describe)
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
         """Start a node; parameters as in `-p name:=value`."""
@@ -127,11 +143,16 @@ class Graph:
     def publisher(self, message_type: type, topic: str):
         return self.node.create_publisher(message_type, topic, QoSProfile(depth=100))
 
-    def latched(self, message):
-        """Publish the description of the sensor on `sensor`."""
-        publisher = self.node.create_publisher(type(message), "sensor", base.LATCHED)
-        publisher.publish(message)
-        return publisher
+    def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
+        """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
+        described = self.collect_latched(String, "sketch/sensor")
+        self.node.create_publisher(String, "sensor", base.LATCHED).publish(sensor_message.encode(sensor))
+
+        def answer():
+            said = map(sketch_message.decode_sensor, described)
+            return next((description for description in said if description[0].same_as(sensor)), None)
+
+        return self.wait(answer, "sketch/sensor")
 
     def matched(self, publisher, subscribers: int = 1):
         """The publisher, once it has its subscribers."""
@@ -148,13 +169,12 @@ class Graph:
 
     def reports(self, name: str, key: str, value) -> dict[str, str]:
         """Wait until a node's diagnostics show this value."""
-        wait(lambda: self.report(name).get(key) == str(value), f"{key} = {value} in the diagnostics of {name}",
-             describe=lambda: str(self.report(name)))
+        self.wait(lambda: self.report(name).get(key) == str(value), f"{key} = {value} in the diagnostics of {name}")
         return self.report(name)
 
     def close(self) -> None:
         for process in self.processes:
-            process.kill()
+            process.stop()
         self._stop = True
         self._thread.join()
         self._executor.shutdown()

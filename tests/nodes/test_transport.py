@@ -1,5 +1,6 @@
 """What is set before rclpy is imported."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -10,7 +11,8 @@ import pytest
 from srt3d_ros.nodes import transport
 
 
-@pytest.mark.parametrize("free_mb, segment_mb", [(4000, 64), (256, 64), (255, 32), (128, 32), (64, 16), (63, None)])
+@pytest.mark.parametrize("free_mb, segment_mb", [
+    (4000, 64), (256, 64), (255, 32), (128, 32), (64, 16), (63, 4), (15, None)])
 def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_mb, segment_mb):
     room = os.statvfs_result((4096, 4096, 0, 0, free_mb * 256, 0, 0, 0, 0, 255))
     monkeypatch.setattr(os, "statvfs", lambda path: room)
@@ -41,3 +43,19 @@ def test_importing_the_nodes_sets_the_profile_unless_the_user_did(repository, gi
     out = subprocess.run([sys.executable, "-c", code], env=environment, cwd=repository, capture_output=True, text=True)
     expected = given or transport.choose_profile()
     assert out.stdout.split() == [str(expected), "False"]
+
+
+def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
+    def segment(name: str, age_s: float):
+        for path in (tmp_path / f"fastrtps_{name}", tmp_path / f"fastrtps_{name}_el"):
+            path.write_bytes(b"x")
+            os.utime(path, (0, path.stat().st_mtime - age_s))
+        return path
+
+    segment("00000000000000aa", age_s=100)
+    alive, new = segment("00000000000000bb", age_s=100), segment("00000000000000cc", age_s=0)
+    with alive.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        transport.remove_leaked_segments(tmp_path)
+    kept = {alive.name, new.name}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}

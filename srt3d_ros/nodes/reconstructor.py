@@ -1,0 +1,103 @@
+"""reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while someone looks."""
+
+import sys
+import time
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, SRT3D
+from srt3d_ros.messages import images as image_message
+from srt3d_ros.messages import points as points_message
+from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.nodes.base import LOSSLESS_PARAMETER, PipelineNode
+from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.worker import Dropped
+
+PARAMETERS = (
+    Parameter("method", "srt3d", "How to reconstruct.", choices=("srt3d",)),
+    Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=8, live=True),
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "Share of the pixels without a surface that may show a "
+              "point.", low=1e-12, high=0.5, live=True),
+    Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.",
+              choices=("auto", "cpu", "cuda")),
+    Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
+              "surface.", choices=("xyzi", "full"), live=True),
+    Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
+    LOSSLESS_PARAMETER,
+)
+
+ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
+
+
+class ReconstructorNode(PipelineNode):
+    """Compiles before it subscribes, follows the latched `sketch/sensor`, and publishes a cloud a sketch."""
+
+    def __init__(self):
+        super().__init__("reconstructor", PARAMETERS)
+        self._sensor: SensorModel | None = None
+        self._frequencies: tuple[int, ...] = ()
+        self._srt3d = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
+        self.parameters.on_change = lambda: self.worker.call(self._rebuild)
+        self._points = self.advertise(PointCloud2, "points")
+        self._images = {name: self.advertise(Image, name) for name in ("depth", "intensity", "background")}
+        self._camera_info = self.advertise(CameraInfo, "camera_info")
+        self.hold_frames_for("the sketch's description on sketch/sensor")
+        self.subscribe_latched(String, "sketch/sensor", self._on_sensor)
+        self.subscribe(PointCloud2, "sketch", self._on_sketch)
+
+    def _build(self, sensor: SensorModel, frequencies: tuple[int, ...]) -> SRT3D:
+        srt3d = SRT3D(sensor, frequencies, surfaces=self.parameters["surfaces"],
+                      false_alarm_rate=self.parameters["false_alarm_rate"], device=self.parameters["device"])
+        srt3d.warm_up()
+        return srt3d
+
+    def _rebuild(self) -> None:
+        if self._sensor is not None:
+            self._srt3d = self._build(self._sensor, self._frequencies)
+
+    def _on_sensor(self, message: String) -> None:
+        sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
+        if frequencies != self._frequencies or not sensor.same_as(self._sensor):
+            self._srt3d = self._build(sensor, frequencies)
+            self._sensor, self._frequencies = sensor, frequencies
+        self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
+                              frequencies=" ".join(map(str, frequencies)), device=self._srt3d.device)
+        self.release_frames()
+
+    def _on_sketch(self, raw: bytes) -> None:
+        if self._sensor is None:
+            raise Dropped("no_sensor")
+        header, sketch = sketch_message.decode_cdr(raw, self._frequencies, self._sensor)
+        started = time.perf_counter()
+        cloud = self._srt3d(sketch)
+        self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
+        frame_id = self.parameters["frame_id"] or header.frame_id
+        data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"], self._sensor)
+        self.publish_frame(self._points, data, cloud.stamp_ns)
+        self.diagnostics.count(points=len(cloud), photons=int(sketch.photons.sum()))
+        self._publish_images(cloud, frame_id)
+
+    def _publish_images(self, cloud: PointCloud, frame_id: str) -> None:
+        draw = {"depth": cloud.range_image, "intensity": lambda: cloud.image("intensity"),
+                "background": lambda: cloud.background}
+        for name, publisher in self._images.items():
+            if publisher.get_subscription_count():
+                publisher.publish(image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
+        if self._camera_info.get_subscription_count():
+            camera_info = image_message.camera_info(self._sensor, cloud.stamp_ns, frame_id)
+            if camera_info is not None:         # a scanner is no camera
+                self._camera_info.publish(camera_info)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run(ReconstructorNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

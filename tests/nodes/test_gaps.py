@@ -1,0 +1,23 @@
+"""Missed messages are counted from the numbers of those that came."""
+
+import pytest
+
+from srt3d_ros.nodes.gaps import Gaps
+
+
+@pytest.mark.parametrize("numbers, missed", [
+    ([1, 2, 3], [0, 0, 0]),
+    ([7, 8], [0, 0]),                       # what came before we listened was not for us
+    ([1, 3, 7], [0, 1, 3]),
+    ([5, 6, 1, 3], [0, 0, 0, 1]),           # the publisher started again
+    ([None, None], [0, 0]),
+])
+def test_gaps_between_numbers_are_misses(numbers, missed):
+    gaps = Gaps(lambda: 1)
+    assert [gaps.after(number) for number in numbers] == missed
+    assert gaps.numbered == (numbers[0] is not None)
+
+
+def test_two_publishers_are_not_mistaken_for_gaps():
+    gaps = Gaps(lambda: 2)
+    assert [gaps.after(number) for number in (100, 5, 101, 6)] == [0, 0, 0, 0]

@@ -1,0 +1,87 @@
+"""The four nodes together: every frame arrives, and nothing that happens to one node harms another."""
+
+import signal
+from collections import Counter
+
+import pytest
+from rerun.chunk import RrdReader
+from sensor_msgs.msg import PointCloud2
+
+NODES = ("recorder", "reconstructor", "sketcher")
+
+
+def rows_of(recording, entity: str, column: str) -> int:
+    """How many times a column of an entity was logged in a recording."""
+    count = 0
+    for chunk in RrdReader(recording).stream().filter(content=entity):
+        batch = chunk.to_record_batch()
+        count += batch.num_rows if column in batch.schema.names else 0
+    return count
+
+
+def stamps(clouds) -> list[int]:
+    return [cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec for cloud in clouds]
+
+
+@pytest.fixture
+def pipeline(graph, tmp_path):
+    """Starts recorder, reconstructor and sketcher; returns them by name. The recording is tmp_path/out.rrd."""
+    def pipeline(**parameters):
+        own = {"recorder": {"path": tmp_path / "out.rrd"}}
+        started = {name: graph.start(name, **own.get(name, {}), **parameters) for name in NODES}
+        for process in started.values():
+            process.ready()
+        return started
+
+    return pipeline
+
+
+def test_lossless_at_full_speed_brings_and_records_every_frame(graph, pipeline, photon_file, events, tmp_path):
+    frames, clouds = 60, graph.collect(PointCloud2, "points")
+    nodes = pipeline(lossless=True)
+    player = graph.start("player", input=photon_file, lossless=True, rate_hz=0, frames=frames)
+    assert player.code() == 0
+    graph.wait(lambda: len(clouds) == frames, "every cloud")
+    arrived = stamps(clouds)
+    assert arrived == sorted(set(arrived))
+    assert str(arrived[0]) == graph.reports("player", "frames_sent", frames)["first_stamp_ns"]
+    for name in ("sketcher", "reconstructor"):
+        report = graph.reports(name, "frames_out", frames)
+        assert (report["frames_in"], report["dropped"], report["message_lost"]) == (str(frames), "0", "0")
+        assert int(report["photons"]) == frames * events.photons
+    graph.reports("recorder", "clouds", frames)
+    for name, number in zip(NODES, (signal.SIGINT, signal.SIGTERM, signal.SIGINT)):
+        assert nodes[name].end(number) == 0, nodes[name].text
+    recording = tmp_path / "out.rrd"
+    assert rows_of(recording, "/points", "Points3D:positions") == frames
+    assert rows_of(recording, "/metrics/latency_ms", "Scalars:scalars") == frames
+    assert rows_of(recording, "/metrics/photons", "Scalars:scalars") == frames
+    assert Counter(graph.report("recorder")[key] for key in ("errors", "recording_dropped")) == {"0": 2}
+
+
+def test_a_killed_reconstructor_comes_back_and_nobody_else_notices(graph, pipeline, photon_file, tmp_path):
+    clouds = graph.collect(PointCloud2, "points")
+    nodes = pipeline()
+    player = graph.start("player", input=photon_file, rate_hz=20)
+    graph.wait(lambda: len(clouds) > 10, "clouds")
+    nodes["reconstructor"].kill()
+    before = len(clouds)
+    nodes["reconstructor"] = graph.start("reconstructor").ready()
+    graph.wait(lambda: len(clouds) > before + 10, "clouds after the restart")
+    nodes["player"] = player
+    assert all(process.running for process in nodes.values())
+    for name in ("player", "sketcher", "recorder"):
+        assert graph.report(name)["errors"] == "0"
+    for name, number in zip((*NODES, "player"), (signal.SIGTERM, signal.SIGINT, signal.SIGTERM, signal.SIGINT)):
+        assert nodes[name].end(number) == 0, nodes[name].text       # under load: the player goes on until the last
+        assert "Traceback" not in nodes[name].text
+    recorded = int(graph.report("recorder")["clouds"])
+    assert recorded > 20
+    assert rows_of(tmp_path / "out.rrd", "/points", "Points3D:positions") == recorded
+
+
+def test_a_recorder_that_cannot_write_is_one_line_and_exit_code_2(graph, tmp_path):
+    for path in (tmp_path / "absent" / "out.rrd", tmp_path / "out.mcap"):
+        recorder = graph.start("recorder", path=path)
+        assert recorder.code() == 2
+        assert len(recorder.lines) == 1 and recorder.text.startswith(f"path is {path}"[:40])
