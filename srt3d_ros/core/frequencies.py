@@ -7,6 +7,7 @@ from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10
+PASSBAND = 0.35
 
 
 def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
@@ -33,7 +34,7 @@ def consecutive(sketch_size: int) -> tuple[int, ...]:
 
 
 def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
-    """m frequencies in geometric progression from 1 to where the IRF's spectrum |ĥ| falls to one half.
+    """m frequencies in geometric progression from 1 to where the IRF's spectrum |ĥ| falls to 0.35.
 
     High frequencies measure depth finely, as long as the IRF passes them; low ones tell which period of the high ones
     is meant. Where the spectrum leaves fewer than m frequencies this is `consecutive`.
@@ -42,7 +43,7 @@ def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     spectrum = np.abs(irf_spectrum(sensor, np.arange(1, most + 1)))
     if spectrum.ndim == 2:
         spectrum = spectrum.mean(axis=0)
-    below = np.flatnonzero(spectrum < 0.5)
+    below = np.flatnonzero(spectrum < PASSBAND)
     top = int(below[0]) if len(below) else most
     chosen: list[int] = []
     for wanted in np.geomspace(1, max(top, 1), sketch_size):

@@ -111,7 +111,8 @@ class SensorModel:
                 continue
             value = _array(name, value, dtype)
             require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
-            require(bool(np.isfinite(value).all()), name, "not finite in places", "finite values (use mask for bad pixels)")
+            require(bool(np.isfinite(value).all()), name, "not finite in places",
+                    "finite values (use mask for bad pixels)")
             object.__setattr__(self, name, value)
         require(self.gain is None or bool((self.gain > 0).all()), "gain", "0 or less in places",
                 "values above 0 (use mask for dead pixels)")

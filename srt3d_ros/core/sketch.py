@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.errors import require
 
-MAX_SKETCH_SIZE = 1024
+MAX_SKETCH_SIZE = 64
 
 
 def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
@@ -14,7 +14,8 @@ def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
 
     k and T − k carry the same information (one is the other's conjugate), k = 0 none but the photon count.
     """
-    require(0 < len(frequencies) <= MAX_SKETCH_SIZE, "sketch size", len(frequencies), f"1 to {MAX_SKETCH_SIZE} frequencies")
+    require(0 < len(frequencies) <= MAX_SKETCH_SIZE, "sketch size", len(frequencies),
+            f"1 to {MAX_SKETCH_SIZE} frequencies")
     most = max((num_bins - 1) // 2, 1)
     for k in frequencies:
         require(k == int(k) and 1 <= k <= most, "frequencies", k,
@@ -54,7 +55,8 @@ class Sketch:
         return self.sums / np.maximum(self.photons, 1)[..., None].astype(np.float32)
 
     def __add__(self, other: "Sketch") -> "Sketch":
-        require(self.frequencies == other.frequencies, "frequencies", other.frequencies, f"the same as {self.frequencies}")
+        require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
+                f"the same as {self.frequencies}")
         return replace(self, sums=self.sums + other.sums, photons=self.photons + other.photons,
                        stamp_ns=min(self.stamp_ns, other.stamp_ns))
 

@@ -1,0 +1,132 @@
+"""What the iterations see of a frame: its sketch, calibrated and matched to the IRF."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.errors import require
+
+WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The sufficient statistics of Σ_l |sums_l − r ĥ_l exp(i ω_l t)|² for every pixel, and constants of the sensor.
+
+    That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of several pixels that
+    see one surface add up. Delay and IRF of a pixel are taken out here, its gain g becomes an exposure g².
+
+    Args:
+        matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l · g, real parts before imaginary ones.
+        noise: float32 [rows, cols], photons · g²: twice the variance of each part of `matched` / ĥ_l, background alone.
+        exposure: float32 [rows, cols], g²; 0 in masked pixels.
+        energy: float32 [m], |ĥ_l|².
+        cycles: float32 [m], k_l / T.
+        num_bins: T.
+        moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
+        intensity_moments: float32 [2], the same for the intensity score.
+    """
+
+    matched: np.ndarray
+    noise: np.ndarray
+    exposure: np.ndarray
+    energy: np.ndarray
+    cycles: np.ndarray
+    num_bins: int
+    moments: np.ndarray
+    intensity_moments: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """rows, cols."""
+        return self.noise.shape
+
+    @property
+    def total_energy(self) -> float:
+        """Σ|ĥ_l|², the curvature of the data term in intensity."""
+        return float(self.energy.sum())
+
+    @property
+    def curvature(self) -> float:
+        """Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth."""
+        return float((self.energy * (2 * np.pi * self.cycles)**2).sum())
+
+    @property
+    def resolution_bins(self) -> float:
+        """Width of the matched filter's peak: depths that lie closer are hardly told apart."""
+        return float(np.sqrt(self.total_energy / self.curvature))
+
+    @cached_property
+    def padded(self) -> "Frame":
+        """The same with padded maps, as the windowed kernels want them."""
+        maps = {name: layout.pad(getattr(self, name)) for name in ("noise", "exposure")}
+        return Frame(layout.pad(self.matched.swapaxes(1, 2)), **maps, energy=self.energy, cycles=self.cycles,
+                     num_bins=self.num_bins, moments=self.moments, intensity_moments=self.intensity_moments)
+
+
+class Matcher:
+    """Makes the Frame of a sketch: everything that depends on sensor and frequencies alone is computed once.
+
+    Args:
+        sensor: IRF and calibration.
+        frequencies: the integers k_l.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies):
+        self.sensor = sensor
+        self.frequencies = tuple(frequencies)
+        omega = angular_frequencies(frequencies, sensor.num_bins)
+        spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
+        energy = (np.abs(spectrum)**2).mean(axis=0)
+        gain = np.ones(sensor.pixels) if sensor.gain is None else sensor.gain.reshape(-1).astype(np.float64)
+        gain = gain * (1 if sensor.mask is None else sensor.mask.reshape(-1))
+        weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
+        equaliser = np.conj(spectrum) * energy / weakest
+        if sensor.delay_bins is not None:
+            equaliser = equaliser * np.exp(-1j * np.outer(sensor.delay_bins.reshape(-1), omega))
+        if sensor.gain is not None or sensor.mask is not None:
+            equaliser = equaliser * gain[:, None]
+        pixels = len(equaliser)
+        self._equaliser = equaliser.astype(np.complex64).reshape(
+            *((sensor.rows, sensor.cols) if pixels > 1 else (1, 1)), len(omega))
+        self._exposure = (gain**2).astype(np.float32).reshape(sensor.rows, sensor.cols)
+        self._energy = energy.astype(np.float32)
+        self._cycles = (omega / (2 * np.pi)).astype(np.float32)
+        self._moments, self._intensity_moments = _score_moments(sensor, omega, energy)
+
+    def __call__(self, sketch: Sketch) -> Frame:
+        """The Frame of a sketch that was taken with this sensor and these frequencies."""
+        shape = (self.sensor.rows, self.sensor.cols)
+        require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
+                f"{list(self.frequencies)}")
+        require(sketch.photons.shape == shape, "sketch size", sketch.photons.shape, f"rows × cols = {shape}")
+        matched = (sketch.sums * self._equaliser).transpose(0, 2, 1)
+        matched = np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
+        noise = sketch.photons * self._exposure
+        return Frame(matched, noise, self._exposure, self._energy, self._cycles, self.sensor.num_bins, self._moments,
+                     self._intensity_moments)
+
+
+def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variances that a signal photon and a background photon add to the scores for depth and for intensity.
+
+    The scores are Σ_l ω_l Im and Σ_l Re of conj(ĥ_l) exp(i ω_l b) for a photon b bins from its surface: the gradients
+    of the data term in t and r. Their variance over the IRF, and over all bins, gives the estimates' variances by the
+    sandwich formula, which holds for any distribution of the photons.
+    """
+    irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
+    bins = np.arange(len(irf)) - sensor.irf_ref
+    response = np.exp(1j * np.outer(bins, omega))
+    # The IRF's own spectrum; for one IRF it is exact, for an IRF per pixel that of the mean.
+    response = response * np.conj(irf @ response)
+    moments = []
+    for score, background in (((response * omega).imag.sum(axis=1), (omega**2 * energy).sum() / 2),
+                              (response.real.sum(axis=1), energy.sum() / 2)):
+        signal = irf @ score**2 - (irf @ score)**2
+        moments.append(np.array([signal, background], dtype=np.float32))
+    return moments[0], moments[1]

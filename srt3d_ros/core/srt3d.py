@@ -1,0 +1,123 @@
+"""SRT3D: spatially regularised 3D reconstruction from sketches alone.
+
+    J. Tachella, M. P. Sheehan, M. E. Davies, "Sketched RT3D: how to reconstruct billions of photons per second",
+    ICASSP 2022.
+
+It minimises Σ_ij n_ij ‖z_ij − Ψ_θij‖² + ρ(θ), with Ψ_θ(ω) = Σ_k α_k ĥ(ω) exp(i ω t_k), by alternating gradient steps on
+depth t and intensity r = n α, a threshold on the evidence for each point, and a denoiser of the point cloud that also
+creates and removes points. Here the denoiser is the data term itself: the sketches of the pixels around a point add up
+along the point's tangent plane (moving least squares, the planar case of the paper's algebraic point set surfaces),
+each weighted by how surely it sees the same surface. Where photons are plenty the depths are known so well that the
+weights end at the finest relief; where they are few a point borrows from the whole window.
+"""
+
+import numpy as np
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.core.start import find_surfaces, score_threshold, window_weights
+from srt3d_ros.errors import InvalidInput, require
+
+DEVICES = ("auto", "cpu", "cuda")
+MAX_SURFACES = 4
+WINDOWS = (1.0, 1.5, 2.0, 2.5)      # σ of the pooling window in each iteration, pixels
+SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
+
+
+class SRT3D:
+    """Reconstructs frames of one sensor.
+
+    Args:
+        sensor: geometry, IRF and calibration.
+        frequencies: the integers k_l of the sketches.
+        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours have
+            a say.
+        device: "cpu", or "auto" for the best there is.
+
+    Raises:
+        InvalidInput: for a parameter that cannot be used.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, false_alarm_rate: float = 1e-4,
+                 device: str = "auto"):
+        require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
+                f"an integer from 1 to {MAX_SURFACES}")
+        require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
+        self.device, self.kernels = kernels_for(device)
+        self.sensor = sensor
+        self.surfaces = surfaces
+        self.false_alarm_rate = false_alarm_rate
+        self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
+
+    def __call__(self, sketch: Sketch) -> PointCloud:
+        """The point cloud of one frame's sketch."""
+        frame = self._matcher(sketch)
+        threshold = score_threshold(self.false_alarm_rate, frame)
+        state = find_surfaces(frame, self.surfaces, threshold, self.kernels)
+        for window in WINDOWS:
+            state = self.kernels.propose(frame.padded, state, window, SAME_SURFACE**2)
+            state = self.kernels.descend(frame.padded, state, round(2 * window), SAME_SURFACE**2)
+        return self._cloud(frame, state, threshold, sketch)
+
+    def warm_up(self) -> None:
+        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
+        rng = np.random.default_rng(0)
+        small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
+            -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
+        frequencies = self._matcher.frequencies
+        sums = rng.normal(size=(8, 8, len(frequencies), 2)).astype(np.float32).view(np.complex64)[..., 0]
+        SRT3D(small, frequencies, self.surfaces)(Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
+
+    def _cloud(self, frame: Frame, state: np.ndarray, threshold: float, sketch: Sketch) -> PointCloud:
+        """Points with enough evidence, the strongest of a pixel first."""
+        intensity = self._intensity(frame, state)
+        view = layout.crop(state, *frame.shape)                                       # [rows, K, FIELDS, cols]
+        kept = (view[:, :, layout.INTENSITY] > 0) & (view[:, :, layout.SCORE] > threshold)
+        intensity = np.where(kept, intensity, 0)
+        order = np.argsort(-intensity, axis=1, kind="stable")
+        row, rank, col = np.nonzero(np.take_along_axis(kept, order, axis=1))
+        by_pixel = np.lexsort((rank, col, row))
+        row, rank, col = row[by_pixel], rank[by_pixel], col[by_pixel]
+        layer = order[row, rank, col]
+        depth = view[row, layer, layout.DEPTH, col]
+        seen = (intensity * np.sqrt(frame.exposure)[:, None]).sum(axis=1)
+        background = np.maximum(sketch.photons - seen, 0).astype(np.float32)
+        return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity[row, layer, col],
+                          view[row, layer, layout.STD, col], self.sensor.xyz(row, col, depth), rank.astype(np.uint8),
+                          background, sketch.stamp_ns)
+
+    def _intensity(self, frame: Frame, state: np.ndarray) -> np.ndarray:
+        """Intensity of each pixel between its pool's and its own: the own one counts as far as pixels truly differ.
+
+        With v the variance of the own intensity by photon noise, and s² the mean square of own − pooled around a pixel,
+        the pixels themselves differ by τ² = s² − v, and pooled + (own − pooled) · τ² / (τ² + v) has the least error
+        (James and Stein's estimator).
+
+        Returns:
+            float32 [rows, K, cols].
+        """
+        rows, cols = frame.shape
+        pooled = np.ascontiguousarray(layout.crop(state, rows, cols)[:, :, layout.INTENSITY])
+        own = layout.crop(self.kernels.own_intensity(frame.padded, state), rows, cols)
+        excess = (own - pooled) * (pooled > 0)
+        background = np.maximum(frame.noise[:, None] - pooled, 0)
+        signal_moment, background_moment = frame.intensity_moments
+        variance = (pooled * signal_moment + background * background_moment) / frame.total_energy**2
+        variance = variance / np.maximum(frame.exposure, 1e-6)[:, None] * (pooled > 0)
+        weights = window_weights(2.0, 1)
+        around, noise = self.kernels.blur(excess**2, weights, 1), self.kernels.blur(variance, weights, 1)
+        differ = np.maximum(around - noise, 0) / np.maximum(around, 1e-12)
+        return np.maximum(pooled + excess * differ, 0.01 * pooled)
+
+
+def kernels_for(device: str):
+    """The device that is meant and its kernels."""
+    require(device in DEVICES, "device", device, "auto, cpu or cuda")
+    if device == "cuda":
+        raise InvalidInput("device", device, "cpu or auto: this version has no CUDA kernels")
+    from srt3d_ros.kernels import cpu
+    return "cpu", cpu

@@ -1,0 +1,83 @@
+"""The start of a reconstruction: which surfaces the photons show, each in the smallest window that shows it."""
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.frame import Frame
+
+SCALES = ((0.0, 1), (1.0, 1), (2.0, 2), (4.0, 4))   # σ of the pooling window and size of its cells, pixels
+SURE = 8.0                                          # standard deviations that end the search at a scale
+NARROWEST = 0.7                                     # window of a point that its own pixel shows, pixels
+
+
+def window_weights(sigma: float, step: int) -> np.ndarray:
+    """A Gaussian over rows or columns, 1 at the centre of a cell of `step` pixels; float32 [2·radius + step]."""
+    radius = math.ceil(2.5 * sigma)
+    x = np.arange(2 * radius + step) - (radius + (step - 1) / 2)
+    return np.exp(-x**2 / (2 * sigma**2)).astype(np.float32)
+
+
+def score_threshold(false_alarm_rate: float, frame: Frame) -> float:
+    """The score that background alone reaches anywhere in T with this probability, in one pixel.
+
+    A matched filter over frequencies up to k_max has about 2 k_max independent depths; each exceeds z with probability
+    Q(z), so Q(z) = P / (2 k_max).
+    """
+    depths = 2 * float(frame.cycles.max()) * frame.num_bins
+    return NormalDist().inv_cdf(1 - false_alarm_rate / max(depths, 1.0))
+
+
+def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.ndarray:
+    """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
+
+    At the widest scale the threshold is enough. A second surface must pass the threshold at the scale of the first.
+
+    Returns:
+        A state, float32 [rows', K, FIELDS, cols'].
+    """
+    rows, cols = frame.shape
+    state = layout.no_surfaces(rows, cols, surfaces)
+    view = layout.crop(state, rows, cols)
+    open_pixels = frame.exposure > 0
+    for sigma, step in SCALES:
+        matched, noise = frame.matched, frame.noise
+        if sigma > 0:
+            weights = window_weights(sigma, step)
+            matched = kernels.blur(matched, weights, step)
+            noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]
+        depth, intensity, score = kernels.match(matched, noise, frame.energy, frame.cycles, frame.num_bins, surfaces)
+        last = (sigma, step) == SCALES[-1]
+        found = (score[:, 0] > (threshold if last else SURE))
+        if step > 1:
+            grow = np.ix_(np.arange(rows) // step, np.arange(cols) // step)
+            found = found[grow]
+            depth, intensity, score = (np.ascontiguousarray(a.transpose(0, 2, 1)[grow].transpose(0, 2, 1))
+                                       for a in (depth, intensity, score))
+            noise = noise[grow]
+        found &= open_pixels
+        open_pixels = open_pixels & ~found
+        std = depth_std(frame, intensity, noise[:, None], 0.5 if sigma > 0 else 1.0)
+        area = 2 * math.pi * sigma**2 if sigma > 0 else 1.0
+        fields = {layout.DEPTH: depth % frame.num_bins, layout.INTENSITY: intensity / area, layout.STD: std,
+                  layout.WINDOW: np.full_like(depth, max(sigma, NARROWEST)), layout.SCORE: score}
+        chosen = found[:, None] & (score > threshold)
+        for field, values in fields.items():
+            view[:, :, field][chosen] = values[chosen]
+    return state
+
+
+def depth_std(frame: Frame, signal: np.ndarray, noise: np.ndarray, squash: float) -> np.ndarray:
+    """Standard deviation of depths found in windows, bins.
+
+    Args:
+        signal: Σ w r.
+        noise: Σ w² n.
+        squash: Σ w² / Σ w of the window: 1 for a single pixel, 1/2 for a Gaussian.
+    """
+    signal = np.maximum(signal, 1e-6)
+    background = np.maximum(noise / squash - signal, 0)
+    spread = squash * (signal * frame.moments[0] + background * frame.moments[1])
+    return np.minimum(np.sqrt(spread) / (signal * frame.curvature), frame.num_bins)

@@ -1,0 +1,54 @@
+"""What the CPU kernels share: how numba compiles them, float32 constants, sine and cosine in vector registers."""
+
+import os
+
+import numba
+import numpy as np
+from numba import njit
+
+# OpenMP lets several threads of one process (two nodes on one executor, say) call kernels at once; numba's own
+# work queue would abort. Threads that wait must sleep: spinning ones take the cores from the other nodes.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+if "NUMBA_THREADING_LAYER" not in os.environ:
+    numba.config.THREADING_LAYER = "omp"
+
+F32 = np.float32
+HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
+TINY = F32(1e-12)
+parallel = njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+inline = njit(inline="always", fastmath=True, error_model="numpy")
+
+# sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation): unlike
+# calls of libm they run in vector registers.
+_SIN = tuple(F32(c) for c in (6.28318548, -41.3417015, 81.6051331, -76.7030029, 42.0258522, -14.8995781, 3.23778009))
+_COS = tuple(F32(c) for c in (1.0, -19.7392082, 64.9393921, -85.4566574, 60.2421265, -26.4046307, 7.80002213,
+                             -1.45298743))
+
+
+@inline
+def sincos(turns):
+    """sin and cos of 2π · turns, float32."""
+    x = turns - np.rint(turns)
+    y = x * x
+    s = _SIN[6]
+    s = s * y + _SIN[5]
+    s = s * y + _SIN[4]
+    s = s * y + _SIN[3]
+    s = s * y + _SIN[2]
+    s = s * y + _SIN[1]
+    s = s * y + _SIN[0]
+    c = _COS[7]
+    c = c * y + _COS[6]
+    c = c * y + _COS[5]
+    c = c * y + _COS[4]
+    c = c * y + _COS[3]
+    c = c * y + _COS[2]
+    c = c * y + _COS[1]
+    c = c * y + _COS[0]
+    return s * x, c
+
+
+@inline
+def wrap(difference, period):
+    """The difference of two depths on a circle, in [−period/2, period/2]."""
+    return difference - period * np.rint(difference / period)
