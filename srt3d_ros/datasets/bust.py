@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets.figure import Figure, Part, rotation
+from srt3d_ros.errors import require
 
 SKIN, LIP, HAIR, BROW, EYE, IRIS, JERSEY = 0.62, 0.4, 0.17, 0.22, 0.66, 0.1, 0.5
 
@@ -46,10 +48,16 @@ STRIPES_PER_M = 28.0
 class Bust:
     """A person from the shoulders up who looks left and right, nods and sways, seen by `sensor`.
 
-    Its `frame` gives S = 1 surface; every pixel sees something.
+    A scene (scene.Scene) of one surface, 2 to 2.5 m away, that fills the 11° of `scene.default_sensor()`; every pixel
+    sees something. Periods: 8 s to look left and right, 4 s to nod, 5 s to sway.
+
+    Args:
+        sensor: any with a pinhole projection and at least 2×2 pixels.
     """
 
     def __init__(self, sensor: SensorModel):
+        require(isinstance(sensor.projection, Pinhole), "projection", sensor.projection.kind, "pinhole, for this scene")
+        require(min(sensor.rows, sensor.cols) >= 2, "rows × cols", f"{sensor.rows} × {sensor.cols}", "2 × 2 or more")
         self._shape = (sensor.rows, sensor.cols)
         self._rays = np.ascontiguousarray(sensor.rays.reshape(-1, 3).T, dtype=np.float32)
         self._head, self._torso = Figure(HEAD), Figure(TORSO)
@@ -59,7 +67,8 @@ class Bust:
         range_m = np.float32(WALL_M) / self._rays[2]
         reflectivity = self._wall(range_m)
         for figure, texture, (turn, at) in zip((self._head, self._torso), (_plain, _stripes), _pose(t_s)):
-            origin, rays = (-at @ turn).astype(np.float32), turn.T.astype(np.float32) @ self._rays
+            origin = (-at @ turn).astype(np.float32)
+            rays = np.einsum("ji,jn->in", turn.astype(np.float32), self._rays)
             hit_at = figure.march(origin, rays)
             seen = np.flatnonzero(hit_at < range_m)
             points = origin[:, None] + hit_at[seen] * rays[:, seen]

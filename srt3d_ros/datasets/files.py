@@ -1,6 +1,7 @@
 """Reading files nobody vouches for: what they hold is known and bounded before any of it is loaded."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[st
             require(len(members) <= MAX_MEMBERS, f"{path.name} members", len(members), f"at most {MAX_MEMBERS}")
             wanted = [info for info in members if names is None or info.filename[:-4] in names]
             return {info.filename[:-4]: _read_member(archive, info, path.name) for info in wanted}
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, zipfile.zlib.error) as error:
+    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, zlib.error) as error:
         raise InvalidInput(path.name, f"unreadable ({error})", "a complete .npz file (a zip of arrays)") from None
 
 

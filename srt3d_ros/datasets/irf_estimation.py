@@ -7,6 +7,7 @@ from srt3d_ros.errors import require
 
 PHOTONS_USED = 100_000      # to estimate an IRF from
 FEWEST_PHOTONS = 3          # in a pixel, for it to tell anything about the IRF
+STANDS_OUT = 1.5            # how much denser than by chance clusters must be (scores; background alone: 0.98 to 1.03)
 SHIFTS = 16                 # depths tried on either side of a cluster's centre
 REACH = 10                  # half length that an estimated IRF may have, in widths of the clusters
 ROUNDS = 8
@@ -30,7 +31,11 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     """
     pixel, toa = _fullest_pixels(events)
     require(len(pixel) > 0, "photons", events.photons, "some pixels with enough to estimate the IRF from: give irf")
-    centre, width = _clusters(pixel, toa, num_bins)
+    centre, width, score = _clusters(pixel, toa, num_bins)
+    anywhere = np.random.default_rng(0).integers(0, num_bins, len(toa))
+    by_chance = _clusters(pixel, anywhere[np.lexsort((anywhere, pixel))], num_bins)[2]
+    require(score > STANDS_OUT * by_chance, "photons", "spread like background",
+            "returns that stand out, to estimate the IRF from: give irf")
     reach = min(REACH * width, (num_bins - 1) // 4)
     near = np.abs(toa - centre) <= reach
     pixel, lag = pixel[near], (toa - centre)[near]
@@ -65,27 +70,27 @@ def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
     return pixel[order], toa[order]
 
 
-def _clusters(pixel: np.ndarray, toa: np.ndarray, num_bins: int) -> tuple[np.ndarray, int]:
-    """The centre of the densest window of each photon's pixel, and the window's width, the same for all.
+def _clusters(pixel: np.ndarray, toa: np.ndarray, num_bins: int) -> tuple[np.ndarray, int, float]:
+    """The centre of the densest window of each photon's pixel; the windows' width, the same for all; their score.
 
     The width is the one at which the windows stand out most from a uniform background (a scan statistic).
     """
     total = np.bincount(pixel)[pixel]
     line = pixel * (4 * num_bins) + toa                     # pixels so far apart that windows never reach the next
     start = np.flatnonzero(np.diff(pixel, prepend=-1))
-    best_score, best = -np.inf, (toa, 1)
+    best = (toa, 1, -np.inf)
     width = 1.0
     while width < max(num_bins / 8, 2):
         bins = int(width)
         inside = np.searchsorted(line, line + bins) - np.arange(len(line))      # photons in [toa, toa + bins)
         stands_out = inside * np.log(inside * num_bins / (total * bins))
         score = np.maximum.reduceat(stands_out, start).sum()
-        if score > best_score:
+        if score > best[2]:
             first = _argmax_of_runs(inside, start)
             sums = np.concatenate([[0], np.cumsum(toa)])
             mean = (sums[first + inside[first]] - sums[first]) / inside[first]
             centre = np.repeat(np.rint(mean).astype(np.int64), np.diff(start, append=len(line)))
-            best_score, best = score, (centre, bins)
+            best = (centre, bins, float(score))
         width = max(width + 1, width * 1.25)
     return best
 
@@ -103,8 +108,6 @@ def _cut_out(irf: np.ndarray) -> np.ndarray:
     baseline = np.median(np.concatenate([irf[:edge], irf[-edge:]]))
     peak = len(irf) // 2
     smooth = _smooth(irf)
-    require(bool(smooth[peak] > 3 * baseline), "photons", "without clusters",
-            "returns to estimate the IRF from: give irf")
     low = smooth - baseline <= KEEP_ABOVE * (smooth[peak] - baseline)
     before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
     first = before[-1] + 1 if before.size else 0

@@ -1,0 +1,85 @@
+"""Instrument responses: drawn, read and estimated."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import irf, irf_estimation
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+
+
+def width_at_half(response: np.ndarray) -> float:
+    above = np.flatnonzero(response >= response.max() / 2)
+    return above[-1] - above[0] + 1
+
+
+def test_the_spad_response_rises_fast_and_decays_with_the_tail():
+    bin_width_s = 2e-12
+    response = irf.spad(bin_width_s)
+    peak = int(np.argmax(response))
+    assert response.sum() == pytest.approx(1) and response.dtype == np.float32
+    assert 25 <= width_at_half(response) <= 30                              # 50 to 60 ps
+    assert len(response) - peak > 4 * peak
+    tail = response[peak + 75: peak + 275]
+    decay_s = -bin_width_s / np.polyfit(np.arange(len(tail)), np.log(tail), 1)[0]
+    assert decay_s == pytest.approx(100e-12, rel=0.03)
+
+
+@pytest.mark.parametrize("bin_width_s", [1e-12, 16e-12, 250e-12])
+def test_the_spad_response_keeps_its_width_in_time(bin_width_s):
+    response = irf.spad(bin_width_s)
+    time_s = np.arange(len(response)) * bin_width_s
+    mean_s = time_s @ response
+    spread_s = np.sqrt((time_s - mean_s) ** 2 @ response)
+    expected_s = np.sqrt((55e-12 / 2.3548) ** 2 + (2 * 0.3 - 0.3**2) * 100e-12**2 + bin_width_s**2 / 12)
+    assert spread_s == pytest.approx(expected_s, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "only.npz", "many.npz:second", "a.csv", "a.txt", "column.csv"])
+def test_every_kind_of_file_is_read(tmp_path, name):
+    values = np.array([0.0, 1.5, 3.0, 0.5])
+    np.save(tmp_path / "a.npy", values)
+    np.savez(tmp_path / "a.npz", irf=values, other=np.ones(2))
+    np.savez(tmp_path / "only.npz", response=values, source="text")
+    np.savez(tmp_path / "many.npz", first=np.ones(2), second=values)
+    (tmp_path / "a.csv").write_text("0,1.5,3,0.5\n")
+    (tmp_path / "a.txt").write_text("# a response\n0\n1.5\n3\n0.5\n")
+    (tmp_path / "column.csv").write_text("0\n1.5\n3\n0.5\n")
+    np.testing.assert_array_equal(irf.read(name, tmp_path), values)
+    np.testing.assert_array_equal(irf.read(str(tmp_path / name)), values)
+
+
+@pytest.mark.parametrize(("name", "content"), [
+    ("a.npy", b"not an array"), ("a.npz", b"not a zip"), ("a.csv", b"one,two\n"), ("a.txt", b"\xff\xfe\x80"),
+    ("a.npy", b""), ("a.doc", b"1\n"), ("a.npz:x", b"not a zip"),
+])
+def test_broken_files_are_one_line(tmp_path, name, content):
+    (tmp_path / name.split(":")[0]).write_bytes(content)
+    with pytest.raises(InvalidInput) as caught:
+        irf.read(name, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_npz_of_several_responses_wants_a_name(tmp_path):
+    np.savez(tmp_path / "many.npz", first=np.ones(2), second=np.ones(3))
+    with pytest.raises(InvalidInput, match="first, second: expected one named irf, or FILE.npz:NAME"):
+        irf.read("many.npz", tmp_path)
+    with pytest.raises(InvalidInput, match="third: expected one of"):
+        irf.read("many.npz:third", tmp_path)
+
+
+@pytest.mark.parametrize("sbr", [5, 50])
+def test_an_estimate_comes_close_to_the_irf_that_made_the_photons(sbr):
+    true = irf.spad(8e-12)
+    sensor = SensorModel(40, 40, 1500, 8e-12, true)
+    depth = np.random.default_rng(0).uniform(300, 1100, (40, 40))
+    events, _ = Simulator(StaticScene(sensor.range_m(depth)), sensor, sbr=sbr, ppp=40, seed=1).frame(0)
+    estimate = irf_estimation.estimate(events, 1500)
+    estimate /= estimate.sum()
+    assert abs(width_at_half(estimate) - width_at_half(true)) <= 2
+    at = np.arange(-8, 25)
+    np.testing.assert_allclose(estimate[np.argmax(estimate) + at[at >= -np.argmax(estimate)]],
+                               true[np.argmax(true) + at[at >= -np.argmax(estimate)]], atol=0.15 * true.max())
+    assert estimate[np.argmax(estimate):].sum() > estimate[:np.argmax(estimate)].sum()

@@ -1,0 +1,211 @@
+"""The npz photon file: what is written comes back, and what cannot be used is named in one line."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.errors import InvalidInput
+
+IRF = np.array([0.25, 0.5, 0.25], np.float32)
+SENSOR = SensorModel(2, 3, 50, 1e-10, IRF, toa_offset_bins=7.5, range_offset_m=-0.1)
+EVENTS = PhotonEvents(np.array([5, 0, 0, 3], np.uint32), np.array([49, 0, 7, 8], np.uint16), stamp_ns=123)
+
+
+def good() -> dict:
+    return {"rows": 2, "cols": 3, "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF,
+            "pixel": EVENTS.pixel, "toa": EVENTS.toa}
+
+
+def write(tmp_path, **changes):
+    path = tmp_path / "photons.npz"
+    np.savez(path, **{name: value for name, value in (good() | changes).items() if value is not None})
+    return path
+
+
+def assert_same_sensor(a: SensorModel, b: SensorModel):
+    np.testing.assert_allclose(a.irf, b.irf, rtol=1e-6)
+    for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
+                 "projection", "gates", "frame_id"):
+        assert getattr(a, name) == getattr(b, name), name
+    for name in ("gain", "delay_bins", "mask"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+@pytest.mark.parametrize("sensor", [
+    SENSOR,
+    SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad"),
+    SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
+                   projection=AngularScan(0.1, -0.2, 0.3, 0.4)),
+    SENSOR.replace(irf=np.random.default_rng(0).random((6, 4))),
+], ids=["plain", "projection, gates, frame", "maps, scanner", "IRF per pixel"])
+def test_everything_comes_back(tmp_path, sensor):
+    reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
+    reference[1, 0, 0] = np.nan
+    npz.save(tmp_path / "a.npz", sensor, EVENTS, reference)
+    back = open_photons(tmp_path / "a.npz")
+    assert_same_sensor(back.sensor, sensor)
+    np.testing.assert_array_equal(back.frame.pixel, EVENTS.pixel)
+    np.testing.assert_array_equal(back.frame.toa, EVENTS.toa)
+    assert back.frame.stamp_ns == 123 and back.name == "a" and back.notes == ()
+    np.testing.assert_array_equal(back.reference_depth_bins, reference)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
+def test_every_type_of_toa_is_read(tmp_path, dtype):
+    back = open_photons(write(tmp_path, toa=EVENTS.toa.astype(dtype)))
+    np.testing.assert_array_equal(back.frame.toa, EVENTS.toa)
+    assert np.issubdtype(back.frame.toa.dtype, np.floating) == (dtype == np.float32)
+
+
+def test_integers_of_other_types_are_converted(tmp_path):
+    back = open_photons(write(tmp_path, toa=EVENTS.toa.astype(np.int64), pixel=EVENTS.pixel.astype(np.int64)))
+    assert back.frame.toa.dtype == np.uint16 and back.frame.pixel.dtype == np.uint32
+
+
+def test_gates_are_saved_as_events(tmp_path):
+    sensor = SENSOR.replace(gates=GateWords(0, 65_535))
+    gates = PhotonGates.from_events(EVENTS, sensor)
+    npz.save(tmp_path / "a.npz", sensor, gates)
+    back = open_photons(tmp_path / "a.npz").frame
+    assert sorted(zip(back.pixel, back.toa)) == sorted(zip(EVENTS.pixel, EVENTS.toa))
+
+
+def test_the_better_reference_is_preferred(tmp_path):
+    one, two, three = (np.full((2, 3), value, np.float32) for value in (1, 2, 3))
+    photons = open_photons(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three))
+    assert photons.reference_depth_bins[:, 0, 0].tolist() == [2, 3]
+    assert open_photons(write(tmp_path)).reference_depth_bins is None
+
+
+def test_a_field_of_view_makes_a_pinhole(tmp_path):
+    assert open_photons(write(tmp_path, fov_deg=20.0)).sensor.projection == Pinhole.from_fov(2, 3, 20)
+
+
+def test_arrays_of_other_names_are_left_alone(tmp_path):
+    path = write(tmp_path, anything=np.array([{"an": "object"}], dtype=object), source="a text")
+    assert open_photons(path).frame.photons == 4
+
+
+def test_no_photons_is_a_frame_too(tmp_path):
+    assert open_photons(write(tmp_path, pixel=EVENTS.pixel[:0], toa=EVENTS.toa[:0])).frame.photons == 0
+
+
+MALFORMED = {
+    "no rows": ({"rows": None}, "rows"), "no toa": ({"toa": None}, "toa"), "no IRF": ({"irf": None}, "irf"),
+    "no bin width": ({"bin_width_s": None}, "bin_width_s"),
+    "rows of text": ({"rows": "two"}, "rows dtype"), "two rows": ({"rows": [2, 2]}, "rows shape"),
+    "half a row": ({"rows": 2.5}, "rows"), "no rows at all": ({"rows": 0}, "rows"),
+    "NaN bin width": ({"bin_width_s": np.nan}, "bin_width_s"), "bin width 0": ({"bin_width_s": 0.0}, "bin_width_s"),
+    "too many pixels": ({"rows": 60_000, "cols": 60_000}, "rows × cols"),
+    "too many bins": ({"num_bins": 10**9}, "num_bins"),
+    "complex IRF": ({"irf": IRF + 0j}, "irf dtype"), "negative IRF": ({"irf": -IRF}, "irf"),
+    "IRF longer than T": ({"irf": np.ones(51)}, "irf length"), "IRF reference outside": ({"irf_ref": 3}, "irf_ref"),
+    "objects": ({"pixel": np.array([{}, 1, 2, 3], dtype=object)}, "pixel dtype"),
+    "fractional pixels": ({"pixel": np.ones(4)}, "pixel dtype"),
+    "negative pixel": ({"pixel": np.array([-1, 0, 0, 0])}, "pixel"),
+    "pixel outside": ({"pixel": np.array([6, 0, 0, 0])}, "pixel"),
+    "pixel that wraps": ({"pixel": np.array([2**32, 0, 0, 0])}, "pixel"),
+    "toa outside": ({"toa": np.array([50, 0, 0, 0], np.uint16)}, "toa"),
+    "toa that wraps": ({"toa": np.array([65_536, 0, 0, 0])}, "toa"),
+    "negative toa": ({"toa": np.array([-1, 0, 0, 0])}, "toa"),
+    "NaN toa": ({"toa": np.array([np.nan, 0, 0, 0])}, "toa"),
+    "toa of text": ({"toa": np.array(["a", "b", "c", "d"])}, "toa dtype"),
+    "two-dimensional toa": ({"toa": EVENTS.toa.reshape(2, 2)}, "toa shape"),
+    "fewer toa than pixels": ({"toa": EVENTS.toa[:3]}, "pixel and toa shapes"),
+    "reference of another shape": ({"ref_depth_bins": np.zeros((3, 2))}, "ref_depth_bins shape"),
+    "reference of text": ({"ref_depth_bins": np.full((2, 3), "a")}, "ref_depth_bins dtype"),
+    "mask of another shape": ({"mask": np.ones(6, bool)}, "mask shape"),
+    "gain of 0": ({"gain": np.zeros((2, 3))}, "gain"),
+    "unknown projection": ({"projection": "fisheye"}, "projection"),
+    "projection without values": ({"projection": "pinhole"}, "projection_values"),
+    "three values": ({"projection": "pinhole", "projection_values": np.ones(3)}, "projection_values shape"),
+    "focal length 0": ({"projection": "pinhole", "projection_values": np.zeros(4)}, "projection.fx"),
+    "field of view of 200°": ({"fov_deg": 200.0}, "fov_deg"),
+    "frame of numbers": ({"frame_id": 3}, "frame_id dtype"),
+    "one gate word": ({"gate_words": np.array([1])}, "gate_words shape"),
+    "gate words too large": ({"gate_words": np.array([1, 10**6])}, "gates.no_detection"),
+}
+
+
+@pytest.mark.parametrize(("changes", "field"), MALFORMED.values(), ids=MALFORMED)
+def test_malformed_files_are_named_in_one_line(tmp_path, changes, field):
+    with pytest.raises(InvalidInput) as caught:
+        open_photons(write(tmp_path, **changes))
+    assert caught.value.field == f"photons.npz {field}"
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+def _header(shape, dtype="<f8", body=b"") -> bytes:
+    out = io.BytesIO()
+    np.lib.format.write_array_header_1_0(out, {"descr": dtype, "fortran_order": False, "shape": shape})
+    return out.getvalue() + body
+
+
+def test_a_zip_bomb_is_refused_by_its_header(tmp_path):
+    path = write(tmp_path, toa=None)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("toa.npy", _header((2**40,), "<u2", bytes(2**20)))
+    with pytest.raises(InvalidInput, match="toa size is 2199023255552 bytes: expected at most"):
+        open_photons(path)
+
+
+def test_a_header_that_lies_about_the_size_is_refused(tmp_path):
+    path = write(tmp_path, toa=None)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("toa.npy", _header((4,), "<u2", b"12"))
+    with pytest.raises(InvalidInput, match="toa size is 2 bytes: expected 8 bytes"):
+        open_photons(path)
+
+
+def test_a_member_that_is_no_array_is_refused(tmp_path):
+    path = write(tmp_path, toa=None)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("toa.npy", b"hello")
+    with pytest.raises(InvalidInput, match="toa is unreadable"):
+        open_photons(path)
+
+
+@pytest.mark.parametrize("damage", [
+    lambda data: data[: len(data) // 2], lambda data: data[:-10], lambda data: b"", lambda data: b"not a zip file",
+    lambda data: data.replace(b"\x93NUMPY", b"\x93NUMPI"),
+])
+def test_damaged_files_are_refused(tmp_path, damage):
+    path = write(tmp_path)
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(InvalidInput, match="^photons.npz"):
+        open_photons(path)
+
+
+@pytest.mark.parametrize("name", ["photons.txt", "photons", "photons.npz.gz"])
+def test_another_suffix_is_refused(tmp_path, name):
+    with pytest.raises(InvalidInput, match="expected a file that ends in .npz or .mat"):
+        open_photons(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["absent.npz", "absent.mat"])
+def test_a_missing_file_is_named(tmp_path, name):
+    with pytest.raises(InvalidInput, match=f"{name}: expected a file that exists"):
+        open_photons(tmp_path / name)
+
+
+def test_a_folder_is_no_photon_file(tmp_path):
+    (tmp_path / "folder.npz").mkdir()
+    with pytest.raises(InvalidInput, match="expected a file"):
+        open_photons(tmp_path / "folder.npz")
+
+
+@pytest.mark.parametrize(("field", "arguments"), [
+    ("photon file", ("a.txt", SENSOR, EVENTS)), ("photon file", ("absent/a.npz", SENSOR, EVENTS)),
+    ("toa", ("a.npz", SENSOR.replace(num_bins=49), EVENTS)), ("pixel", ("a.npz", SENSOR.replace(rows=1), EVENTS)),
+    ("reference_depth_bins shape", ("a.npz", SENSOR, EVENTS, np.zeros((3, 2)))),
+])
+def test_what_cannot_be_saved_is_named(tmp_path, field, arguments):
+    with pytest.raises(InvalidInput) as caught:
+        npz.save(tmp_path / arguments[0], *arguments[1:])
+    assert caught.value.field == field

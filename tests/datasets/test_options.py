@@ -1,0 +1,95 @@
+"""Options win over the sidecar, which wins over the file."""
+
+import json
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.errors import InvalidInput
+
+IRF = np.array([1, 2, 1], np.float32) / 4
+
+
+@pytest.fixture
+def path(tmp_path):
+    sensor = SensorModel(2, 3, 50, 1e-10, IRF, irf_ref=0, toa_offset_bins=7)
+    events = PhotonEvents(np.array([5, 0, 3], np.uint32), np.array([49, 0, 7], np.uint16))
+    reference = np.array([[10, 20, np.nan], [30, 12, 49]], np.float32)
+    npz.save(tmp_path / "a.npz", sensor, events, reference)
+    return tmp_path / "a.npz"
+
+
+def sidecar(path, text) -> None:
+    path.with_name("a.npz.json").write_text(text if isinstance(text, str) else json.dumps(text))
+
+
+def test_options_replace_what_the_file_says(path):
+    given = {"num_bins": 60, "bin_width_s": 2e-10, "toa_offset_bins": 1.5, "range_offset_m": 3}
+    sensor = open_photons(path, fov_deg=20, **given).sensor
+    assert {name: getattr(sensor, name) for name in given} == given
+    assert sensor.projection == Pinhole.from_fov(2, 3, 20) and sensor.irf_ref == 0
+    assert open_photons(path, num_bins=None).sensor.num_bins == 50
+
+
+def test_options_win_over_the_sidecar_which_wins_over_the_file(path):
+    sidecar(path, {"num_bins": 60, "bin_width_s": 2e-10})
+    sensor = open_photons(path, num_bins=70).sensor
+    assert (sensor.num_bins, sensor.bin_width_s, sensor.toa_offset_bins) == (70, 2e-10, 7)
+
+
+def test_an_irf_comes_with_its_own_reference(path):
+    assert open_photons(path, irf=[0, 1, 5, 1]).sensor.irf_ref == 2
+    sidecar(path, {"irf": [1, 1, 1, 5], "irf_ref": 1})
+    assert open_photons(path).sensor.irf_ref == 1
+    assert open_photons(path, irf=[0, 1, 5, 1]).sensor.irf_ref == 2
+    assert open_photons(path, irf_ref=3).sensor.irf_ref == 3
+
+
+def test_an_irf_file_is_looked_for_beside_the_sidecar(path):
+    np.save(path.with_name("response.npy"), np.array([1.0, 3.0]))
+    sidecar(path, {"irf": "response.npy"})
+    np.testing.assert_allclose(open_photons(path).sensor.irf, [0.25, 0.75])
+
+
+def test_a_gate_moves_toa_offset_and_reference_together(path):
+    photons = open_photons(path, gate=[5, 20])
+    assert photons.frame.toa.tolist() == [2] and photons.frame.pixel.tolist() == [3]
+    assert photons.sensor.num_bins == 20 and photons.sensor.toa_offset_bins == 12
+    expected = [[5, 15, np.nan], [np.nan, 7, np.nan]]
+    np.testing.assert_array_equal(photons.reference_depth_bins, [expected])
+    assert photons.notes == ("2 of 3 photons lie outside the gate (bins 5 to 24): dropped",)
+    whole = open_photons(path)
+    assert photons.sensor.range_m(5) == pytest.approx(whole.sensor.range_m(10))
+
+
+@pytest.mark.parametrize(("field", "options"), [
+    ("gate", {"gate": (40, 20)}), ("num_bins", {"num_bins": 1}), ("toa", {"num_bins": 40}), ("rows", {"rows": 3}),
+    ("option name", {"width": 3}), ("irf", {"irf": "response.bin"}), ("irf", {"irf": "absent.npy"}),
+    ("fov_deg", {"fov_deg": "wide"}), ("irf shape", {"irf": np.ones((2, 2, 2))}),
+])
+def test_unusable_options_are_named(path, field, options):
+    with pytest.raises(InvalidInput) as caught:
+        open_photons(path, **options)
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize(("text", "field"), [
+    ("{", "a.npz.json"), ("[1]", "a.npz.json"), ("[" * 100_000, "a.npz.json"), ('"text"', "a.npz.json"),
+    ({"bins": 3}, "a.npz.json name"), ({"num_bins": "many"}, "num_bins"), ({"bin_width_s": None}, "bin_width_s"),
+    ({"irf": {}}, "irf"), ({"irf": "absent.npy"}, "irf"), ({"gate": 3}, "gate"), ({"gate": [1, 2, 3]}, "gate"),
+])
+def test_unusable_sidecars_are_named(path, text, field):
+    sidecar(path, text)
+    with pytest.raises(InvalidInput) as caught:
+        open_photons(path)
+    assert caught.value.field == field
+
+
+def test_a_sidecar_that_is_no_text_is_named(path):
+    path.with_name("a.npz.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidInput, match="a.npz.json is unreadable"):
+        open_photons(path)

@@ -1,0 +1,71 @@
+"""The published files, unmodified, agree photon for photon with the npz files made from them independently."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.datasets import Photons, open_photons
+
+PAIRS = {
+    "head": ("Face_Depth_Reflectivity_Clean.mat", "polystyrene_head_142_full.npz", {}),
+    "two layers": ("two_layer.mat", "two_layer_100.npz", {}),
+    "mannequin": ("data_face.mat", "mannequin_face_340.npz", {"gate": (3000, 3000)}),
+    "tower": ("tower.mat", "tower_9p8km.npz", {}),
+}
+
+
+def sorted_photons(photons: Photons) -> np.ndarray:
+    return np.sort(photons.frame.pixel.astype(np.int64) * 2**16 + photons.frame.toa)
+
+
+def greatest_difference(irf: np.ndarray, reference: np.ndarray) -> float:
+    """Between two IRFs once they are shifted onto each other, in units of the reference's peak."""
+    padded = np.pad(reference, len(irf))
+    shift = int(np.argmax(np.correlate(padded, irf)))
+    padded[shift: shift + len(irf)] -= irf
+    return np.abs(padded).max() / reference.max()
+
+
+@pytest.mark.parametrize(("mat", "npz", "options"), PAIRS.values(), ids=PAIRS)
+def test_published_file_and_npz_agree(shared_data, mat, npz, options):
+    published = open_photons(shared_data / "published" / mat, **options)
+    made = open_photons(shared_data / "photons" / npz)
+    np.testing.assert_array_equal(sorted_photons(published), sorted_photons(made))
+    for name in ("rows", "cols", "num_bins", "bin_width_s", "toa_offset_bins"):
+        assert getattr(published.sensor, name) == getattr(made.sensor, name), name
+    published.frame.check(published.sensor)
+    assert published.frame.is_sorted
+    assert any("bin width" in note for note in published.notes) and any("IRF" in note for note in published.notes)
+    assert greatest_difference(published.sensor.irf, made.sensor.irf) < 0.2
+
+
+def test_the_head_comes_with_the_depths_of_its_authors(shared_data):
+    published = open_photons(shared_data / "published" / "Face_Depth_Reflectivity_Clean.mat")
+    with np.load(shared_data / "photons" / "polystyrene_head_142_full.npz") as made:
+        np.testing.assert_array_equal(published.reference_depth_bins[0], made["ref_depth_bins"])
+
+
+def test_photons_outside_the_gate_of_the_mannequin_are_counted(shared_data):
+    photons = open_photons(shared_data / "published" / "data_face.mat", gate=(3000, 3000))
+    assert "52171 of 955670 photons lie outside the gate (bins 3000 to 5999): dropped" in photons.notes
+    assert open_photons(shared_data / "published" / "data_face.mat").frame.photons == 955670
+
+
+def test_a_measured_irf_can_be_given(shared_data):
+    photons = open_photons(shared_data / "published" / "two_layer.mat",
+                           irf=str(shared_data / "irfs.npz") + ":hw_polystyrene_16ps")
+    assert photons.sensor.irf_ref == 293 and not any("IRF" in note for note in photons.notes)
+
+
+@pytest.mark.parametrize("surfaces", [1, 2])
+def test_references_of_npz_files(shared_data, surfaces):
+    name = {1: "polystyrene_head_142_10ppp.npz", 2: "two_layer_100.npz"}[surfaces]
+    photons = open_photons(shared_data / "photons" / name)
+    assert photons.reference_depth_bins.shape == (surfaces, photons.sensor.rows, photons.sensor.cols)
+    if surfaces == 1:
+        assert (photons.reference_depth_bins % 1).any()         # the sub-bin one
+
+
+def test_every_npz_file_opens(shared_data):
+    for path in sorted((shared_data / "photons").glob("*.npz")):
+        photons = open_photons(path)
+        assert photons.frame.photons > 0 and photons.frame.is_sorted and photons.notes == ()

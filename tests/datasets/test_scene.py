@@ -1,0 +1,116 @@
+"""The scenes that ship with the package."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.projection import AngularScan
+from srt3d_ros.datasets.bust import Bust
+from srt3d_ros.datasets.figure import Figure, Part, rotation
+from srt3d_ros.datasets.scene import NetScene, StaticScene, default_sensor, net_sensor
+from srt3d_ros.errors import InvalidInput
+
+
+@pytest.fixture(scope="module")
+def bust() -> Bust:
+    return Bust(default_sensor())
+
+
+def test_a_ball_is_hit_where_geometry_says():
+    ball = Figure((Part((0, 0, 0), (10, 10, 10), 0.5),))
+    origin = np.array([0, 0, -1], np.float32)
+    sideways = np.linspace(0, 0.15, 50)
+    rays = np.stack([sideways, 0 * sideways, np.ones(50)]).astype(np.float32)
+    rays /= np.linalg.norm(rays, axis=0)
+    along = rays[2].astype(np.float64)                          # |origin| = 1: nearest approach to the centre
+    inside = along**2 - 1 + 0.1**2
+    expected = np.where(inside > 0, along - np.sqrt(np.maximum(inside, 0)), np.inf)
+    clear = np.abs(inside) > 1e-3                               # not the rays that graze it
+    np.testing.assert_allclose(ball.march(origin, rays)[clear], expected[clear], atol=3e-4)
+
+
+def test_parts_off_the_middle_have_mirror_images():
+    ears = Figure((Part((5, 0, 0), (1, 1, 1), tilt_deg=(10, 20, 30)),))
+    points = np.array([[0.052, -0.052, 0.0], [0, 0, 0], [0, 0, 0]], np.float32)
+    distance = ears.distance(points)
+    assert distance[0] == distance[1] < 0 < distance[2]
+
+
+def test_carving_takes_away():
+    bowl = Figure((Part((0, 0, 0), (5, 5, 5)), Part((0, 0, -5), (2, 2, 2), carve=True, seam_cm=0.1)))
+    inside, hollow = np.array([[0, 0, 0.01], [0, 0, -0.04]], np.float32)
+    assert bowl.distance(inside[:, None]) < 0 < bowl.distance(hollow[:, None])
+
+
+def test_rotations_turn_rays_without_stretching_them():
+    turn = rotation(10, -20, 30)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(rotation(90, 0, 0) @ (0, 1, 0), (0, 0, 1), atol=1e-12)
+
+
+def test_the_bust_is_a_head_on_shoulders_before_a_wall(bust):
+    range_m = bust.frame(0)[0][0]
+    person = range_m < 2.35
+    width = person.sum(axis=1)
+    assert not person[0].any() and person[-1].all()             # wall above the head, shoulders across the bottom
+    assert not person[:100, [0, -1]].any()                      # wall beside the head
+    head, neck = width[60:70].max(), width[105:116].min()
+    assert 55 < head < 80 and 25 < neck < head                  # a neck narrower than the head
+    assert np.abs(person[20:110].astype(int) - person[20:110, ::-1]).mean() < 0.01     # looks straight ahead at t = 0
+
+
+def test_the_face_has_nose_sockets_and_chin(bust):
+    depth = bust.frame(0)[0][0] - 2
+    column = depth[:, 70]
+    nose = int(np.argmin(column))
+    assert 65 < nose < 85
+    assert depth[nose, 70] < depth[nose, 58] - 0.02             # the nose stands out from the cheek
+    eye, brow = depth[nose - 15, 70 - 13], depth[nose - 24, 70 - 13]
+    assert eye > brow + 0.003                                   # the eye lies deeper than the brow
+    lips, under, chin = column[nose + 12: nose + 17].min(), column[nose + 18: nose + 22].max(), column[nose + 23:].min()
+    assert under > lips + 0.003 and chin < depth[115, 70]       # a mouth, a dip, a chin before the neck
+
+
+def test_the_scene_lies_well_within_the_sensors_window(bust):
+    sensor = default_sensor()
+    for t_s in np.arange(0, 8, 0.5):
+        range_m, reflectivity = bust.frame(t_s)
+        bins = (range_m - sensor.range_m(0)) / sensor.bin_width_m
+        assert 500 < bins.min() and bins.max() < sensor.num_bins - len(sensor.irf)
+        assert range_m.dtype == reflectivity.dtype == np.float32
+        assert 0 < reflectivity.min() and reflectivity.max() <= 1
+
+
+def test_the_head_turns_smoothly(bust):
+    nose = [np.unravel_index(np.argmin(bust.frame(t_s)[0][0]), (141, 141))[1] for t_s in np.arange(0, 8, 0.1)]
+    assert min(nose) < 55 and max(nose) > 85
+    assert np.abs(np.diff(nose)).max() <= 6
+
+
+def test_the_same_time_gives_the_same_scene(bust):
+    for one, other in zip(bust.frame(1.7), bust.frame(1.7)):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_the_bust_refuses_a_scanner():
+    sensor = default_sensor().replace(projection=AngularScan(0, 0.01, 0, 0.01))
+    with pytest.raises(InvalidInput, match="projection is angular_scan"):
+        Bust(sensor)
+
+
+def test_the_net_hangs_before_the_plane_and_waves():
+    sensor = net_sensor()
+    assert (sensor.rows, sensor.cols, sensor.num_bins) == (32, 32, 153)
+    scene = NetScene(sensor)
+    net, plane = scene.frame(0)[0]
+    both = np.isfinite(net) & np.isfinite(plane)
+    assert 0.5 < both.mean() < 1
+    assert (plane[both] - net[both]).min() > 0.8
+    later = scene.frame(1.0)[0]
+    assert np.nanmax(np.abs(later[0] - net)) > 0.05
+    np.testing.assert_array_equal(later[1], plane)
+
+
+@pytest.mark.parametrize(("range_m", "reflectivity"), [(np.ones(4), 1), (np.ones((2, 3)), np.ones((3, 2)))])
+def test_a_static_scene_checks_its_shapes(range_m, reflectivity):
+    with pytest.raises(InvalidInput, match="shape"):
+        StaticScene(range_m, reflectivity)
