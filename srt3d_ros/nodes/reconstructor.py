@@ -9,7 +9,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, SRT3D
+from srt3d_ros.core.srt3d import DEVICES, MAX_SURFACES, SRT3D
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -20,11 +20,10 @@ from srt3d_ros.nodes.worker import Dropped
 
 PARAMETERS = (
     Parameter("method", "srt3d", "How to reconstruct.", choices=("srt3d",)),
-    Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=8, live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "Share of the pixels without a surface that may show a "
+    Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
+    Parameter("false_alarm_rate", 1e-3, "Share of the pixels without a surface that may show a "
               "point.", low=1e-12, high=0.5, live=True),
-    Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.",
-              choices=("auto", "cpu", "cuda")),
+    Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
