@@ -107,7 +107,7 @@ class Matcher:
         require(sketch.photons.shape == shape, "sketch size", sketch.photons.shape, f"rows × cols = {shape}")
         matched = (sketch.sums * self._equaliser).transpose(0, 2, 1)
         matched = np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
-        noise = sketch.photons * self._exposure
+        noise = sketch.photons.astype(np.float32) * self._exposure
         return Frame(matched, noise, self._exposure, self._energy, self._cycles, self.sensor.num_bins, self._moments,
                      self._intensity_moments)
 

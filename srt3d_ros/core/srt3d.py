@@ -22,6 +22,7 @@ from srt3d_ros.core.start import find_surfaces, score_threshold, window_weights
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
+DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
 WINDOWS = (1.0, 1.5, 2.0, 2.5)      # σ of the pooling window in each iteration, pixels
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
@@ -42,8 +43,8 @@ class SRT3D:
         InvalidInput: for a parameter that cannot be used.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, false_alarm_rate: float = 1e-4,
-                 device: str = "auto"):
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
+                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto"):
         require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
                 f"an integer from 1 to {MAX_SURFACES}")
         require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")

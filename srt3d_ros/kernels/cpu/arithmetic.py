@@ -7,8 +7,7 @@ import numpy as np
 from numba import njit
 
 # OpenMP lets several threads of one process (two nodes on one executor, say) call kernels at once; numba's own
-# work queue would abort. Threads that wait must sleep: spinning ones take the cores from the other nodes.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# work queue would abort. An explicit choice in the environment wins.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"
 

@@ -1,0 +1,87 @@
+"""`srt3d reconstruct`: a photon file to a point cloud file, without ROS."""
+
+import argparse
+import json
+import sys
+import time
+
+DEFAULT_SKETCH_SIZE = 10
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "reconstruct", help="reconstruct a photon file and save the point cloud",
+        description="Sketch the photons of a file, reconstruct them with SRT3D and save the cloud. A published .mat "
+                    "file may lack bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.")
+    parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published")
+    parser.add_argument("-o", "--output", metavar="OUT", required=True,
+                        help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
+    parser.add_argument("--sketch-size", type=int, metavar="M",
+                        help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
+    parser.add_argument("--frequencies", default="auto", metavar="auto|consecutive|k1,k2,…",
+                        help="which they are: spread over what the IRF passes (auto), 1 … M, or a list")
+    parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
+    parser.add_argument("--method", default="srt3d", choices=("srt3d",), help="how to reconstruct (srt3d)")
+    parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"), help="where to compute (auto)")
+    parser.add_argument("--false-alarm-rate", type=float, metavar="P",
+                        help="probability that a pixel with background alone shows a point (1e-4)")
+    parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
+    sensor = parser.add_argument_group("what the file does not say")
+    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
+    sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
+    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
+    sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
+    sensor.add_argument("--gate", type=_gate, metavar="FIRST,COUNT", help="keep only COUNT bins from FIRST on")
+    sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
+    parser.set_defaults(run=run)
+
+
+def _gate(text: str) -> tuple[int, int]:
+    try:
+        first, count = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"gate is {text}: expected FIRST,COUNT, two integers") from None
+    return first, count
+
+
+OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
+
+
+def run(args: argparse.Namespace) -> int:
+    from srt3d_ros import cloud_files
+    from srt3d_ros.core.frequencies import choose
+    from srt3d_ros.core.sketching import sketch_photons
+    from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, SRT3D
+    from srt3d_ros.datasets import open_photons
+
+    cloud_files.check(args.output)
+    photons = open_photons(args.input, **{name: getattr(args, name) for name in OVERRIDES
+                                          if getattr(args, name) is not None})
+    for note in photons.notes:
+        print(f"srt3d: {note}", file=sys.stderr)
+    sensor, frame = photons.sensor, photons.frame
+    frequencies = choose(args.frequencies, sensor, args.sketch_size)
+    rate = DEFAULT_FALSE_ALARM_RATE if args.false_alarm_rate is None else args.false_alarm_rate
+    srt3d = SRT3D(sensor, frequencies, surfaces=args.surfaces, false_alarm_rate=rate, device=args.device)
+    srt3d.warm_up()
+    sketch, sketch_ms = _timed(lambda: sketch_photons(frame, sensor, frequencies))
+    cloud, reconstruct_ms = _timed(lambda: srt3d(sketch))
+    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=sensor)
+    facts = {"method": args.method, "device": srt3d.device, "rows": sensor.rows, "cols": sensor.cols,
+             "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies),
+             "frequencies": list(frequencies), "surfaces": args.surfaces, "points": len(cloud),
+             "sketch_ms": round(sketch_ms, 3), "reconstruct_ms": round(reconstruct_ms, 3), "output": str(args.output)}
+    print(json.dumps(facts) if args.json else _words(facts))
+    return 0
+
+
+def _timed(compute):
+    """What compute() returns, and the milliseconds it took."""
+    started = time.perf_counter()
+    result = compute()
+    return result, (time.perf_counter() - started) * 1e3
+
+
+def _words(facts: dict) -> str:
+    return ("{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins → sketch of {sketch_size} in "
+            "{sketch_ms:.1f} ms → {points:,} points in {reconstruct_ms:.1f} ms on {device}\n{output}").format(**facts)
