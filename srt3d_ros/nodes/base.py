@@ -16,7 +16,8 @@ from srt3d_ros.nodes.gaps import Gaps
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, Dropped, Worker
 
-PUBLISH_DEPTH, SUBSCRIBE_DEPTH, LOSSLESS_DEPTH = 5, 2, 32
+PUBLISH_DEPTH, SUBSCRIBE_DEPTH = 5, 2
+QUEUE_DEPTH = 32        # where frames are queued rather than dropped
 LOG_EVERY_S = 2.0       # repeated complaints
 POLL_S = 0.005
 PATIENCE_S = 0.5        # a wait this long is worth a log line
@@ -66,7 +67,7 @@ class PipelineNode(Node):
             if not gaps.numbered:       # or they would be counted twice
                 self.diagnostics.lost(event.total_count_change)
 
-        qos = QoSProfile(depth=LOSSLESS_DEPTH if self.lossless else SUBSCRIBE_DEPTH)
+        qos = QoSProfile(depth=SUBSCRIBE_DEPTH if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH)
         options = {"raw": True, "qos_overriding_options": OVERRIDABLE}
         try:
             events = SubscriptionEventCallbacks(message_lost=lost)
@@ -82,7 +83,7 @@ class PipelineNode(Node):
 
     def advertise(self, message_type: type, topic: str) -> Publisher:
         """A publisher of frames."""
-        depth = LOSSLESS_DEPTH if self.lossless else PUBLISH_DEPTH
+        depth = QUEUE_DEPTH if self.lossless else PUBLISH_DEPTH
         return self.create_publisher(message_type, topic, QoSProfile(depth=depth), qos_overriding_options=OVERRIDABLE)
 
     def advertise_latched(self, message_type: type, topic: str) -> Publisher:
@@ -140,6 +141,7 @@ class PipelineNode(Node):
     def _failed(self, error: Exception, is_frame: bool) -> None:
         if isinstance(error, Dropped):
             self.diagnostics.drop(error.cause)
+            self.get_logger().warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
             return
         bad_input = isinstance(error, InvalidInput)
         text = str(error) if bad_input else f"{type(error).__name__}: {' '.join(str(error).split())}"

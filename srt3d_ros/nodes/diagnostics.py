@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -25,6 +26,7 @@ PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know e
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
 LAST_WORDS_S = 1.0      # how long the last report may take to reach the subscribers
+POLL_S = 0.01
 
 
 class Diagnostics:
@@ -105,7 +107,9 @@ class Diagnostics:
         """Publish the last report and give it time to arrive."""
         self._timer.cancel()
         self.report()
-        self.publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
+        deadline = time.monotonic() + LAST_WORDS_S
+        while not all_acknowledged(self.publisher) and time.monotonic() < deadline:
+            time.sleep(POLL_S)
 
     def _status(self) -> DiagnosticStatus:
         with self._lock:
@@ -148,3 +152,8 @@ class Diagnostics:
         if self._waiting_for:
             return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
         return DiagnosticStatus.OK, ""
+
+
+def all_acknowledged(publisher: Publisher) -> bool:
+    """True if every reliable subscriber has what was published. To be polled: rclpy would wait with the GIL held."""
+    return publisher.wait_for_all_acked(Duration(seconds=0))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
 
-from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
@@ -22,7 +22,8 @@ from srt3d_ros.messages import cdr
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.nodes.base import LOSSLESS_DEPTH, LOSSLESS_PARAMETER, OVERRIDABLE, PipelineNode
+from srt3d_ros.nodes.base import LOSSLESS_PARAMETER, OVERRIDABLE, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.runtime import run
 
@@ -62,7 +63,9 @@ class PlayerNode(PipelineNode):
         rate_hz = self.parameters["rate_hz"]
         require(rate_hz > 0 or self.lossless, "rate_hz", rate_hz, "above 0 Hz, or lossless to send as fast as answered")
         require(rate_hz > 0 or not self.parameters["duration_s"], "rate_hz", rate_hz, "above 0 Hz with duration_s")
-        sensor, self._frame = open_input(self.parameters)
+        sensor, self._frame, notes = open_input(self.parameters)
+        for note in notes:
+            self.get_logger().info(f"{self.parameters['input']}: {note}")
         if self.parameters["output"] == "gates" and sensor.gates is None:
             sensor = sensor.replace(gates=GateWords())
         if self.parameters["frame_id"]:
@@ -77,18 +80,19 @@ class PlayerNode(PipelineNode):
         self._publisher = self.advertise(Image if gates else PointCloud2, self.parameters["output"])
         if self.lossless:
             self._answers = self.create_subscription(
-                PointCloud2, "points", self._on_answer, QoSProfile(depth=LOSSLESS_DEPTH), raw=True,
+                PointCloud2, "points", self._on_answer, QoSProfile(depth=QUEUE_DEPTH), raw=True,
                 qos_overriding_options=OVERRIDABLE)
         self.worker.call(self._play)
 
     def _play(self) -> None:
-        self.exit_code = 1
         try:
             self._wait_for_listeners()
             self._send_all()
             self._wait_for_answers(0)
-            self._publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
-            self.exit_code = 0
+            self._wait_until_acknowledged(self._publisher)
+        except Exception:
+            self.exit_code = 1
+            raise
         finally:
             self.stopping.set()
 
@@ -98,8 +102,10 @@ class PlayerNode(PipelineNode):
                         f"{wanted} subscriber{'s' * (wanted > 1)} on {publisher.topic_name}")
         if self.lossless:
             self.wait_until(self._answers.get_publisher_count, f"somebody who publishes {self._answers.topic_name}")
-        if wanted:
-            self._sensor_publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
+        self._wait_until_acknowledged(self._sensor_publisher)
+
+    def _wait_until_acknowledged(self, publisher: Publisher) -> None:
+        self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
 
     def _send_all(self) -> None:
         rate_hz = self.parameters["rate_hz"]
@@ -161,14 +167,14 @@ class PlayerNode(PipelineNode):
                 self._unanswered.clear()
 
 
-def open_input(parameters: Parameters) -> tuple[SensorModel, Callable[[int], PhotonEvents]]:
-    """The sensor and a function that gives the photons of frame k."""
+def open_input(parameters: Parameters) -> tuple[SensorModel, Callable[[int], PhotonEvents], tuple[str, ...]]:
+    """The sensor, a function that gives the photons of frame k, and what was assumed where a file does not say."""
     if parameters["input"] == SIMULATOR:
         simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
-        return simulator.sensor, lambda k: simulator.frame(k)[0]
+        return simulator.sensor, lambda k: simulator.frame(k)[0], ()
     overrides = {name: parameters[name] for name in ("num_bins", "bin_width_s", "irf", "fov_deg") if parameters[name]}
     photons = datasets.open_photons(parameters["input"], **overrides)
-    return photons.sensor, lambda k: photons.frame
+    return photons.sensor, lambda k: photons.frame, photons.notes
 
 
 def main(args: list[str] | None = None) -> int:

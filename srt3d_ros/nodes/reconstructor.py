@@ -9,7 +9,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.srt3d import DEVICES, MAX_SURFACES, SRT3D
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, DEVICES, MAX_SURFACES, SRT3D
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -21,7 +21,7 @@ from srt3d_ros.nodes.worker import Dropped
 PARAMETERS = (
     Parameter("method", "srt3d", "How to reconstruct.", choices=("srt3d",)),
     Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("false_alarm_rate", 1e-3, "Share of the pixels without a surface that may show a "
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "Share of the pixels without a surface that may show a "
               "point.", low=1e-12, high=0.5, live=True),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
@@ -70,7 +70,7 @@ class ReconstructorNode(PipelineNode):
 
     def _on_sketch(self, raw: bytes) -> None:
         if self._sensor is None:
-            raise Dropped("no_sensor")
+            raise Dropped("no_sensor", "nobody has described the sketch on `sketch/sensor` yet")
         header, sketch = sketch_message.decode_cdr(raw, self._frequencies, self._sensor)
         started = time.perf_counter()
         cloud = self._srt3d(sketch)

@@ -78,7 +78,7 @@ class SketcherNode(PipelineNode):
 
     def _on_frame(self, raw: bytes, codec) -> None:
         if self._sketcher is None:
-            raise Dropped("no_sensor")
+            raise Dropped("no_sensor", "nobody has described the sensor on `sensor` yet")
         header, frame = codec.decode_cdr(raw, self._sensor)
         self._sketcher.add(frame)
         self._packets += 1

@@ -10,10 +10,15 @@ LOSSLESS = 256          # frames that may wait when none may be dropped; bounds 
 
 
 class Dropped(Exception):
-    """Raised by a job for a frame it cannot use, through nobody's mistake: the cause is counted, nothing else."""
+    """Raised by a job for a frame it cannot use, through nobody's mistake.
 
-    def __init__(self, cause: str):
-        super().__init__(cause)
+    Args:
+        cause: under which it is counted.
+        why: for the log.
+    """
+
+    def __init__(self, cause: str, why: str):
+        super().__init__(why)
         self.cause = cause
 
 

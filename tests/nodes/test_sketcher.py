@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
 from srt3d_ros.core.frequencies import choose
@@ -137,8 +138,11 @@ def test_a_bad_parameter_ends_the_start_with_one_line(graph):
 
 def test_live_parameters_change_and_the_others_refuse_with_a_reason(graph, sensor, events):
     sketches = graph.collect(PointCloud2, "sketch")
-    process = graph.start("sketcher", sketch_sise=3).ready()
+    qos = f"qos_overrides.{graph.namespace}/photons.subscription.reliability:=best_effort"
+    process = graph.start("sketcher", "-p", qos, sketch_sise=3).ready()
     graph.introduce(sensor)
+    reader, = graph.node.get_subscriptions_info_by_topic("photons")
+    assert reader.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     assert "sketcher has no such parameter, did you mean sketch_size?" in process.text
     client = graph.node.create_client(SetParameters, "sketcher/set_parameters")
     assert client.wait_for_service(60)
