@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -44,8 +43,9 @@ class Process:
 
     def __init__(self, command: list[str]):
         self.lines: list[str] = []
+        environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1"}
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                         cwd=REPOSITORY, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+                                         cwd=REPOSITORY, env=environment)
         self.pid = self._process.pid
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -78,9 +78,13 @@ class Process:
         self._reader.join(5)
         return self._process.returncode
 
-    def end(self, number: signal.Signals = signal.SIGTERM) -> int:
-        """Send a signal, wait; the exit code."""
+    def send(self, number: int) -> None:
+        """Send a signal."""
         self._process.send_signal(number)
+
+    def end(self, number: int) -> int:
+        """Send a signal, wait; the exit code."""
+        self.send(number)
         return self.code()
 
     def kill(self) -> None:
@@ -122,8 +126,9 @@ class Graph:
         return wait(condition, what, describe)
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
-        """Start a node; parameters as in `-p name:=value`."""
-        command = [sys.executable, "-m", f"srt3d_ros.nodes.{name}", "--ros-args", "-r", f"__ns:={self.namespace}"]
+        """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
+        program = [name] if name.endswith(".py") else ["-m", f"srt3d_ros.nodes.{name}"]
+        command = [sys.executable, *program, "--ros-args", "-r", f"__ns:={self.namespace}"]
         for key, value in parameters.items():
             command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
         self.processes.append(Process([*command, *ros_args]))

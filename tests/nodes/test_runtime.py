@@ -1,0 +1,111 @@
+"""How a node's process starts, fails and ends, shown on a node made for it."""
+
+import signal
+
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from srt3d_ros.messages.cdr import Cloud, write_cloud
+from srt3d_ros.messages.header import Header
+
+SCRIPT = """
+import sys, time
+from sensor_msgs.msg import PointCloud2
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages.cdr import read_cloud
+from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.runtime import run
+
+class ProbeNode(PipelineNode):
+    '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
+    def __init__(self):
+        super().__init__("probe", (), queue_limit=8)
+        self.publisher = self.advertise(PointCloud2, "out")
+        self.subscribe(PointCloud2, "in", self.on_message)
+        {start}
+    def on_message(self, raw):
+        cloud = read_cloud(raw)
+        1 / cloud.width
+        print("working", flush=True)
+        time.sleep(cloud.width / 10)
+        self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
+
+sys.exit(run(ProbeNode))
+"""
+
+
+def message(width: int) -> bytes:
+    return write_cloud(Cloud(Header(10**18, "x"), 1, width, (), False, 0, 0, memoryview(b""), True))
+
+
+@pytest.fixture
+def start(graph, tmp_path):
+    """Starts the probe; `start` is a statement at the end of its constructor."""
+    def start(*ros_args: str, start: str = "pass"):
+        script = tmp_path / "probe.py"
+        script.write_text(SCRIPT.format(start=start))
+        return graph.start(str(script), *ros_args)
+
+    return start
+
+
+def test_an_unexpected_failure_is_counted_and_said_and_the_node_goes_on(graph, start):
+    probe = start().ready()
+    publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+    for width in (0, 0, 1):
+        publisher.publish(message(width))
+    report = graph.reports("probe", "frames_out", 1)
+    assert (report["frames_in"], report["dropped"], report["dropped.error"], report["errors"]) == ("3", "2", "2", "2")
+    assert report["last_error"] == "ZeroDivisionError: division by zero"
+    assert "[ERROR]" in probe.text and "ZeroDivisionError: division by zero" in probe.text
+    assert "Traceback" not in probe.text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_lets_the_frame_in_hand_finish_and_the_books_balance(graph, start, number):
+    clouds = graph.collect(PointCloud2, "out")
+    probe = start().ready()
+    publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+    for _ in range(5):
+        publisher.publish(message(10))
+    graph.reports("probe", "frames_in", 5)
+    probe.says("working")
+    assert probe.end(number) == 0
+    report = graph.report("probe")
+    assert int(report["dropped.shutdown"]) == int(report["dropped"]) > 0
+    assert int(report["frames_in"]) == int(report["frames_out"]) + int(report["dropped"])
+    graph.wait(lambda: len(clouds) == int(report["frames_out"]), "what was reported as sent")
+    assert "Traceback" not in probe.text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_interrupts_a_long_start(start, number):
+    probe = start(start="print('compiling', flush=True); time.sleep(600)").says("compiling")
+    assert probe.end(number) == 0
+    assert "Traceback" not in probe.text
+
+
+def test_a_second_signal_does_not_disturb_the_end(start):
+    probe = start(start="self.worker.close = lambda drain: (print('closing', flush=True), time.sleep(1))").ready()
+    probe.send(signal.SIGINT)
+    probe.says("closing")
+    assert probe.end(signal.SIGINT) == 0
+    assert "Traceback" not in probe.text
+
+
+def test_bad_input_at_the_start_is_one_line_and_exit_code_2(start):
+    probe = start(start="raise InvalidInput('thing', 3, '4')")
+    assert (probe.code(), probe.lines) == (2, ["thing is 3: expected 4"])
+
+
+@pytest.mark.parametrize("argument", ["nonsense", "x:=[1, a"])
+def test_arguments_that_ros_cannot_parse_are_exit_code_2(start, argument):
+    probe = start("-p", argument)
+    assert probe.code() == 2
+    assert probe.lines[-1].startswith("command line is ") and "Traceback" not in probe.text
+
+
+def test_a_mistake_of_ours_is_a_traceback_and_exit_code_1(start):
+    probe = start(start="self.nothing")
+    assert probe.code() == 1
+    assert "AttributeError" in probe.text
