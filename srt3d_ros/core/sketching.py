@@ -13,6 +13,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
+CHUNK = 2**20       # photons converted at once: 4 MB, so that they stay in the cache and memory does not grow
+
 
 class Sketcher:
     """Adds photons to the sketch of a frame, in any split and any order.
@@ -67,8 +69,16 @@ class Sketcher:
             from srt3d_ros.kernels import cpu
             return cpu.sketch_unsorted(events.pixel, events.toa, self.table.numpy(), pixels)
         starts = np.searchsorted(events.pixel, np.arange(pixels + 1, dtype=np.uint32))
-        sums = torch.nn.functional.embedding_bag(torch.from_numpy(events.toa.astype(np.int32)), self.table,
-                                                 torch.from_numpy(starts[:-1].astype(np.int32)), mode="sum")
+        sums = torch.empty(pixels, self.table.shape[1])
+        first = 0
+        while first < pixels:                    # whole pixels, as many as fit into a chunk, but at least one
+            fit = int(np.searchsorted(starts, starts[first] + CHUNK, side="right")) - 1
+            last = min(max(fit, first + 1), pixels)
+            toa = _as_signed(events.toa[starts[first]:starts[last]], self.sensor.num_bins)
+            bins = torch.from_numpy(toa).to(torch.int32)
+            offsets = torch.from_numpy((starts[first:last] - starts[first]).astype(np.int32))
+            sums[first:last] = torch.nn.functional.embedding_bag(bins, self.table, offsets, mode="sum")
+            first = last
         return sums.numpy(), np.diff(starts)
 
     def _sketch_gates(self, gates: PhotonGates) -> tuple[np.ndarray, np.ndarray]:
@@ -85,6 +95,12 @@ class Sketcher:
 
     def _omegas(self) -> np.ndarray:
         return angular_frequencies(self.frequencies, self.sensor.num_bins)
+
+
+def _as_signed(toa: np.ndarray, num_bins: int) -> np.ndarray:
+    """Bins below T as signed integers, which torch converts many times faster than unsigned ones; a view if they fit."""
+    signed = np.dtype(f"i{toa.itemsize}")
+    return toa.view(signed) if num_bins - 1 <= np.iinfo(signed).max else toa.astype(np.int32)
 
 
 def phase_table(frequencies, num_bins: int) -> np.ndarray:

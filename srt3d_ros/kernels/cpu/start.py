@@ -86,10 +86,11 @@ def _match(matched, noise, energy, cycles, cos, sin, num_bins, depth, intensity,
                 depth[i, k, j] = t
                 intensity[i, k, j] = value / total
                 score[i, k, j] = value / np.sqrt(HALF * noise[i, j] * total + TINY)
-                for l in range(m):
-                    sine, cosine = sincos(cycles[l] * t)
-                    rest[l] -= value / total * energy[l] * cosine
-                    rest[m + l] -= value / total * energy[l] * sine
+                if k + 1 < surfaces:
+                    for l in range(m):
+                        sine, cosine = sincos(cycles[l] * t)
+                        rest[l] -= value / total * energy[l] * cosine
+                        rest[m + l] -= value / total * energy[l] * sine
 
 
 def match(matched, noise, energy, cycles, num_bins, surfaces):
