@@ -8,8 +8,9 @@ The state is one map [rows', K, FIELDS, cols'], K surfaces a pixel, with these f
 
 import numpy as np
 
+# numba's disk cache watches only the file of a kernel, not this one: after a change here, `touch` the kernels' files.
 BLOCK = 32          # columns that are worked on together
-MARGIN = 5          # pixels: the largest radius of a window
+MARGIN = 4          # pixels: the largest radius of a window
 
 DEPTH = 0           # t, bins, in [0, T)
 SLOPE_COL = 1       # tangent plane, bins per pixel to the right

@@ -24,7 +24,7 @@ from srt3d_ros.errors import InvalidInput, require
 DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
-WINDOWS = (1.0, 1.5, 2.0, 2.5)      # σ of the pooling window in each iteration, pixels
+WINDOWS = (1.5, 2.5)                # σ of the pooling window in each iteration, pixels
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
 
 
@@ -61,7 +61,7 @@ class SRT3D:
         state = find_surfaces(frame, self.surfaces, threshold, self.kernels)
         for window in WINDOWS:
             state = self.kernels.propose(frame.padded, state, window, SAME_SURFACE**2)
-            state = self.kernels.descend(frame.padded, state, round(2 * window), SAME_SURFACE**2)
+            state = self.kernels.descend(frame.padded, state, min(round(2 * window), layout.MARGIN), SAME_SURFACE**2)
         return self._cloud(frame, state, threshold, sketch)
 
     def warm_up(self) -> None:
