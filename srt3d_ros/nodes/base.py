@@ -34,7 +34,8 @@ LOSSLESS_PARAMETER = Parameter(
 class PipelineNode(Node):
     """A node whose callbacks only hand messages to its worker thread, and whose worker thread publishes.
 
-    A frame ends in exactly one way, which the diagnostics count: published, or dropped for a cause.
+    A frame ends in exactly one way, which the diagnostics count: published, or dropped for a cause. A node of its own
+    takes its parameters in the constructor and does all that may take long or fail in `configure`.
 
     Args:
         name: the node's name unless remapped.
@@ -47,12 +48,20 @@ class PipelineNode(Node):
 
     def __init__(self, name: str, table: Iterable[Parameter], queue_limit: int = NEWEST_ONLY):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        self.parameters = Parameters(self, table)
+        try:
+            self.parameters = Parameters(self, table)
+        except BaseException:
+            self.destroy_node()     # a node that nobody will ever see must not outlive the context
+            raise
         self.lossless = bool(self.parameters.as_dict().get("lossless", False))
         self.diagnostics = Diagnostics(self)
         self.stopping = threading.Event()       # set by a node that is done, and by close()
         self.exit_code = 0
         self.worker = Worker(LOSSLESS if self.lossless else queue_limit, self._failed, self.diagnostics.drop)
+
+    def configure(self) -> None:
+        """Open, compile, advertise and, last, subscribe; InvalidInput if an input or a parameter cannot be used."""
+        raise NotImplementedError
 
     def subscribe(self, message_type: type, topic: str, handle: Callable[[bytes], None]) -> None:
         """Have the worker call `handle` with the CDR bytes of the frames on `topic`."""

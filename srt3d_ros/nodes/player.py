@@ -60,6 +60,9 @@ class PlayerNode(PipelineNode):
 
     def __init__(self):
         super().__init__("player", PARAMETERS)
+
+    def configure(self) -> None:
+        """Open the input, describe the sensor, begin to play."""
         rate_hz = self.parameters["rate_hz"]
         require(rate_hz > 0 or self.lossless, "rate_hz", rate_hz, "above 0 Hz, or lossless to send as fast as answered")
         require(rate_hz > 0 or not self.parameters["duration_s"], "rate_hz", rate_hz, "above 0 Hz with duration_s")

@@ -38,6 +38,9 @@ class ReconstructorNode(PipelineNode):
 
     def __init__(self):
         super().__init__("reconstructor", PARAMETERS)
+
+    def configure(self) -> None:
+        """Compile, then follow the sketches and their description."""
         self._sensor: SensorModel | None = None
         self._frequencies: tuple[int, ...] = ()
         self._srt3d = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device

@@ -37,8 +37,11 @@ class RecorderNode(PipelineNode):
 
     def __init__(self):
         super().__init__("recorder", PARAMETERS, QUEUE)
-        self._path = _checked_path(self.parameters["path"])
         self._writer: RecordingWriter | None = None
+
+    def configure(self) -> None:
+        """Check the path, then follow what is to be recorded."""
+        self._path = _checked_path(self.parameters["path"])
         self._frequencies: tuple[int, ...] = ()
         self._indices: dict[int, int] = {}
         self._frames_seen = 0

@@ -31,7 +31,7 @@ class _Stop:
 
 
 def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) -> int:
-    """Make the node, spin it until it is done or a signal comes, close it; returns the process's exit code.
+    """Make and configure the node, spin it until it is done or a signal comes, close it; returns the exit code.
 
     rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the node
     finish its frame, its recording and its last diagnostics first.
@@ -45,6 +45,7 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
     try:
         _init(args)
         node = make_node()
+        node.configure()
         stop.starting = False
         node.get_logger().info("ready")
         node.diagnostics.report()

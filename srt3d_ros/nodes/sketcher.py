@@ -45,6 +45,9 @@ class SketcherNode(PipelineNode):
 
     def __init__(self):
         super().__init__("sketcher", PARAMETERS)
+
+    def configure(self) -> None:
+        """Compile, then follow the sensor and its photons."""
         self._frequencies_for(ANY_SENSOR)       # a list that no sensor could use is refused now
         warm_up()
         self._sensor: SensorModel | None = None

@@ -20,6 +20,7 @@ class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
     def __init__(self):
         super().__init__("probe", (), queue_limit=8)
+    def configure(self):
         self.publisher = self.advertise(PointCloud2, "out")
         self.subscribe(PointCloud2, "in", self.on_message)
         {start}
@@ -40,7 +41,7 @@ def message(width: int) -> bytes:
 
 @pytest.fixture
 def start(graph, tmp_path):
-    """Starts the probe; `start` is a statement at the end of its constructor."""
+    """Starts the probe; `start` is a statement at the end of `configure`."""
     def start(*ros_args: str, start: str = "pass"):
         script = tmp_path / "probe.py"
         script.write_text(SCRIPT.format(start=start))
