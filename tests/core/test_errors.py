@@ -1,0 +1,73 @@
+"""A user's mistake is one printable line, whatever was in the input."""
+
+import pytest
+
+from srt3d_ros.errors import InvalidInput, require
+
+
+def said(field: str, value: object, expected: str = "something else") -> str:
+    return str(InvalidInput(field, value, expected))
+
+
+def test_the_line_names_field_value_and_what_was_expected():
+    assert said("toa", -1, "bins in [0, 10)") == "toa is -1: expected bins in [0, 10)"
+
+
+def test_the_parts_can_be_read_from_the_exception():
+    error = InvalidInput("toa", -1, "bins in [0, 10)")
+    assert (error.field, error.value, error.expected) == ("toa", -1, "bins in [0, 10)")
+    assert isinstance(error, ValueError)
+
+
+def test_a_text_is_shown_without_quotes_and_others_as_they_print():
+    assert said("device", "gpu").startswith("device is gpu: ")
+    assert said("shape", (3, 4)).startswith("shape is (3, 4): ")
+
+
+@pytest.mark.parametrize("value", ["", "  ", "\n"])
+def test_an_empty_text_is_called_so(value):
+    assert said("irf", value).startswith("irf is empty: ")
+
+
+@pytest.mark.parametrize("value", ["x" * 10_000, list(range(10_000)), b"y" * 10_000])
+def test_long_values_are_shortened(value):
+    line = said("value", value, "less")
+    assert len(line) <= len("value is : expected less") + 80 and "...: expected less" in line
+
+
+@pytest.mark.parametrize("part", ["field", "value", "expected"])
+@pytest.mark.parametrize("broken", ["a\nb", "a\r\nb", "a\u2028b", "a\x0bb", "a\x85b", "a\tb"])
+def test_line_breaks_and_tabs_become_a_space(part, broken):
+    parts = {"field": "f", "value": "v", "expected": "e"} | {part: broken}
+    line = said(**parts)
+    assert len(line.splitlines()) == 1 and "a b" in line
+
+
+@pytest.mark.parametrize("part", ["field", "value", "expected"])
+@pytest.mark.parametrize(("control", "shown"), [
+    ("\x1b[31m", "\\x1b[31m"), ("\x07", "\\x07"), ("\x00", "\\x00"), ("\x7f", "\\x7f"), ("\x9b2J", "\\x9b2J"),
+    ("\u202e", "\\u202e"), ("\udcff", "\\udcff"), ("\b", "\\x08")])
+def test_control_characters_do_not_reach_the_terminal(part, control, shown):
+    parts = {"field": "f", "value": "v", "expected": "e"} | {part: f"a{control}b"}
+    line = said(**parts)
+    assert line.isprintable() and f"a{shown}b" in line
+    line.encode()
+
+
+def test_a_shortened_value_does_not_end_in_half_an_escape():
+    line = said("value", "x" * 76 + "\x1b" * 20)
+    assert line.isprintable() and "\\...:" not in line and "\\x...:" not in line
+
+
+def test_names_in_other_scripts_are_shown_as_they_are():
+    assert said("photon file", "Gerät 光.npz").startswith("photon file is Gerät 光.npz: ")
+
+
+def test_require_raises_only_if_the_condition_fails():
+    require(True, "rows", 1, "more")
+    with pytest.raises(InvalidInput, match="^rows is 0: expected more$"):
+        require(False, "rows", 0, "more")
+
+
+def test_values_of_many_words_are_shortened_as_if_they_had_been_joined():
+    assert said("value", "a  " * 10**6) == f"value is {('a ' * 39)[:77]}...: expected something else"
