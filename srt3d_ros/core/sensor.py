@@ -95,8 +95,8 @@ class SensorModel:
         require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == pixels), "irf shape",
                 irf.shape, f"[L], or [{pixels}, L] for an IRF per pixel")
         require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
-        require(bool(np.isfinite(irf).all() and (irf >= 0).all()), "irf", "negative or not finite in places",
-                "finite values of 0 or more (remove the baseline)")
+        require(bool(((irf >= 0) & (irf <= np.finfo(np.float32).max)).all()), "irf",
+                "negative or not finite in places", "finite float32 values of 0 or more (remove the baseline)")
         total = irf.sum(axis=-1, keepdims=True)
         require(bool((total > 0).all()), "irf", "all zero", "some response")
         if not np.allclose(total, 1, rtol=0, atol=1e-6):    # else already ours: a copy stays the same to the bit
@@ -167,7 +167,7 @@ def _integer(name: str, value) -> int:
 def _finite(name: str, value) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(name, value, "a number") from None
     require(np.isfinite(number), name, value, "a finite number")
     return number
@@ -176,5 +176,5 @@ def _finite(name: str, value) -> float:
 def _array(name: str, value, dtype) -> np.ndarray:
     try:
         return np.ascontiguousarray(value, dtype=dtype)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(name, value, f"an array of {np.dtype(dtype).name}") from None

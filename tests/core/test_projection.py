@@ -1,0 +1,67 @@
+"""Rays: unit length, and where row and col point."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.errors import InvalidInput
+
+
+@pytest.mark.parametrize("projection", [Pinhole(30, 40, 3, 1), AngularScan(0.5, -0.02, 0.3, -0.05)])
+def test_rays_are_unit_vectors_for_every_pixel(projection):
+    rays = projection.rays(4, 7)
+    assert rays.shape == (4, 7, 3) and rays.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, rtol=1e-6)
+
+
+def test_pinhole_looks_along_z_from_its_principal_point():
+    rays = Pinhole(30, 40, 3, 1).rays(4, 7)
+    np.testing.assert_allclose(rays[1, 3], [0, 0, 1])
+    assert rays[1, 4, 0] > 0 and rays[2, 3, 1] > 0          # x to the right, y down
+    np.testing.assert_allclose(rays[3, 6] / rays[3, 6, 2], [3 / 30, 2 / 40, 1], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(20, 31), (31, 20)])
+def test_field_of_view_spans_the_larger_side(rows, cols):
+    lens = Pinhole.from_fov(rows, cols, 40)
+    assert lens.fx == lens.fy == pytest.approx(31 / 2 / np.tan(np.radians(20)))
+    assert (lens.cx, lens.cy) == ((cols - 1) / 2, (rows - 1) / 2)       # the outer edges of the outer pixels see ± 20°
+
+
+def test_scan_looks_along_x_with_y_to_the_left_and_z_up():
+    rays = AngularScan(0, 0.1, 0, 0.2).rays(3, 4)
+    np.testing.assert_allclose(rays[0, 0], [1, 0, 0])
+    assert rays[0, 1, 1] > 0 and rays[1, 0, 2] > 0
+
+
+def test_scan_angles_are_azimuth_and_elevation():
+    rays = AngularScan(0.5, -0.25, -0.2, 0.1).rays(5, 6).astype(np.float64)
+    azimuth, elevation = np.arctan2(rays[..., 1], rays[..., 0]), np.arcsin(rays[..., 2])
+    np.testing.assert_allclose(azimuth, np.broadcast_to(0.5 - 0.25 * np.arange(6), (5, 6)), atol=1e-6)
+    np.testing.assert_allclose(elevation, np.broadcast_to((-0.2 + 0.1 * np.arange(5))[:, None], (5, 6)), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["fx", "fy", "cx", "cy"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_pinhole_refuses_what_is_not_finite(name, value):
+    with pytest.raises(InvalidInput, match=f"^projection.{name} is"):
+        Pinhole(**({"fx": 1, "fy": 1, "cx": 0, "cy": 0} | {name: value}))
+
+
+@pytest.mark.parametrize("name", ["fx", "fy"])
+@pytest.mark.parametrize("value", [0, -1.5])
+def test_pinhole_refuses_focal_lengths_that_are_not_positive(name, value):
+    with pytest.raises(InvalidInput, match=f"^projection.{name} is {value}"):
+        Pinhole(**({"fx": 1, "fy": 1, "cx": 0, "cy": 0} | {name: value}))
+
+
+@pytest.mark.parametrize("name", ["azimuth_start_rad", "azimuth_step_rad", "elevation_start_rad", "elevation_step_rad"])
+def test_scan_refuses_what_is_not_finite(name):
+    with pytest.raises(InvalidInput, match=f"^projection.{name} is nan"):
+        AngularScan(**(dict.fromkeys(AngularScan.__dataclass_fields__, 0.1) | {name: np.nan}))
+
+
+@pytest.mark.parametrize("fov_deg", [0, 180, -5, np.nan])
+def test_impossible_fields_of_view_are_refused(fov_deg):
+    with pytest.raises(InvalidInput, match="^fov_deg is"):
+        Pinhole.from_fov(10, 10, fov_deg)

@@ -1,0 +1,150 @@
+"""SensorModel: what it refuses, and what it says about where photons come from."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
+from srt3d_ros.errors import InvalidInput
+
+IRF = [0.0, 1.0, 3.0, 2.0]
+SHAPE = (2, 3)
+
+
+def make(**changes) -> SensorModel:
+    return SensorModel(**({"rows": 2, "cols": 3, "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF} | changes))
+
+
+def holed(value) -> np.ndarray:
+    """A map of ones with one pixel of another value."""
+    image = np.ones(SHAPE)
+    image[1, 2] = value
+    return image
+
+
+REFUSED = [
+    ("rows", 0, "rows"), ("rows", -1, "rows"), ("rows", 2.5, "rows"), ("rows", "two", "rows"), ("rows", None, "rows"),
+    ("rows", float("nan"), "rows"), ("rows", 65_537, "rows"), ("rows", 10**400, "rows"), ("cols", 0, "cols"),
+    ("cols", [3], "cols"), ("cols", float("inf"), "cols"), ("cols", 65_537, "cols"),
+    ("num_bins", 1, "num_bins"), ("num_bins", MAX_BINS + 1, "num_bins"), ("num_bins", 50.5, "num_bins"),
+    ("bin_width_s", 0.0, "bin_width_s"), ("bin_width_s", -1e-10, "bin_width_s"),
+    ("bin_width_s", float("nan"), "bin_width_s"), ("bin_width_s", "narrow", "bin_width_s"),
+    ("toa_offset_bins", float("inf"), "toa_offset_bins"), ("toa_offset_bins", None, "toa_offset_bins"),
+    ("range_offset_m", float("nan"), "range_offset_m"),
+    ("irf", [], "irf shape"), ("irf", np.ones((5, 4)), "irf shape"), ("irf", np.ones((1, 6, 4)), "irf shape"),
+    ("irf", np.ones(51), "irf length"),
+    ("irf", np.ones((6, 51)), "irf length"), ("irf", [1, -1e-9], "irf"), ("irf", [1, float("nan")], "irf"),
+    ("irf", [1, float("inf")], "irf"), ("irf", [0, 0], "irf"), ("irf", [[1, 1]] * 5 + [[0, 0]], "irf"),
+    ("irf", "flat", "irf"), ("irf", [[1, 2], [1]], "irf"), ("irf", [1, 10**400], "irf"), ("irf", [1e308, 1e308], "irf"),
+    ("irf_ref", -1, "irf_ref"), ("irf_ref", 4, "irf_ref"), ("irf_ref", 0.5, "irf_ref"),
+    ("gain", np.ones((3, 2)), "gain shape"), ("gain", np.ones(6), "gain shape"), ("gain", holed(0), "gain"),
+    ("gain", holed(-1), "gain"), ("gain", holed(np.nan), "gain"), ("gain", holed(np.inf), "gain"),
+    ("delay_bins", np.zeros((2, 2)), "delay_bins shape"), ("delay_bins", holed(np.nan), "delay_bins"),
+    ("delay_bins", "late", "delay_bins"), ("mask", np.ones((2, 3, 1), bool), "mask shape"),
+    ("mask", np.ones((4, 6), bool), "mask shape"),
+]
+
+
+@pytest.mark.parametrize(("field", "value", "named"), REFUSED,
+                         ids=[f"{field}={str(value)[:30]}" for field, value, _ in REFUSED])
+def test_what_cannot_be_used_is_refused_by_name(field, value, named):
+    with pytest.raises(InvalidInput) as caught:
+        make(**{field: value})
+    assert caught.value.field == named
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_too_many_pixels_are_refused_before_anything_is_allocated():
+    with pytest.raises(InvalidInput, match=r"rows × cols is 65536 × 65536"):
+        make(rows=65_536, cols=65_536)
+
+
+@pytest.mark.parametrize(("name", "value"), [("first_word", -1), ("first_word", 65_536), ("no_detection", -1),
+                                             ("no_detection", 65_536)])
+def test_gate_words_are_16_bits(name, value):
+    with pytest.raises(InvalidInput, match=f"gates.{name} is {value}"):
+        GateWords(**{name: value})
+
+
+@pytest.mark.parametrize(("field", "value"), [("rows", 2.0), ("cols", np.uint16(3)), ("num_bins", np.float64(50))])
+def test_whole_numbers_of_any_type_become_integers(field, value):
+    assert type(getattr(make(**{field: value}), field)) is int
+
+
+def test_irf_is_normalised_and_the_peak_marks_the_depth():
+    sensor = make()
+    assert sensor.irf.dtype == np.float32 and sensor.irf.tolist() == pytest.approx([0, 1 / 6, 1 / 2, 1 / 3])
+    assert sensor.irf_ref == 2
+    assert make(irf_ref=0).irf_ref == 0
+
+
+def test_irf_of_each_pixel_is_normalised_and_the_peak_of_their_sum_marks_the_depth():
+    sensor = make(irf=np.array([[1, 0, 0]] + [[0, 0, 2]] * 5))
+    assert sensor.irf.sum(axis=1).tolist() == [1] * 6 and sensor.irf_ref == 2
+
+
+def test_maps_have_the_pixels_shape_and_small_types():
+    sensor = make(gain=np.full(SHAPE, 2), delay_bins=np.arange(6).reshape(SHAPE), mask=np.eye(2, 3))
+    assert [getattr(sensor, name).shape for name in ("gain", "delay_bins", "mask")] == [SHAPE] * 3
+    assert [getattr(sensor, name).dtype for name in ("gain", "delay_bins", "mask")] == [np.float32, np.float32, bool]
+    assert sensor.mask.tolist() == [[True, False, False], [False, True, False]]
+
+
+def test_range_counts_bins_from_the_laser_pulse():
+    sensor = make(toa_offset_bins=100.5, range_offset_m=-0.25)
+    bin_m = 299_792_458 / 2 * 1e-10
+    assert sensor.bin_width_m == pytest.approx(bin_m)
+    np.testing.assert_allclose(sensor.range_m([0, 10.25]), [100.5 * bin_m - 0.25, 110.75 * bin_m - 0.25], rtol=1e-12)
+
+
+def test_points_lie_on_their_pixels_rays_at_the_range():
+    sensor = make(toa_offset_bins=1000, range_offset_m=0.5)
+    row, col, depth = np.array([0, 1, 1]), np.array([2, 0, 1]), np.array([0, 10.5, 49], np.float32)
+    xyz = sensor.xyz(row, col, depth)
+    assert xyz.shape == (3, 3) and xyz.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(xyz, axis=1), sensor.range_m(depth), rtol=1e-6)
+    np.testing.assert_allclose(xyz / sensor.range_m(depth)[:, None], sensor.rays[row, col], rtol=1e-6)
+
+
+def test_without_a_projection_it_is_a_pinhole_of_30_degrees():
+    assert make(rows=20, cols=30).projection == Pinhole.from_fov(20, 30, 30.0)
+
+
+def test_replace_changes_one_field_and_checks_again():
+    sensor = make(gain=np.full(SHAPE, 2.0), projection=AngularScan(0, 0.1, 0, 0.1))
+    changed = sensor.replace(num_bins=60)
+    assert changed.num_bins == 60 and changed.gain is sensor.gain and changed.projection == sensor.projection
+    assert np.array_equal(changed.irf, sensor.irf) and sensor.num_bins == 50
+    with pytest.raises(InvalidInput, match="gain shape"):
+        sensor.replace(rows=3)
+
+
+def test_it_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        make().rows = 3
+
+
+FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.full(SHAPE, 2.0),
+        "delay_bins": np.ones(SHAPE), "mask": np.eye(2, 3, dtype=bool), "projection": Pinhole(1, 1, 0, 0),
+        "gates": GateWords(1, 0), "frame_id": "spad"}
+OTHER = {"rows": 3, "cols": 2, "num_bins": 51, "bin_width_s": 2e-10, "irf": [1.0, 3, 2, 0], "irf_ref": 0,
+         "toa_offset_bins": 7.25, "range_offset_m": 0.2, "gain": holed(2), "delay_bins": None, "mask": holed(0),
+         "projection": Pinhole(1, 1, 0, 1), "gates": GateWords(0, 1), "frame_id": "other"}
+
+
+def test_same_as_sees_equal_values_in_other_arrays():
+    assert make(**FULL).same_as(make(**{name: np.copy(value) if isinstance(value, np.ndarray) else value
+                                        for name, value in FULL.items()}))
+
+
+@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(SensorModel)])
+def test_same_as_sees_a_difference_in_every_field(field):
+    fitting = {"gain": None, "delay_bins": None, "mask": None} if field in ("rows", "cols") else {}
+    one, other = make(**(FULL | fitting)), make(**(FULL | fitting | {field: OTHER[field]}))
+    assert not one.same_as(other) and not other.same_as(one)
+
+
+def test_same_as_nothing_is_false():
+    assert not make().same_as(None)
