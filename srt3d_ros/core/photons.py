@@ -81,8 +81,11 @@ class PhotonGates:
         """The same photons as gates: the i-th photon of a pixel falls into cycle i. Fractions of bins are cut off.
 
         Raises:
-            InvalidInput: a photon lies outside the sensor, or the busiest pixel has too many for this form.
+            InvalidInput: a photon lies outside the sensor or has no word of its own, the busiest pixel has too many
+                for this form, or the sensor does not say how it writes words.
         """
+        form = sensor.gates
+        require(form is not None, "sensor.gates", "missing", "first_word and no_detection, to write gates")
         events.check(sensor)
         pixel = events.pixel
         order = slice(None) if events.is_sorted else np.argsort(pixel, kind="stable")
@@ -90,9 +93,14 @@ class PhotonGates:
         cycles = max(int(counts.max()), 1)
         require(cycles * sensor.pixels <= MAX_WORDS, "gates", f"{cycles} cycles of {sensor.pixels} pixels",
                 f"at most {MAX_WORDS} words: send events instead")
-        words = np.full((cycles, sensor.pixels), sensor.gates.no_detection, np.uint16)
+        written = events.toa[order].astype(np.uint32) + np.uint32(form.first_word)
+        for word in (written.max(initial=0), form.no_detection):
+            require(word <= 65_535 and not (word == form.no_detection and (written == word).any()), "gates word", word,
+                    f"16-bit words other than no_detection = {form.no_detection}, for T = {sensor.num_bins} bins from "
+                    f"first_word = {form.first_word} on")
+        words = np.full((cycles, sensor.pixels), form.no_detection, np.uint16)
         cycle = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
-        words[cycle, pixel[order]] = events.toa[order].astype(np.uint16) + np.uint16(sensor.gates.first_word)
+        words[cycle, pixel[order]] = written
         return cls(words.reshape(cycles, sensor.rows, sensor.cols), events.stamp_ns)
 
     def to_events(self, sensor: SensorModel) -> PhotonEvents:

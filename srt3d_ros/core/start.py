@@ -9,7 +9,7 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Frame
 
 SCALES = ((0.0, 1), (1.0, 1), (2.0, 2), (4.0, 4))   # σ of the pooling window and size of its cells, pixels
-SURE = 8.0                                          # standard deviations that end the search at a scale
+SURE = 9.0                                          # standard deviations that end the search at a scale
 NARROWEST = 0.7                                     # window of a point that its own pixel shows, pixels
 
 

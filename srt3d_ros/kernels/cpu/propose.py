@@ -6,7 +6,7 @@ from numba import prange
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
 
-PRIOR = F32(2)               # nats that a neighbour's vote is worth, at most
+PRIOR = F32(1)               # nats that a neighbour's vote is worth, at most
 FILL_WINDOW = F32(2)         # pixels: window of a point that an empty pixel got from its neighbours
 ENOUGH = 4                   # points of a 3 × 3 neighbourhood that carry a new or a second surface
 NEAR = tuple(F32(np.exp(-d / (2 * 1.2**2))) for d in range(3))    # a vote's weight by squared distance
