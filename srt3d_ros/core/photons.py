@@ -94,10 +94,10 @@ class PhotonGates:
         require(cycles * sensor.pixels <= MAX_WORDS, "gates", f"{cycles} cycles of {sensor.pixels} pixels",
                 f"at most {MAX_WORDS} words: send events instead")
         written = events.toa[order].astype(np.uint32) + np.uint32(form.first_word)
-        for word in (written.max(initial=0), form.no_detection):
-            require(word <= 65_535 and not (word == form.no_detection and (written == word).any()), "gates word", word,
-                    f"16-bit words other than no_detection = {form.no_detection}, for T = {sensor.num_bins} bins from "
-                    f"first_word = {form.first_word} on")
+        highest = int(written.max(initial=0))
+        require(highest <= 65_535, "gates word", highest, f"16 bits (first_word is {form.first_word})")
+        require(not (written == form.no_detection).any(), "toa", form.no_detection - form.first_word,
+                f"a bin whose word is not that of no detection, {form.no_detection}")
         words = np.full((cycles, sensor.pixels), form.no_detection, np.uint16)
         cycle = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
         words[cycle, pixel[order]] = written

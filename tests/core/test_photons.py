@@ -1,0 +1,131 @@
+"""PhotonEvents and PhotonGates: what they refuse, and that one becomes the other without losing a photon."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import MAX_WORDS, PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = SensorModel(3, 4, 100, 1e-10, np.ones(3), gates=GateWords(first_word=10, no_detection=5))
+
+
+def events(pixel, toa, dtype=np.uint16, stamp_ns=0) -> PhotonEvents:
+    return PhotonEvents(np.array(pixel, np.uint32), np.array(toa, dtype), stamp_ns)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
+def test_three_types_of_toa_are_taken(dtype):
+    assert events([0, 1, 2], [0, 50, 99], dtype).photons == 3
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.float64, np.int64, np.uint8, np.dtype(">u2"), bool])
+def test_other_types_of_toa_are_refused(dtype):
+    with pytest.raises(InvalidInput, match="^toa dtype is"):
+        events([0, 1, 2], [0, 1, 0], dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.uint16, np.float32])
+def test_other_types_of_pixel_are_refused(dtype):
+    with pytest.raises(InvalidInput, match="^pixel dtype is"):
+        PhotonEvents(np.zeros(2, dtype), np.zeros(2, np.uint16))
+
+
+@pytest.mark.parametrize(("pixel", "toa"), [([0, 1], [0]), ([[0, 1]], [[0, 1]]), ([0], 0)])
+def test_shapes_that_differ_or_are_not_lists_are_refused(pixel, toa):
+    with pytest.raises(InvalidInput, match="^pixel and toa shapes"):
+        events(pixel, toa)
+
+
+@pytest.mark.parametrize(("pixel", "ordered"), [([], True), ([3], True), ([0, 0, 1, 7, 7], True), ([1, 0], False),
+                                                ([0, 1, 2, 1], False), ([2, 3, 3, 0], False)])
+def test_sorted_means_that_pixels_never_decrease(pixel, ordered):
+    assert events(pixel, [9] * len(pixel)).is_sorted is ordered
+
+
+@pytest.mark.parametrize("drop", [2**16 - 1, 2**16, 2**16 + 1, 2 * 2**16, 3 * 2**16 - 1])
+def test_one_drop_among_many_photons_is_seen(drop):
+    pixel = np.arange(1, 3 * 2**16 + 1, dtype=np.uint32)
+    pixel[drop] = 0
+    assert not PhotonEvents(pixel, np.zeros(len(pixel), np.uint16)).is_sorted
+
+
+@pytest.mark.parametrize("pixel", [[0, 12], [12, 0], [2**32 - 1, 0, 3]])
+def test_a_pixel_outside_the_sensor_is_named(pixel):
+    with pytest.raises(InvalidInput, match=f"^pixel is {max(pixel)}: expected an index below 3 × 4 = 12$"):
+        events(pixel, [0] * len(pixel)).check(SENSOR)
+
+
+@pytest.mark.parametrize(("toa", "dtype", "shown"), [
+    ([0, 100], np.uint16, "100"), ([65_535, 0], np.uint16, "65535"), ([2**32 - 1, 0], np.uint32, "4294967295"),
+    ([0, 100], np.float32, "100.0"), ([-0.25, 5], np.float32, "-0.25"), ([3, np.nan], np.float32, "nan"),
+    ([np.inf, 3], np.float32, "inf"), ([-np.inf, 3], np.float32, "-inf"), ([np.nan, -1], np.float32, "nan")])
+def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
+    with pytest.raises(InvalidInput, match=rf"^toa is {shown}: expected bins in \[0, 100\)$"):
+        events([0, 1], toa, dtype).check(SENSOR)
+
+
+@pytest.mark.parametrize("frame", [
+    events([], []), events([], [], np.float32), events([11, 0], [99, 0]), events([0, 11], [99, 0], np.uint32),
+    events([0, 11], [0, np.nextafter(np.float32(100), np.float32(0))], np.float32)])
+def test_the_last_pixel_and_the_last_bin_are_inside(frame):
+    frame.check(SENSOR)
+
+
+@pytest.mark.parametrize("words", [np.zeros((2, 3, 4), np.uint32), np.zeros((2, 3, 4), np.int16)])
+def test_words_of_other_types_are_refused(words):
+    with pytest.raises(InvalidInput, match="^gates dtype"):
+        PhotonGates(words)
+
+
+def test_words_of_another_dimension_are_refused():
+    with pytest.raises(InvalidInput, match="^gates shape"):
+        PhotonGates(np.zeros((2, 12), np.uint16))
+
+
+def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
+    gates = PhotonGates.from_events(events([0, 0, 11, 0], [7, 3, 99, 1], stamp_ns=5), SENSOR)
+    assert gates.words.shape == (3, 3, 4) and gates.words.dtype == np.uint16 and gates.stamp_ns == 5
+    assert gates.words[:, 0, 0].tolist() == [17, 13, 11] and gates.words[:, 2, 3].tolist() == [109, 5, 5]
+    assert (gates.words == 5).sum() == 36 - 4
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
+def test_events_become_gates_and_events_again(dtype):
+    rng = np.random.default_rng(1)
+    frame = events(rng.integers(0, 12, 200), rng.integers(0, 100, 200), dtype, stamp_ns=77)
+    back = PhotonGates.from_events(frame, SENSOR).to_events(SENSOR)
+    order = np.argsort(frame.pixel, kind="stable")
+    assert back.is_sorted and back.stamp_ns == 77 and back.toa.dtype == np.uint16
+    assert np.array_equal(back.pixel, frame.pixel[order]) and np.array_equal(back.toa, frame.toa[order])
+
+
+def test_no_photons_are_one_empty_cycle():
+    gates = PhotonGates.from_events(events([], []), SENSOR)
+    assert gates.words.shape == (1, 3, 4) and (gates.words == 5).all()
+    assert gates.to_events(SENSOR).photons == 0
+
+
+def test_fractions_of_bins_are_cut_off():
+    gates = PhotonGates.from_events(events([1], [99.75], np.float32), SENSOR)
+    assert gates.words[0, 0, 1] == 109
+
+
+@pytest.mark.parametrize(("gates", "toa", "named"), [
+    (None, 3, "sensor.gates is missing"), (GateWords(65_500, 0), 60, "gates word is 65560"),
+    (GateWords(0, 60), 60, "toa is 60"), (GateWords(3, 63), 60, "toa is 60")])
+def test_a_photon_that_no_word_can_say_is_refused(gates, toa, named):
+    with pytest.raises(InvalidInput, match=f"^{named}: expected"):
+        PhotonGates.from_events(events([4], [toa]), SENSOR.replace(gates=gates))
+
+
+def test_photons_outside_the_sensor_do_not_become_gates():
+    with pytest.raises(InvalidInput, match="^toa is 100"):
+        PhotonGates.from_events(events([4], [100]), SENSOR)
+
+
+def test_one_busy_pixel_cannot_fill_the_memory():
+    sensor = SENSOR.replace(rows=2_000, cols=2_000)
+    busy = events([4] * (MAX_WORDS // 4_000_000 + 1), [0] * (MAX_WORDS // 4_000_000 + 1))
+    with pytest.raises(InvalidInput, match="^gates is 34 cycles of 4000000 pixels: .*send events instead"):
+        PhotonGates.from_events(busy, sensor)
