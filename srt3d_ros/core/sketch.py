@@ -18,7 +18,7 @@ def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
             f"1 to {MAX_SKETCH_SIZE} frequencies")
     most = max((num_bins - 1) // 2, 1)
     for k in frequencies:
-        require(k == int(k) and 1 <= k <= most, "frequencies", k,
+        require(1 <= k <= most and k == int(k), "frequencies", k,
                 f"integers from 1 to {most} (T = {num_bins} bins; higher ones repeat these)")
     require(len(set(frequencies)) == len(frequencies), "frequencies", list(frequencies), "no frequency twice")
     return tuple(int(k) for k in frequencies)
@@ -55,8 +55,11 @@ class Sketch:
         return self.sums / np.maximum(self.photons, 1)[..., None].astype(np.float32)
 
     def __add__(self, other: "Sketch") -> "Sketch":
+        """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
                 f"the same as {self.frequencies}")
+        require(self.photons.shape == other.photons.shape, "sketch size", other.photons.shape,
+                f"the same as {self.photons.shape}")
         return replace(self, sums=self.sums + other.sums, photons=self.photons + other.photons,
                        stamp_ns=min(self.stamp_ns, other.stamp_ns))
 

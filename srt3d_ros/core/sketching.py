@@ -98,9 +98,13 @@ class Sketcher:
 
 
 def _as_signed(toa: np.ndarray, num_bins: int) -> np.ndarray:
-    """Bins below T as signed integers, which torch converts many times faster than unsigned ones; a view if they fit."""
+    """Bins below T as signed integers, which torch converts many times faster than unsigned ones.
+
+    A view if they fit and torch, which knows no read-only memory, can have it; else a copy.
+    """
     signed = np.dtype(f"i{toa.itemsize}")
-    return toa.view(signed) if num_bins - 1 <= np.iinfo(signed).max else toa.astype(np.int32)
+    fits = num_bins - 1 <= np.iinfo(signed).max and toa.flags.writeable
+    return toa.view(signed) if fits else toa.astype(np.int32)
 
 
 def phase_table(frequencies, num_bins: int) -> np.ndarray:

@@ -1,0 +1,83 @@
+"""Sketch: which frequencies it may have, and that sketches add over time and over pixels."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch, check_frequencies
+from srt3d_ros.errors import InvalidInput
+
+
+def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0) -> Sketch:
+    rng = np.random.default_rng(seed)
+    photons = rng.integers(0, 9, (rows, cols)).astype(np.uint32)
+    phases = np.exp(1j * rng.uniform(0, 6, (rows, cols, len(frequencies))))
+    return Sketch(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns)
+
+
+def test_frequencies_become_a_tuple_of_integers():
+    checked = check_frequencies(np.array([1, 7, 3]), 100)
+    assert checked == (1, 7, 3) and all(type(k) is int for k in checked)
+    assert check_frequencies([2.0], 100) == (2,)
+
+
+@pytest.mark.parametrize(("frequencies", "named"), [
+    ([], "sketch size is 0"), (range(1, MAX_SKETCH_SIZE + 2), f"sketch size is {MAX_SKETCH_SIZE + 1}"),
+    ([0], "frequencies is 0"), ([-1], "frequencies is -1"), ([1, 50], "frequencies is 50"),
+    ([1.5], "frequencies is 1.5"), ([float("nan")], "frequencies is nan"), ([float("inf")], "frequencies is inf"),
+    ([1, 2, 1], r"frequencies is \[1, 2, 1\]: expected no frequency twice")])
+def test_frequencies_that_mean_nothing_are_refused(frequencies, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        check_frequencies(frequencies, 100)
+
+
+@pytest.mark.parametrize(("num_bins", "most"), [(2, 1), (3, 1), (99, 49), (100, 49), (101, 50)])
+def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
+    assert check_frequencies([most], num_bins) == (most,)
+    with pytest.raises(InvalidInput, match=f"from 1 to {most} "):
+        check_frequencies([most + 1], num_bins)
+
+
+def test_z_is_the_mean_over_the_photons_and_0_without_any():
+    sketch = Sketch((1, 2), np.array([[[4, 2j], [0, 0]]], np.complex64), np.array([[4, 0]], np.uint32))
+    assert sketch.z.dtype == np.complex64
+    np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [0, 0]]])
+
+
+def test_sketches_add_and_keep_the_earliest_stamp():
+    one, other = make(seed=1, stamp_ns=7), make(seed=2, stamp_ns=5)
+    total = one + other
+    np.testing.assert_allclose(total.sums, one.sums + other.sums)
+    assert np.array_equal(total.photons, one.photons + other.photons) and total.stamp_ns == 5
+    assert total.sums.dtype == np.complex64 and total.photons.dtype == np.uint32
+
+
+def test_sketches_of_other_frequencies_do_not_add():
+    with pytest.raises(InvalidInput, match=r"^frequencies is \(1, 5\): expected the same as \(1, 4\)"):
+        make() + make(frequencies=(1, 5))
+
+
+def test_sketches_of_other_sizes_do_not_add():
+    with pytest.raises(InvalidInput, match=r"^sketch size is \(1, 3\): expected the same as \(2, 3\)"):
+        make() + make(rows=1)
+
+
+def test_larger_pixels_are_sums_of_blocks():
+    sketch = make(rows=4, cols=6, stamp_ns=3)
+    merged = sketch.merge_pixels(2)
+    assert merged.photons.shape == (2, 3) and merged.photons.dtype == np.uint32 and merged.sums.dtype == np.complex64
+    assert merged.photons[1, 2] == sketch.photons[2:, 4:].sum() and merged.stamp_ns == 3
+    np.testing.assert_allclose(merged.sums[0, 1], sketch.sums[:2, 2:4].sum(axis=(0, 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0, -1, 3, 8])
+def test_pixels_merge_only_in_whole_blocks(factor):
+    with pytest.raises(InvalidInput, match=f"^factor is {factor}: expected a divisor of 4 rows and 6 columns"):
+        make(rows=4, cols=6).merge_pixels(factor)
+
+
+@pytest.mark.parametrize(("sums", "photons", "named"), [
+    ((2, 3, 3), (2, 3), "sketch shape"), ((6, 2), (2, 3), "sketch shape"), ((2, 3, 2), (3, 2), "photons shape"),
+    ((2, 3, 2), (6,), "photons shape")])
+def test_shapes_that_disagree_are_refused(sums, photons, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        Sketch((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32))
