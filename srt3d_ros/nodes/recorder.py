@@ -131,7 +131,7 @@ class Drops:
     def add(self, message: DiagnosticArray, namespace: str) -> None:
         """Take in the reports of the pipeline's nodes in this namespace."""
         for status in message.status:
-            if status.hardware_id != PIPELINE_ID or not f"/{status.name}".startswith(namespace):
+            if status.hardware_id != PIPELINE_ID or not f"/{status.name}".startswith(namespace.rstrip("/") + "/"):
                 continue
             values = {pair.key: pair.value for pair in status.values}
             dropped = int(values["dropped"]) + int(values["message_lost"])

@@ -37,7 +37,8 @@ def pipeline(graph, tmp_path):
 
 
 def test_lossless_at_full_speed_brings_and_records_every_frame(graph, pipeline, photon_file, events, tmp_path):
-    frames, clouds = 60, graph.collect(PointCloud2, "points")
+    frames, clouds, recording = 60, graph.collect(PointCloud2, "points"), tmp_path / "out.rrd"
+    recording.write_bytes(b"an older one, to be replaced")
     nodes = pipeline(lossless=True)
     player = graph.start("player", input=photon_file, lossless=True, rate_hz=0, frames=frames)
     assert player.code() == 0
@@ -52,10 +53,10 @@ def test_lossless_at_full_speed_brings_and_records_every_frame(graph, pipeline, 
     graph.reports("recorder", "clouds", frames)
     for name, number in zip(NODES, (signal.SIGINT, signal.SIGTERM, signal.SIGINT)):
         assert nodes[name].end(number) == 0, nodes[name].text
-    recording = tmp_path / "out.rrd"
     assert rows_of(recording, "/points", "Points3D:positions") == frames
     assert rows_of(recording, "/metrics/latency_ms", "Scalars:scalars") == frames
     assert rows_of(recording, "/metrics/photons", "Scalars:scalars") == frames
+    assert rows_of(recording, "/metrics/drops", "Scalars:scalars") > 0
     assert Counter(graph.report("recorder")[key] for key in ("errors", "recording_dropped")) == {"0": 2}
 
 
