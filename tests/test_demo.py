@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -60,7 +61,7 @@ def nodes_of(process: psutil.Popen) -> dict[str, psutil.Process]:
 
 def wait_for_cloud(process: psutil.Popen, output: Path) -> None:
     """Wait until the demo has shown its first cloud."""
-    while "1/" not in output.read_text():
+    while not re.search(r" [1-9]\d*/", output.read_text()):
         assert process.poll() is None, output.read_text()
         time.sleep(0.05)
 

@@ -6,6 +6,7 @@ import os
 import platform
 import random
 import signal
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,7 +146,7 @@ def _watch(monitor, nodes: Processes, frames: int) -> None:
     def moved() -> bool:
         return len(monitor.arrivals) > bar.n or bool(nodes.failed())
 
-    with tqdm(total=frames, unit="cloud") as bar:
+    with tqdm(total=frames, unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 2.0) as bar:
         while bar.n < frames and not nodes.failed():
             if not monitor.spin_until(lambda: moved() or nodes.ended("player"), CLOUD_TIMEOUT_S):
                 return
