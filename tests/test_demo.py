@@ -73,6 +73,7 @@ def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["frames_sent"], summary["frames_reconstructed"], summary["frames_lost"]) == (10, 10, 0)
     assert 0 < summary["latency_median_ms"] <= summary["latency_p95_ms"]
+    assert 0 < summary["clouds_per_second"]
     assert summary["true_detections_percent"] > 90 and summary["dae_bins"] < 2
     assert summary["tolerance_bins"] == 10 and summary["frames_judged"] == 10
     assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "logs"}

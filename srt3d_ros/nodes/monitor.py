@@ -80,6 +80,12 @@ class Monitor:
         """Of all clouds that arrived, in their order."""
         return np.array([arrival.latency_ms for arrival in self.arrivals])
 
+    def clouds_per_second(self) -> float:
+        """Mean rate from the first cloud to the last; 0 if there are not two."""
+        if len(self.arrivals) < 2:
+            return 0.0
+        return (len(self.arrivals) - 1) * 1e9 / (self.arrivals[-1].received_ns - self.arrivals[0].received_ns)
+
     def _on_cloud(self, raw: bytes) -> None:
         received_ns = time.time_ns()
         cloud = cdr.read_cloud(raw)
