@@ -1,4 +1,4 @@
-"""One iteration's gradient steps: pool the sketches along every point's tangent plane, climb, measure the plane anew.
+"""One iteration's gradient steps: measure every point's tangent plane, pool the sketches along it, climb.
 
 Written for vector registers. What a block of columns needs lives in one flat scratch array whose parts lie at offsets
 known at compile time, and indices are unsigned: only so can the compiler see that the parts do not overlap and that no
@@ -13,7 +13,8 @@ from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos, wrap
 
-RIDGE = F32(0.3)             # pixels²: keeps a plane with one-sided support from turning wild
+FITS = 2                     # of a plane: the first decides which neighbours lie on it, the second goes through them
+RIDGE = F32(1e-3)            # pixels²: keeps the plane finite where its support is a line
 STD_FLOOR = F32(0.01)        # bins²: keeps the plane's weights finite
 
 U = np.uint64
@@ -53,8 +54,8 @@ def _copy_line(s, m):
 
 
 @inline
-def _begin(s, state, point, wide, cycles, radius, gate, m):
-    """Load the points of a block and set phases, weights and sums for the corner of their windows."""
+def _begin(s, state, point, wide, radius, gate):
+    """Load the points of a block and set the weights of their windows by distance."""
     for x in range(B):
         s[T + x] = state[point + DEPTH * wide + x]
         s[SC + x] = state[point + SLOPE_COL * wide + x]
@@ -70,7 +71,12 @@ def _begin(s, state, point, wide, cycles, radius, gate, m):
         for x in range(B):
             s[NEAR + d * B + x] = s[NEAR + d * B - B + x] * s[CLOSE + x]
             s[CLOSE + x] *= s[W + x] * s[W + x]
-    for x in range(NEAR - NOISE):
+
+
+@inline
+def _aim(s, cycles, radius, m):
+    """Set the phases for the corner of the windows and for the steps along the planes, empty the pools."""
+    for x in range(F0 - NOISE):
         s[NOISE + x] = ZERO
     r = F32(radius)
     for l in range(m):
@@ -85,7 +91,7 @@ def _begin(s, state, point, wide, cycles, radius, gate, m):
 
 @inline
 def _weigh(s, state, at, wide, q, surfaces, di, dj, gate, period):
-    """Weights of the neighbours at (di, dj) for their surface q, and their part in the tangent planes.
+    """Weights of the neighbours at (di, dj) for their surface q: to pool them, and to fit planes through them.
 
     A neighbour counts by its distance and by how well its surface lies on the point's plane: not at all beyond
     sqrt(gate) standard deviations. A pixel with no surface counts by its distance alone, one with several by the
@@ -117,8 +123,14 @@ def _weigh(s, state, at, wide, q, surfaces, di, dj, gate, period):
                 drop = there and (empty or abs(e) < abs(s[D + x]))
                 s[W + x] = ZERO if drop else s[W + x]
                 s[CLOSE + x] = ZERO if drop else s[CLOSE + x]
+
+
+@inline
+def _fit(s, di, dj):
+    """Add the weighed neighbours to the sums of the planes, by moving least squares."""
+    dx, dy = F32(dj), F32(di)
     for x in range(B):
-        f, e = s[CLOSE + x], s[D + x] + s[SC + x] * dx + s[SR + x] * dy
+        f, e = s[CLOSE + x], s[D + x]
         s[F0 + x] += f
         s[FX + x] += f * dx
         s[FY + x] += f * dy
@@ -128,6 +140,23 @@ def _weigh(s, state, at, wide, q, surfaces, di, dj, gate, period):
         s[FE + x] += f * e
         s[FXE + x] += f * e * dx
         s[FYE + x] += f * e * dy
+
+
+@inline
+def _turn(s, steepness):
+    """Turn the planes to the sums. A slope is held to 0 as by one measurement with variance 1 / steepness."""
+    for x in range(B):
+        f0 = s[F0 + x] + TINY
+        ridge = steepness / f0 + RIDGE
+        mx, my, me = s[FX + x] / f0, s[FY + x] / f0, s[FE + x] / f0
+        cxx, cyy = s[FXX + x] / f0 - mx * mx, s[FYY + x] / f0 - my * my
+        cxy = s[FXY + x] / f0 - mx * my
+        cxe = s[FXE + x] / f0 - mx * me + cxx * s[SC + x] + cxy * s[SR + x]
+        cye = s[FYE + x] / f0 - my * me + cxy * s[SC + x] + cyy * s[SR + x]
+        cxx, cyy = cxx + ridge, cyy + ridge
+        det = cxx * cyy - cxy * cxy
+        s[SC + x] = (cyy * cxe - cxy * cye) / det
+        s[SR + x] = (cxx * cye - cxy * cxe) / det
 
 
 @inline
@@ -189,14 +218,8 @@ def _finish(s, state, point, out, wide, radius, moments, total, curvature, perio
         score = max(score, state[point + SCORE * wide + x]) if wider else score
         out[point + SCORE * wide + x] = score if seen else ZERO
         out[point + WINDOW * wide + x] = state[point + WINDOW * wide + x]
-        f0 = s[F0 + x] + TINY
-        mx, my, me = s[FX + x] / f0, s[FY + x] / f0, s[FE + x] / f0
-        cxx, cyy = s[FXX + x] / f0 - mx * mx + RIDGE, s[FYY + x] / f0 - my * my + RIDGE
-        cxy = s[FXY + x] / f0 - mx * my
-        cxe, cye = s[FXE + x] / f0 - mx * me, s[FYE + x] / f0 - my * me
-        det = cxx * cyy - cxy * cxy
-        out[point + SLOPE_COL * wide + x] = (cyy * cxe - cxy * cye) / det
-        out[point + SLOPE_ROW * wide + x] = (cxx * cye - cxy * cxe) / det
+        out[point + SLOPE_COL * wide + x] = s[SC + x]
+        out[point + SLOPE_ROW * wide + x] = s[SR + x]
 
 
 @parallel
@@ -212,7 +235,18 @@ def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate,
         for j in range(MARGIN, wide - MARGIN, BLOCK):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * wide + j)
-                _begin(s, state, point, U(wide), cycles, radius, gate, U(m))
+                _begin(s, state, point, U(wide), radius, gate)
+                for fit in range(FITS):
+                    for x in range(NEAR - F0):
+                        s[F0 + x] = ZERO
+                    for di in range(-radius, radius + 1):
+                        for dj in range(-radius, radius + 1):
+                            for q in range(surfaces):
+                                at = U((i + di) * surfaces * fields * wide + j + dj)
+                                _weigh(s, state, at, U(wide), U(q), U(surfaces), di, dj, gate, period)
+                                _fit(s, di, dj)
+                    _turn(s, curvature / total)
+                _aim(s, cycles, radius, U(m))
                 for di in range(-radius, radius + 1):
                     _copy_line(s, U(m))
                     for dj in range(-radius, radius + 1):
