@@ -19,12 +19,14 @@ class Frame:
     """The sufficient statistics of Σ_l |sums_l − r ĥ_l exp(i ω_l t)|² for every pixel, and constants of the sensor.
 
     That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of several pixels that
-    see one surface add up. Delay and IRF of a pixel are taken out here, its gain g becomes an exposure g².
+    see one surface add up. Delay and IRF of a pixel are taken out here; of its photons a gain g makes g times as many,
+    signal and background alike, so that it acts as an exposure time.
 
     Args:
-        matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l · g, real parts before imaginary ones.
-        noise: float32 [rows, cols], photons · g²: twice the variance of each part of `matched` / ĥ_l, background alone.
-        exposure: float32 [rows, cols], g²; 0 in masked pixels.
+        matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
+        noise: float32 [rows, cols], photons: twice the variance of each part of `matched` / ĥ_l, background alone;
+            0 in masked pixels.
+        exposure: float32 [rows, cols], g; 0 in masked pixels.
         energy: float32 [m], |ĥ_l|².
         cycles: float32 [m], k_l / T.
         num_bins: T.
@@ -83,18 +85,17 @@ class Matcher:
         omega = angular_frequencies(frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
         energy = (np.abs(spectrum)**2).mean(axis=0)
-        gain = np.ones(sensor.pixels) if sensor.gain is None else sensor.gain.reshape(-1).astype(np.float64)
-        gain = gain * (1 if sensor.mask is None else sensor.mask.reshape(-1))
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
         equaliser = np.conj(spectrum) * energy / weakest
         if sensor.delay_bins is not None:
             equaliser = equaliser * np.exp(-1j * np.outer(sensor.delay_bins.reshape(-1), omega))
-        if sensor.gain is not None or sensor.mask is not None:
-            equaliser = equaliser * gain[:, None]
+        if sensor.mask is not None:
+            equaliser = equaliser * sensor.mask.reshape(-1, 1)
         pixels = len(equaliser)
         self._equaliser = equaliser.astype(np.complex64).reshape(
             *((sensor.rows, sensor.cols) if pixels > 1 else (1, 1)), len(omega))
-        self._exposure = (gain**2).astype(np.float32).reshape(sensor.rows, sensor.cols)
+        self._used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
+        self._exposure = self._used if sensor.gain is None else self._used * sensor.gain
         self._energy = energy.astype(np.float32)
         self._cycles = (omega / (2 * np.pi)).astype(np.float32)
         self._moments, self._intensity_moments = _score_moments(sensor, omega, energy)
@@ -107,7 +108,7 @@ class Matcher:
         require(sketch.photons.shape == shape, "sketch size", sketch.photons.shape, f"rows × cols = {shape}")
         matched = (sketch.sums * self._equaliser).transpose(0, 2, 1)
         matched = np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
-        noise = sketch.photons.astype(np.float32) * self._exposure
+        noise = sketch.photons.astype(np.float32) * self._used
         return Frame(matched, noise, self._exposure, self._energy, self._cycles, self.sensor.num_bins, self._moments,
                      self._intensity_moments)
 

@@ -84,8 +84,8 @@ class SRT3D:
         by_pixel = np.lexsort((rank, col, row))
         row, rank, col = row[by_pixel], rank[by_pixel], col[by_pixel]
         layer = order[row, rank, col]
-        depth = view[row, layer, layout.DEPTH, col]
-        seen = (intensity * np.sqrt(frame.exposure)[:, None]).sum(axis=1)
+        depth = view[row, layer, layout.DEPTH, col] % frame.num_bins        # rounding may have made it T
+        seen = (intensity * frame.exposure[:, None]).sum(axis=1)
         background = np.maximum(sketch.photons - seen, 0).astype(np.float32)
         return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity[row, layer, col],
                           view[row, layer, layout.STD, col], self.sensor.xyz(row, col, depth), rank.astype(np.uint8),
@@ -105,10 +105,11 @@ class SRT3D:
         pooled = np.ascontiguousarray(layout.crop(state, rows, cols)[:, :, layout.INTENSITY])
         own = layout.crop(self.kernels.own_intensity(frame.padded, state), rows, cols)
         excess = (own - pooled) * (pooled > 0)
-        background = np.maximum(frame.noise[:, None] - pooled, 0)
+        exposure = np.maximum(frame.exposure, 1e-6)[:, None]
+        background = np.maximum(frame.noise[:, None] - pooled * exposure, 0)
         signal_moment, background_moment = frame.intensity_moments
-        variance = (pooled * signal_moment + background * background_moment) / frame.total_energy**2
-        variance = variance / np.maximum(frame.exposure, 1e-6)[:, None] * (pooled > 0)
+        variance = (pooled * exposure * signal_moment + background * background_moment) / frame.total_energy**2
+        variance = variance / exposure**2 * (pooled > 0)
         weights = window_weights(2.0, 1)
         around, noise = self.kernels.blur(excess**2, weights, 1), self.kernels.blur(variance, weights, 1)
         differ = np.maximum(around - noise, 0) / np.maximum(around, 1e-12)

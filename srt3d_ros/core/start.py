@@ -10,6 +10,7 @@ from srt3d_ros.core.frame import Frame
 
 SCALES = ((0.0, 1), (1.0, 1), (2.0, 2), (4.0, 4))   # σ of the pooling window and size of its cells, pixels
 SURE = 9.0                                          # standard deviations that end the search at a scale
+SMALLEST = 1e-300                                   # probability that floats still tell from 0
 NARROWEST = 0.7                                     # window of a point that its own pixel shows, pixels
 
 
@@ -27,7 +28,7 @@ def score_threshold(false_alarm_rate: float, frame: Frame) -> float:
     Q(z), so Q(z) = P / (2 k_max).
     """
     depths = 2 * float(frame.cycles.max()) * frame.num_bins
-    return NormalDist().inv_cdf(1 - false_alarm_rate / max(depths, 1.0))
+    return -NormalDist().inv_cdf(max(false_alarm_rate / max(depths, 1.0), SMALLEST))
 
 
 def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.ndarray:
@@ -43,11 +44,12 @@ def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.
     view = layout.crop(state, rows, cols)
     open_pixels = frame.exposure > 0
     for sigma, step in SCALES:
-        matched, noise = frame.matched, frame.noise
+        matched, noise, exposure = frame.matched, frame.noise, frame.exposure
         if sigma > 0:
             weights = window_weights(sigma, step)
             matched = kernels.blur(matched, weights, step)
             noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]
+            exposure = kernels.blur(exposure[:, None], weights, step)[:, 0]
         depth, intensity, score = kernels.match(matched, noise, frame.energy, frame.cycles, frame.num_bins, surfaces)
         last = (sigma, step) == SCALES[-1]
         found = (score[:, 0] > (threshold if last else SURE))
@@ -56,12 +58,12 @@ def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.
             found = found[grow]
             depth, intensity, score = (np.ascontiguousarray(a.transpose(0, 2, 1)[grow].transpose(0, 2, 1))
                                        for a in (depth, intensity, score))
-            noise = noise[grow]
+            noise, exposure = noise[grow], exposure[grow]
         found &= open_pixels
         open_pixels = open_pixels & ~found
         std = depth_std(frame, intensity, noise[:, None], 0.5 if sigma > 0 else 1.0)
-        area = 2 * math.pi * sigma**2 if sigma > 0 else 1.0
-        fields = {layout.DEPTH: depth % frame.num_bins, layout.INTENSITY: intensity / area, layout.STD: std,
+        intensity /= np.maximum(exposure, 1e-6)[:, None]
+        fields = {layout.DEPTH: depth % frame.num_bins, layout.INTENSITY: intensity, layout.STD: std,
                   layout.WINDOW: np.full_like(depth, max(sigma, NARROWEST)), layout.SCORE: score}
         chosen = found[:, None] & (score > threshold)
         for field, values in fields.items():

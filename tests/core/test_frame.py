@@ -1,0 +1,149 @@
+"""What the iterations see of a pixel does not depend on its calibration: delay, gain, mask and IRF are taken out."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.frame import WEAKEST_PASSBAND, Matcher
+from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.errors import InvalidInput
+
+ROWS, COLS, T = 3, 4, 200
+FREQUENCIES = (1, 2, 5, 9, 14)
+IRF = np.array([0.1, 1.0, 0.8, 0.4, 0.2, 0.1])
+RNG = np.random.default_rng(0)
+DEPTH = RNG.uniform(0, T, (ROWS, COLS))
+SIGNAL = RNG.uniform(5, 50, (ROWS, COLS))
+
+
+def make(**changes) -> SensorModel:
+    return SensorModel(**({"rows": ROWS, "cols": COLS, "num_bins": T, "bin_width_s": 1e-10, "irf": IRF,
+                           "irf_ref": 2} | changes))
+
+
+def exact(sensor: SensorModel, depth=DEPTH, signal=SIGNAL, background=0.0) -> Sketch:
+    """The expected sketch of surfaces at `depth` seen by every pixel with its own gain, delay and IRF."""
+    omega = angular_frequencies(FREQUENCIES, T)
+    spectrum = irf_spectrum(sensor, FREQUENCIES).reshape(-1, len(omega))
+    late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
+    gain = 1 if sensor.gain is None else sensor.gain
+    phase = np.exp(1j * (depth + late)[..., None] * omega)
+    response = np.broadcast_to(spectrum, (sensor.pixels, len(omega))).reshape(phase.shape)
+    sums = (gain * signal)[..., None] * response * phase
+    return Sketch(FREQUENCIES, sums.astype(np.complex64), np.rint(gain * (signal + background)).astype(np.uint32), 3)
+
+
+def frame_energy(sensor: SensorModel) -> np.ndarray:
+    return (np.abs(np.atleast_2d(irf_spectrum(sensor, FREQUENCIES)))**2).mean(axis=0)
+
+
+def complex_matched(frame) -> np.ndarray:
+    """`matched` as complex numbers [rows, cols, m]."""
+    m = len(FREQUENCIES)
+    return (frame.matched[:, :m] + 1j * frame.matched[:, m:]).transpose(0, 2, 1)
+
+
+def test_a_plain_pixel_is_the_signal_times_the_energy_at_its_depth():
+    sensor = make()
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
+    expected = SIGNAL[..., None] * energy * np.exp(1j * DEPTH[..., None] * omega)
+    np.testing.assert_allclose(complex_matched(frame), expected, atol=1e-4)
+    np.testing.assert_allclose(frame.energy, energy, rtol=1e-6)
+    np.testing.assert_allclose(frame.cycles, np.array(FREQUENCIES) / T, rtol=1e-6)
+    assert (frame.exposure == 1).all() and np.array_equal(frame.noise, np.rint(SIGNAL))
+    assert frame.num_bins == T and frame.shape == (ROWS, COLS)
+
+
+def calibrated(**changes) -> np.ndarray:
+    sensor = make(**changes)
+    return complex_matched(Matcher(sensor, FREQUENCIES)(exact(sensor)))
+
+
+def test_delay_is_taken_out():
+    delay = RNG.uniform(-300, 300, (ROWS, COLS))
+    np.testing.assert_allclose(calibrated(delay_bins=delay), calibrated(), atol=2e-3)
+
+
+def test_gain_becomes_an_exposure():
+    gain = RNG.uniform(0.1, 3, (ROWS, COLS))
+    sensor = make(gain=gain)
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor, background=20))
+    np.testing.assert_allclose(complex_matched(frame) / gain[..., None], calibrated(), rtol=1e-5)
+    np.testing.assert_allclose(frame.exposure, gain, rtol=1e-6)
+    np.testing.assert_allclose(frame.noise, gain * (SIGNAL + 20), atol=0.5)
+
+
+def test_a_masked_pixel_counts_for_nothing_whatever_it_saw():
+    mask = np.ones((ROWS, COLS), bool)
+    mask[1, 2] = False
+    sketch = exact(make())
+    sketch.sums[1, 2], sketch.photons[1, 2] = 1e6, 2**31
+    frame = Matcher(make(mask=mask), FREQUENCIES)(sketch)
+    assert not frame.matched[1, :, 2].any() and frame.noise[1, 2] == 0 and frame.exposure[1, 2] == 0
+    np.testing.assert_allclose(complex_matched(frame)[mask], calibrated()[mask], rtol=1e-6)
+    assert (frame.exposure[mask] == 1).all()
+
+
+def test_the_irf_of_each_pixel_is_taken_out():
+    shapes = np.stack([np.roll(IRF, k % 2) + 0.02 * k for k in range(ROWS * COLS)])
+    sensor = make(irf=shapes, irf_ref=2)
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
+    np.testing.assert_allclose(frame.energy, energy, rtol=1e-6)
+    expected = SIGNAL[..., None] * energy * np.exp(1j * DEPTH[..., None] * omega)
+    np.testing.assert_allclose(complex_matched(frame), expected, rtol=1e-4, atol=1e-4)
+
+
+def test_all_at_once():
+    changes = {"irf": np.stack([np.roll(IRF, k % 2) for k in range(ROWS * COLS)]), "irf_ref": 2,
+               "gain": RNG.uniform(0.5, 2, (ROWS, COLS)), "delay_bins": RNG.uniform(-9, 9, (ROWS, COLS))}
+    plain = calibrated(irf=changes["irf"])
+    np.testing.assert_allclose(calibrated(**changes) / changes["gain"][..., None], plain, rtol=1e-4, atol=1e-4)
+
+
+def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
+    shapes = np.tile(IRF, (ROWS * COLS, 1))
+    shapes = np.pad(shapes, ((0, 0), (0, T - len(IRF))))
+    shapes[5] = 1                                       # sees every time alike: no signal passes
+    sensor = make(irf=shapes)
+    noise = Sketch(FREQUENCIES, np.full((ROWS, COLS, len(FREQUENCIES)), 10, np.complex64),
+                   np.full((ROWS, COLS), 100, np.uint32))
+    seen = np.abs(complex_matched(Matcher(sensor, FREQUENCIES)(noise)))
+    assert (seen[1, 1] <= 10 * np.sqrt(frame_energy(sensor)) / WEAKEST_PASSBAND).all()
+
+
+def test_energy_curvature_and_resolution_are_those_of_the_data_term():
+    sensor = make()
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
+
+    def response(t):
+        return (energy * np.cos(omega * t)).sum()
+    assert frame.total_energy == pytest.approx(response(0), rel=1e-6)
+    bend = (response(0.01) - 2 * response(0) + response(-0.01)) / 0.01**2
+    assert frame.curvature == pytest.approx(-bend, rel=1e-4)
+    assert frame.resolution_bins == pytest.approx(np.sqrt(response(0) / -bend), rel=1e-4)
+
+
+def test_moments_are_the_variances_of_the_scores_of_simulated_photons():
+    sensor = make()
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    omega, spectrum = angular_frequencies(FREQUENCIES, T), irf_spectrum(sensor, FREQUENCIES)
+    rng = np.random.default_rng(1)
+    count = 400_000
+    for which, x in enumerate((rng.choice(len(IRF), count, p=IRF / IRF.sum()) - 2, rng.integers(0, T, count))):
+        matched = np.exp(1j * np.outer(x, omega)) * np.conj(spectrum)
+        assert (matched.imag @ omega).var() == pytest.approx(frame.moments[which], rel=0.02)
+        assert matched.real.sum(axis=1).var() == pytest.approx(frame.intensity_moments[which], rel=0.02)
+
+
+@pytest.mark.parametrize(("sketch", "named"), [
+    (Sketch((1, 2, 5, 9, 15), np.zeros((ROWS, COLS, 5), np.complex64), np.zeros((ROWS, COLS), np.uint32)),
+     r"sketch frequencies is \[1, 2, 5, 9, 15\]: expected \[1, 2, 5, 9, 14\]"),
+    (Sketch(FREQUENCIES, np.zeros((COLS, ROWS, 5), np.complex64), np.zeros((COLS, ROWS), np.uint32)),
+     r"sketch size is \(4, 3\): expected rows × cols = \(3, 4\)")])
+def test_a_sketch_of_another_sensor_is_refused(sketch, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        Matcher(make(), FREQUENCIES)(sketch)
