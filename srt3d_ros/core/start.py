@@ -50,24 +50,22 @@ def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.
             matched = kernels.blur(matched, weights, step)
             noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]
             exposure = kernels.blur(exposure[:, None], weights, step)[:, 0]
-        depth, intensity, score = kernels.match(matched, noise, frame.energy, frame.cycles, frame.num_bins, surfaces)
-        last = (sigma, step) == SCALES[-1]
-        found = (score[:, 0] > (threshold if last else SURE))
-        if step > 1:
-            grow = np.ix_(np.arange(rows) // step, np.arange(cols) // step)
-            found = found[grow]
-            depth, intensity, score = (np.ascontiguousarray(a.transpose(0, 2, 1)[grow].transpose(0, 2, 1))
-                                       for a in (depth, intensity, score))
-            noise, exposure = noise[grow], exposure[grow]
-        found &= open_pixels
-        open_pixels = open_pixels & ~found
-        std = depth_std(frame, intensity, noise[:, None], 0.5 if sigma > 0 else 1.0)
-        intensity /= np.maximum(exposure, 1e-6)[:, None]
-        fields = {layout.DEPTH: depth % frame.num_bins, layout.INTENSITY: intensity, layout.STD: std,
-                  layout.WINDOW: np.full_like(depth, max(sigma, NARROWEST)), layout.SCORE: score}
-        chosen = found[:, None] & (score > threshold)
-        for field, values in fields.items():
-            view[:, :, field][chosen] = values[chosen]
+        maps = kernels.match(matched, noise, frame.energy, frame.cycles, frame.num_bins, surfaces)
+        enough = threshold if (sigma, step) == SCALES[-1] else SURE
+        found = maps[2][:, 0] > enough
+        row, col = np.nonzero(open_pixels & found[np.ix_(np.arange(rows) // step, np.arange(cols) // step)])
+        open_pixels[row, col] = False
+        a, b = row // step, col // step
+        depth, intensity, score = (values[a, :, b] for values in maps)                          # [N, K]
+        std = depth_std(frame, intensity, noise[a, b, None], 0.5 if sigma > 0 else 1.0)
+        points = np.zeros((len(row), surfaces, layout.FIELDS), np.float32)
+        points[:, :, layout.DEPTH] = depth % frame.num_bins
+        points[:, :, layout.INTENSITY] = intensity / np.maximum(exposure[a, b, None], 1e-6)
+        points[:, :, layout.STD] = std
+        points[:, :, layout.WINDOW] = max(sigma, NARROWEST)
+        points[:, :, layout.SCORE] = score
+        points[score <= threshold] = 0
+        view[row, :, :, col] = points
     return state
 
 
