@@ -14,6 +14,7 @@ from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos, wrap
 
 FITS = 2                     # of a plane: the first decides which neighbours lie on it, the second goes through them
+FIT_RADIUS = 3               # pixels: farther neighbours pool, but no longer tilt the plane
 RIDGE = F32(1e-3)            # pixels²: keeps the plane finite where its support is a line
 STD_FLOOR = F32(0.01)        # bins²: keeps the plane's weights finite
 
@@ -232,6 +233,7 @@ def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate,
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
         s = np.empty(SCRATCH, np.float32)
+        near = min(radius, FIT_RADIUS)
         for j in range(MARGIN, wide - MARGIN, BLOCK):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * wide + j)
@@ -239,8 +241,8 @@ def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate,
                 for fit in range(FITS):
                     for x in range(NEAR - F0):
                         s[F0 + x] = ZERO
-                    for di in range(-radius, radius + 1):
-                        for dj in range(-radius, radius + 1):
+                    for di in range(-near, near + 1):
+                        for dj in range(-near, near + 1):
                             for q in range(surfaces):
                                 at = U((i + di) * surfaces * fields * wide + j + dj)
                                 _weigh(s, state, at, U(wide), U(q), U(surfaces), di, dj, gate, period)
