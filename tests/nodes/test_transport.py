@@ -39,10 +39,10 @@ def test_importing_the_nodes_sets_the_profile_unless_the_user_did(repository, gi
     environment = {key: value for key, value in os.environ.items() if key != transport.PROFILE_VARIABLE}
     environment |= {transport.PROFILE_VARIABLE: given} if given else {}
     code = ("import os, sys, srt3d_ros.nodes;"
-            f"print(os.environ.get('{transport.PROFILE_VARIABLE}'), 'rclpy' in sys.modules)")
+            f"print(os.environ.get('{transport.PROFILE_VARIABLE}'), 'rclpy' in sys.modules, sep='\\n')")
     out = subprocess.run([sys.executable, "-c", code], env=environment, cwd=repository, capture_output=True, text=True)
     expected = given or transport.choose_profile()
-    assert out.stdout.split() == [str(expected), "False"]
+    assert out.stdout.splitlines() == [str(expected), "False"]
 
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
