@@ -85,6 +85,13 @@ def write_cloud(cloud: Cloud) -> bytes:
     return writer.finish(cloud.data, bytes([cloud.is_dense]))
 
 
+def restamp(raw: bytes, stamp_ns: int) -> bytes:
+    """A message of ours with another stamp: many times cheaper than to write its data again."""
+    header = Header(stamp_ns, "")
+    stamp = struct.pack("<iI", header.sec, header.nanosec)      # the stamp comes first in every message with a header
+    return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
+
+
 def read_image(raw: bytes) -> Image:
     """A serialised Image; InvalidInput names the field at which it breaks off or makes no sense."""
     reader = _Reader(raw)

@@ -5,7 +5,6 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import count
 
 from rclpy.publisher import Publisher
@@ -74,7 +73,8 @@ class PlayerNode(PipelineNode):
         if self.parameters["frame_id"]:
             sensor = sensor.replace(frame_id=self.parameters["frame_id"])
         self._sensor = sensor
-        self._encode(self._frame(0))        # what cannot be sent is refused before anybody waits for it
+        self._encoded: tuple[PhotonEvents, bytes] | None = None
+        self._encode(self._frame(0), 0)     # what cannot be sent is refused before anybody waits for it
         self._unanswered: deque[int] = deque()
         self._sensor_publisher = self.advertise_latched(String, "sensor")
         self._sensor_publisher.publish(sensor_message.encode(sensor))
@@ -126,7 +126,7 @@ class PlayerNode(PipelineNode):
                 stamp_ns = first_ns + round(k * 1e9 / rate_hz)
             else:
                 stamp_ns = max(stamp_ns + 1, self.now_ns())
-            data = self._encode(replace(frame, stamp_ns=stamp_ns))
+            data = self._encode(frame, stamp_ns)
             if rate_hz and self.stopping.wait(max(started + k / rate_hz - time.monotonic(), 0)):
                 return
             if self.lossless:
@@ -144,11 +144,16 @@ class PlayerNode(PipelineNode):
             limits.append(math.ceil(self.parameters["duration_s"] * self.parameters["rate_hz"]))
         return min(limits, default=None)
 
-    def _encode(self, events: PhotonEvents) -> bytes:
-        sensor = self._sensor
-        if self.parameters["output"] == "gates":
-            return gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, sensor.frame_id)
-        return photons_message.encode_cdr(events, sensor, sensor.frame_id)
+    def _encode(self, events: PhotonEvents, stamp_ns: int) -> bytes:
+        """The message of a frame; that of a file, which is the same again and again, is written once."""
+        if self._encoded is None or self._encoded[0] is not events:
+            sensor = self._sensor
+            if self.parameters["output"] == "gates":
+                data = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, sensor.frame_id)
+            else:
+                data = photons_message.encode_cdr(events, sensor, sensor.frame_id)
+            self._encoded = events, data
+        return cdr.restamp(self._encoded[1], stamp_ns)
 
     def _on_answer(self, raw: bytes) -> None:
         """A cloud answers its frame and, since the pipeline keeps the order, all before it."""

@@ -71,6 +71,14 @@ def test_stamp_and_frame_are_passed_through(codec):
     assert header == Header(1_700_000_000_250_000_000, "lidar")
 
 
+@pytest.mark.parametrize("stamp_ns", [0, -1, 1_700_000_000_999_999_999])
+def test_restamped_bytes_differ_in_the_stamp_alone(codec, stamp_ns):
+    raw = codec.encode_cdr()
+    other = cdr.restamp(raw, stamp_ns)
+    assert codec.decode_cdr(other)[0].stamp_ns == stamp_ns
+    assert cdr.restamp(other, codec.decode_cdr(raw)[0].stamp_ns) == raw
+
+
 def test_big_endian_cdr_is_read(codec):
     message = ROSBAGS.deserialize_cdr(codec.encode_cdr(), ros_name(codec))
     raw = bytes(ROSBAGS.serialize_cdr(message, ros_name(codec), little_endian=False))
