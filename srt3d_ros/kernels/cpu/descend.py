@@ -179,7 +179,11 @@ def _pool(s, sketches, sketch, noise, exposure, at, wide, m):
 
 @inline
 def _climb(s, cycles, total, curvature, steps, m):
-    """Gradient steps on Σ_l Re((re + i im)_l exp(−i ω_l d)), each divided by the curvature there."""
+    """Gradient steps on Σ_l Re((re + i im)_l exp(−i ω_l d)), each divided by the curvature there.
+
+    A step ends at the width of a peak: where the photons contradict the point the curvature says nothing.
+    """
+    reach = np.sqrt(total / curvature)
     for x in range(B):
         s[D + x] = ZERO
     for step in range(steps + 1):
@@ -197,7 +201,7 @@ def _climb(s, cycles, total, curvature, steps, m):
         if step < steps:
             for x in range(B):
                 least = HALF * max(s[VALUE + x], ZERO) / total * curvature
-                s[D + x] += s[SLOPE + x] / (max(s[BEND + x], least) + TINY)
+                s[D + x] += min(max(s[SLOPE + x] / (max(s[BEND + x], least) + TINY), -reach), reach)
 
 
 @inline

@@ -1,0 +1,262 @@
+"""The CPU kernels against the plain reference, step by step and for whole reconstructions; and that they repeat.
+
+Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, and one
+iteration divides differences of depths by standard deviations of down to 0.1 bins, so depths and planes may differ by
+some 1e-3 bins; sums of up to 1e3 photons over 81 pixels lose up to 1e-5 of their size. A comparison that falls within
+these errors may be decided either way, and the pixel then takes another surface: one pixel in 200 may.
+"""
+
+import numba
+import numpy as np
+import pytest
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import phase_table
+from srt3d_ros.core.srt3d import SAME_SURFACE, SRT3D
+from srt3d_ros.core.start import window_weights
+from srt3d_ros.kernels import cpu
+
+from . import reference
+
+T = 300
+GATE = SAME_SURFACE**2
+DEPTH_TOLERANCE = 2e-3          # bins
+RELATIVE = 1e-3
+SHARE_AT_TIES = 1 / 200
+SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
+STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
+
+
+def make_sensor(rows: int, cols: int, seed: int) -> SensorModel:
+    """A sensor with an uneven gain and some masked pixels."""
+    rng = np.random.default_rng(seed)
+    return SensorModel(rows, cols, T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2),
+                       gain=rng.uniform(0.5, 1.5, (rows, cols)), mask=rng.random((rows, cols)) > 0.05)
+
+
+def make_sketch(sensor: SensorModel, seed: int) -> Sketch:
+    """Two layers that cross the end of the period, lit patchily, with the noise of photons."""
+    rng = np.random.default_rng(seed)
+    frequencies = choose("auto", sensor, 7)
+    omega = angular_frequencies(frequencies, T)
+    y, x = np.mgrid[:sensor.rows, :sensor.cols]
+    layers = np.where(x < sensor.cols * 0.6, 290 + 0.6 * x - 0.4 * y, np.nan), np.full(x.shape, 80.0) - 1.5 * y
+    photons = rng.poisson(20 * sensor.gain)
+    sums = rng.normal(size=(*x.shape, len(omega), 2)).view(complex)[..., 0] * np.sqrt(photons / 2)[..., None]
+    for depth in layers:
+        lit = np.where(np.isnan(depth), 0, rng.poisson(30 * sensor.gain) * (rng.random(x.shape) > 0.2))
+        phase = np.exp(1j * omega * np.nan_to_num(depth)[..., None])
+        sums += lit[..., None] * irf_spectrum(sensor, frequencies) * phase
+        photons = photons + lit
+    return Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32))
+
+
+def make_frame(shape: tuple[int, int], seed: int) -> Frame:
+    sensor = make_sensor(*shape, seed)
+    sketch = make_sketch(sensor, seed)
+    return Matcher(sensor, sketch.frequencies)(sketch)
+
+
+def make_state(frame: Frame, surfaces: int, seed: int) -> np.ndarray:
+    """Points near the layers of `make_sketch`, some astray, some missing, with depths that wrap around."""
+    rng = np.random.default_rng(seed + 100)
+    rows, cols = frame.shape
+    state = layout.no_surfaces(rows, cols, surfaces)
+    view = layout.crop(state, rows, cols)
+    y, x = np.mgrid[:rows, :cols]
+    near, far, size = 290 + 0.6 * x - 0.4 * y, 80 - 1.5 * y, (rows, cols)
+    for k in range(surfaces):
+        depth = np.where(rng.random(size) < 0.5, near, far) if surfaces == 1 else (near, far)[k]
+        depth = np.where(rng.random(size) < 0.1, rng.uniform(0, T, size), depth)
+        there = (rng.random(size) < 0.8) & (frame.exposure > 0)
+        values = {layout.DEPTH: (depth + rng.normal(0, 1, size)) % T, layout.SLOPE_COL: rng.normal(0.3, 0.5, size),
+                  layout.SLOPE_ROW: rng.normal(-0.5, 0.5, size), layout.INTENSITY: rng.uniform(1, 60, size),
+                  layout.STD: rng.uniform(0.1, 2, size), layout.WINDOW: rng.choice([0.7, 1, 2, 4], size),
+                  layout.SCORE: rng.uniform(2, 30, size)}
+        for field, value in values.items():
+            view[:, k, field] = np.where(there, value, 0)
+    return state
+
+
+def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int], fields, ties: float):
+    """Wherever both have a point its fields agree; but for a share `ties` of the pixels they have the same points."""
+    fast, slow = (layout.crop(a, *shape).astype(np.float64) for a in (fast, slow))
+    here, there = (a[:, :, layout.INTENSITY] > 0 for a in (fast, slow))
+    wrong = here != there
+    for field in fields:
+        one, other = fast[:, :, field], slow[:, :, field]
+        if field == layout.DEPTH:
+            close = np.abs(circular_difference(one, other, T)) <= DEPTH_TOLERANCE
+        elif field in (layout.SLOPE_COL, layout.SLOPE_ROW):
+            close = np.abs(one - other) <= DEPTH_TOLERANCE
+        else:
+            close = np.abs(one - other) <= RELATIVE * np.abs(other) + 1e-6
+        wrong |= here & there & ~close
+    assert here.any() and wrong.any(axis=1).mean() <= ties, np.argwhere(wrong)
+
+
+ALL = range(layout.FIELDS)
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, (1, 1), (1, 9), (9, 1), (5, 7)])
+@pytest.mark.parametrize(("sigma", "step"), [(1.0, 1), (2.0, 2), (4.0, 4)])
+def test_blur(shape, sigma, step):
+    values = np.random.default_rng(0).normal(size=(shape[0], 3, shape[1])).astype(np.float32)
+    weights = window_weights(sigma, step)
+    expected = reference.blur(values, weights, step)
+    np.testing.assert_allclose(cpu.blur(values, weights, step), expected, atol=1e-6 * weights.sum()**2)
+
+
+@pytest.mark.parametrize("surfaces", [1, 2, 4])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_match(shape, surfaces):
+    frame = make_frame(shape, seed=3)
+    arguments = frame.matched, frame.noise, frame.energy, frame.cycles, T, surfaces
+    fast, slow = cpu.match(*arguments), reference.match(*arguments)
+    # The second surface is found in what the first leaves, which magnifies its errors.
+    assert np.abs(circular_difference(fast[0], slow[0], T)).max() < 5e-3
+    np.testing.assert_allclose(fast[1], slow[1], atol=2e-4 * slow[1].max())
+    np.testing.assert_allclose(fast[2], slow[2], atol=2e-4 * slow[2].max())
+
+
+def test_match_finds_the_highest_peak_wherever_it_lies():
+    sensor = SensorModel(1, 600, T, 1e-10, np.exp(-np.linspace(-3, 3, 25)**2))
+    depth = np.linspace(0, T, 600, endpoint=False)[None]
+    frequencies = choose("auto", sensor, 10)
+    sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
+    sketch = Sketch(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32))
+    frame = Matcher(sensor, frequencies)(sketch)
+    found, intensity, score = cpu.match(frame.matched, frame.noise, frame.energy, frame.cycles, T, 1)
+    # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.
+    assert np.abs(circular_difference(found[:, 0], depth, T)).max() < 0.1 * frame.resolution_bins
+    np.testing.assert_allclose(intensity, 40, rtol=0.03)
+    np.testing.assert_allclose(score, np.sqrt(2 * 40 * frame.total_energy), rtol=0.03)
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES)
+def test_propose(shape, surfaces, seed):
+    frame = make_frame(shape, seed)
+    state = make_state(frame, surfaces, seed)
+    before = state.copy()
+    fast = cpu.propose(frame.padded, state, 1.5, GATE)
+    assert np.array_equal(state, before)
+    assert_states_agree(fast, reference.propose(frame.padded, state, 1.5, GATE), shape, ALL, SHARE_AT_TIES)
+
+
+@pytest.mark.parametrize("radius", [1, 3, layout.MARGIN])
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::3])
+def test_descend(shape, surfaces, seed, radius):
+    frame = make_frame(shape, seed)
+    state = make_state(frame, surfaces, seed)
+    before = state.copy()
+    fast = cpu.descend(frame.padded, state, radius, GATE)
+    assert np.array_equal(state, before)
+    assert_states_agree(fast, reference.descend(frame.padded, state, radius, GATE), shape, ALL, SHARE_AT_TIES)
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::2])
+def test_own_intensity(shape, surfaces, seed):
+    frame = make_frame(shape, seed)
+    state = make_state(frame, surfaces, seed)
+    fast, slow = cpu.own_intensity(frame.padded, state), reference.own_intensity(frame.padded, state)
+    np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
+
+
+def test_nothing_appears_outside_the_image_or_in_masked_pixels():
+    frame = make_frame((9, 33), seed=1)
+    state = make_state(frame, 2, seed=1)
+    for after in (cpu.propose(frame.padded, state, 2.0, GATE), cpu.descend(frame.padded, state, 3, GATE)):
+        points = after[:, :, layout.INTENSITY] > 0
+        assert not points[frame.padded.exposure[:, None].repeat(2, axis=1) == 0].any()
+        assert np.isfinite(after).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("surfaces", [1, 2])
+def test_whole_reconstructions_agree(shape, surfaces):
+    sensor = make_sensor(*shape, seed=5)
+    sketch = make_sketch(sensor, seed=5)
+    srt3d = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)
+    fast = srt3d(sketch)
+    srt3d.kernels = reference
+    slow = srt3d(sketch)
+    for k in range(surfaces):
+        depth = [cloud.image("depth_bins", k) for cloud in (fast, slow)]
+        same = np.isnan(depth[0]) == np.isnan(depth[1])
+        off = ~(np.abs(circular_difference(*depth, T)) <= 5 * DEPTH_TOLERANCE) & ~np.isnan(depth[0])
+        assert (~same | off).mean() <= 2 * SHARE_AT_TIES
+        agree = same & ~off & ~np.isnan(depth[0])
+        assert agree.any()
+        for field in ("intensity", "depth_std_bins"):
+            one, other = (cloud.image(field, k)[agree] for cloud in (fast, slow))
+            assert (np.abs(one - other) <= 1e-2 * other).mean() >= 1 - 2 * SHARE_AT_TIES
+
+
+def test_results_are_the_same_to_the_bit_for_any_number_of_threads_and_every_time():
+    sensor = make_sensor(40, 70, seed=7)
+    sketch = make_sketch(sensor, seed=7)
+    srt3d = SRT3D(sensor, sketch.frequencies, surfaces=2)
+    before = numba.get_num_threads()
+    clouds = []
+    try:
+        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
+            numba.set_num_threads(threads)
+            clouds.append(srt3d(sketch))
+    finally:
+        numba.set_num_threads(before)
+    for other in clouds[1:]:
+        for field in ("row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface", "background"):
+            assert np.array_equal(getattr(clouds[0], field), getattr(other, field)), field
+    assert len(clouds[0]) > 1_000
+
+
+# ---- Photons → sketch
+
+def photons(count=500, pixels=20, bins=50, dtype=np.uint16):
+    rng = np.random.default_rng(2)
+    return rng.integers(0, pixels, count).astype(np.uint32), rng.uniform(0, bins, count).astype(dtype)
+
+
+def test_sketch_of_unsorted_photons():
+    pixel, toa = photons()
+    table = phase_table((1, 3, 24), 50)
+    sums, counts = cpu.sketch_unsorted(pixel, toa, table, 20)
+    expected, expected_counts = reference.sketch_unsorted(pixel, toa, table, 20)
+    assert sums.dtype == np.float64 and np.array_equal(counts, expected_counts)
+    np.testing.assert_allclose(sums, expected, rtol=0, atol=1e-12)        # the same float64 additions, in another order
+
+
+def test_sketch_of_continuous_times():
+    pixel, toa = photons(dtype=np.float32)
+    omegas = angular_frequencies((1, 3, 24), 50)
+    sums, counts = cpu.sketch_continuous(pixel, toa, omegas, 20)
+    expected, expected_counts = reference.sketch_continuous(pixel, toa, omegas, 20)
+    assert np.array_equal(counts, expected_counts)
+    np.testing.assert_allclose(sums, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("pixels", [1, 3, 16, 17, 100])
+@pytest.mark.parametrize(("first_word", "no_detection"), [(0, 65_535), (10, 3), (0, 0)])
+def test_sketch_of_gates(pixels, first_word, no_detection):
+    rng = np.random.default_rng(pixels)
+    words = rng.integers(first_word, first_word + 50, (7, pixels)).astype(np.uint16)
+    words[rng.random(words.shape) < 0.3] = no_detection
+    table = phase_table((1, 3, 24), 50)
+    sums, counts, stray = cpu.sketch_gates(words, table, first_word, no_detection)
+    expected, expected_counts, _ = reference.sketch_gates(words, table, first_word, no_detection)
+    assert stray == -1 and np.array_equal(counts, expected_counts)
+    np.testing.assert_allclose(sums, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("word", [0, 9, 60, 65_535])
+@pytest.mark.parametrize("pixel", [0, 8, 16])
+def test_a_stray_word_is_reported_from_any_pixel(word, pixel):
+    words = np.full((5, 17), 3, np.uint16)
+    words[2, pixel] = word
+    table = phase_table((1, 3), 50)
+    assert cpu.sketch_gates(words, table, 10, 3)[2] == reference.sketch_gates(words, table, 10, 3)[2] == word
