@@ -1,9 +1,9 @@
 """The CPU kernels against the plain reference, step by step and for whole reconstructions; and that they repeat.
 
-Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, and one
-iteration divides differences of depths by standard deviations of down to 0.1 bins, so depths and planes may differ by
-some 1e-3 bins; sums of up to 1e3 photons over 81 pixels lose up to 1e-5 of their size. A comparison that falls within
-these errors may be decided either way, and the pixel then takes another surface: one pixel in 200 may.
+Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, which is
+what whole reconstructions differ by. Single steps start here from states that photons partly contradict, where a point
+hangs on small differences: 5e-4 bins and 5e-4 of the other values leave them ten times what most of them need. A
+comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more.
 """
 
 import numba
@@ -25,9 +25,9 @@ from . import reference
 
 T = 300
 GATE = SAME_SURFACE**2
-DEPTH_TOLERANCE = 2e-3          # bins
-RELATIVE = 1e-3
-SHARE_AT_TIES = 1 / 200
+DEPTH_TOLERANCE = 5e-4          # bins, and bins per pixel
+RELATIVE = 5e-4
+SHARE_AT_TIES = 1 / 100
 SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
 STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
 
@@ -83,12 +83,12 @@ def make_state(frame: Frame, surfaces: int, seed: int) -> np.ndarray:
     return state
 
 
-def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int], fields, ties: float):
-    """Wherever both have a point its fields agree; but for a share `ties` of the pixels they have the same points."""
+def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int]):
+    """But for ties both have the same points, and all fields of each agree."""
     fast, slow = (layout.crop(a, *shape).astype(np.float64) for a in (fast, slow))
     here, there = (a[:, :, layout.INTENSITY] > 0 for a in (fast, slow))
     wrong = here != there
-    for field in fields:
+    for field in range(layout.FIELDS):
         one, other = fast[:, :, field], slow[:, :, field]
         if field == layout.DEPTH:
             close = np.abs(circular_difference(one, other, T)) <= DEPTH_TOLERANCE
@@ -97,10 +97,7 @@ def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, in
         else:
             close = np.abs(one - other) <= RELATIVE * np.abs(other) + 1e-6
         wrong |= here & there & ~close
-    assert here.any() and wrong.any(axis=1).mean() <= ties, np.argwhere(wrong)
-
-
-ALL = range(layout.FIELDS)
+    assert here.sum() > 100 and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, (1, 1), (1, 9), (9, 1), (5, 7)])
@@ -119,7 +116,7 @@ def test_match(shape, surfaces):
     arguments = frame.matched, frame.noise, frame.energy, frame.cycles, T, surfaces
     fast, slow = cpu.match(*arguments), reference.match(*arguments)
     # The second surface is found in what the first leaves, which magnifies its errors.
-    assert np.abs(circular_difference(fast[0], slow[0], T)).max() < 5e-3
+    assert np.abs(circular_difference(fast[0], slow[0], T)).max() < 10 * DEPTH_TOLERANCE
     np.testing.assert_allclose(fast[1], slow[1], atol=2e-4 * slow[1].max())
     np.testing.assert_allclose(fast[2], slow[2], atol=2e-4 * slow[2].max())
 
@@ -145,7 +142,7 @@ def test_propose(shape, surfaces, seed):
     before = state.copy()
     fast = cpu.propose(frame.padded, state, 1.5, GATE)
     assert np.array_equal(state, before)
-    assert_states_agree(fast, reference.propose(frame.padded, state, 1.5, GATE), shape, ALL, SHARE_AT_TIES)
+    assert_states_agree(fast, reference.propose(frame.padded, state, 1.5, GATE), shape)
 
 
 @pytest.mark.parametrize("radius", [1, 3, layout.MARGIN])
@@ -156,7 +153,7 @@ def test_descend(shape, surfaces, seed, radius):
     before = state.copy()
     fast = cpu.descend(frame.padded, state, radius, GATE)
     assert np.array_equal(state, before)
-    assert_states_agree(fast, reference.descend(frame.padded, state, radius, GATE), shape, ALL, SHARE_AT_TIES)
+    assert_states_agree(fast, reference.descend(frame.padded, state, radius, GATE), shape)
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::2])
@@ -187,14 +184,14 @@ def test_whole_reconstructions_agree(shape, surfaces):
     slow = srt3d(sketch)
     for k in range(surfaces):
         depth = [cloud.image("depth_bins", k) for cloud in (fast, slow)]
-        same = np.isnan(depth[0]) == np.isnan(depth[1])
-        off = ~(np.abs(circular_difference(*depth, T)) <= 5 * DEPTH_TOLERANCE) & ~np.isnan(depth[0])
-        assert (~same | off).mean() <= 2 * SHARE_AT_TIES
-        agree = same & ~off & ~np.isnan(depth[0])
-        assert agree.any()
+        there = np.isfinite(depth[0])
+        differ = there != np.isfinite(depth[1])
+        agree = np.abs(circular_difference(*depth, T)) <= DEPTH_TOLERANCE
         for field in ("intensity", "depth_std_bins"):
-            one, other = (cloud.image(field, k)[agree] for cloud in (fast, slow))
-            assert (np.abs(one - other) <= 1e-2 * other).mean() >= 1 - 2 * SHARE_AT_TIES
+            one, other = (cloud.image(field, k) for cloud in (fast, slow))
+            agree &= np.abs(one - other) <= RELATIVE * other
+        assert there.sum() > 100 and (differ | (there & ~agree)).sum() <= there.sum() * SHARE_AT_TIES
+    np.testing.assert_allclose(fast.background, slow.background, atol=1e-3 * sketch.photons.max())
 
 
 def test_results_are_the_same_to_the_bit_for_any_number_of_threads_and_every_time():
