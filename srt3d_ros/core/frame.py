@@ -11,6 +11,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import require
 
+RARITY_STEPS = 256
 WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
 
 
@@ -32,6 +33,9 @@ class Frame:
         num_bins: T.
         moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
         intensity_moments: float32 [2], the same for the intensity score.
+        greatest_response: of a photon to a matched filter.
+        rarity: float32 [n], what mean responses of 0 … greatest_response are worth as evidence against "background
+            alone", standard deviations per √photon.
     """
 
     matched: np.ndarray
@@ -42,6 +46,8 @@ class Frame:
     num_bins: int
     moments: np.ndarray
     intensity_moments: np.ndarray
+    greatest_response: float
+    rarity: np.ndarray
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -68,7 +74,8 @@ class Frame:
         """The same with padded maps, as the windowed kernels want them."""
         maps = {name: layout.pad(getattr(self, name)) for name in ("noise", "exposure")}
         return Frame(layout.pad(self.matched.swapaxes(1, 2)), **maps, energy=self.energy, cycles=self.cycles,
-                     num_bins=self.num_bins, moments=self.moments, intensity_moments=self.intensity_moments)
+                     num_bins=self.num_bins, moments=self.moments, intensity_moments=self.intensity_moments,
+                     greatest_response=self.greatest_response, rarity=self.rarity)
 
 
 class Matcher:
@@ -99,6 +106,7 @@ class Matcher:
         self._energy = energy.astype(np.float32)
         self._cycles = (omega / (2 * np.pi)).astype(np.float32)
         self._moments, self._intensity_moments = _score_moments(sensor, omega, energy)
+        self._rarity = _rarity(spectrum.mean(axis=0), self.frequencies)
 
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""
@@ -110,7 +118,7 @@ class Matcher:
         matched = np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
         noise = sketch.photons.astype(np.float32) * self._used
         return Frame(matched, noise, self._exposure, self._energy, self._cycles, self.sensor.num_bins, self._moments,
-                     self._intensity_moments)
+                     self._intensity_moments, *self._rarity)
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -131,3 +139,26 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -
         signal = irf @ score**2 - (irf @ score)**2
         moments.append(np.array([signal, background], dtype=np.float32))
     return moments[0], moments[1]
+
+
+def _rarity(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
+    """How improbable it is that photons of the background respond to a matched filter like signal.
+
+    The mean response of n of them reaches u with a probability of at most exp(−n I(u)), I(u) = max_λ λu − K(λ), where
+    K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound).
+
+    Returns:
+        The greatest response, and √(2 I(u)) for u from 0 to it. For small u that is u / √(Σ|ĥ_l|² / 2), as of a normal
+        distribution, for large u far less: few photons that chance to agree are no rarity, though their response is
+        many standard deviations.
+    """
+    turns = np.arange(16 * max(frequencies)) / (16 * max(frequencies))
+    response = (np.exp(2j * np.pi * np.outer(turns, frequencies)) @ np.conj(spectrum)).real
+    greatest = response.max()
+    tilt = np.geomspace(1e-3, 100, 200)[:, None] / greatest
+    weights = np.exp(tilt * (response - greatest))
+    mean = weights @ response / weights.sum(axis=1)
+    nats = tilt[:, 0] * (mean - greatest) - np.log(weights.mean(axis=1))
+    known, worth = np.insert([mean, np.sqrt(2 * nats)], 0, 0, axis=1)
+    worth = np.interp(np.linspace(0, greatest, RARITY_STEPS + 1), known, worth)
+    return float(greatest), worth.astype(np.float32)

@@ -9,7 +9,7 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Frame
 
 SCALES = ((0.0, 1), (1.0, 1), (2.0, 2), (4.0, 4))   # σ of the pooling window and size of its cells, pixels
-SURE = 9.0                                          # standard deviations that end the search at a scale
+SURE = 7.0                                          # standard deviations that end the search at a scale
 SMALLEST = 1e-300                                   # probability that floats still tell from 0
 NARROWEST = 0.7                                     # window of a point that its own pixel shows, pixels
 
@@ -50,14 +50,15 @@ def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.
             matched = kernels.blur(matched, weights, step)
             noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]
             exposure = kernels.blur(exposure[:, None], weights, step)[:, 0]
-        maps = kernels.match(matched, noise, frame.energy, frame.cycles, frame.num_bins, surfaces)
-        enough = threshold if (sigma, step) == SCALES[-1] else SURE
-        found = maps[2][:, 0] > enough
+        squash = 0.5 if sigma > 0 else 1.0
+        depth, intensity = kernels.match(matched, frame.energy, frame.cycles, frame.num_bins, surfaces)
+        score = significance(frame, intensity, noise[:, None], squash)
+        found = score[:, 0] > (threshold if (sigma, step) == SCALES[-1] else SURE)
         row, col = np.nonzero(open_pixels & found[np.ix_(np.arange(rows) // step, np.arange(cols) // step)])
         open_pixels[row, col] = False
         a, b = row // step, col // step
-        depth, intensity, score = (values[a, :, b] for values in maps)                          # [N, K]
-        std = depth_std(frame, intensity, noise[a, b, None], 0.5 if sigma > 0 else 1.0)
+        depth, intensity, score = (values[a, :, b] for values in (depth, intensity, score))     # [N, K]
+        std = depth_std(frame, intensity, noise[a, b, None], squash)
         points = np.zeros((len(row), surfaces, layout.FIELDS), np.float32)
         points[:, :, layout.DEPTH] = depth % frame.num_bins
         points[:, :, layout.INTENSITY] = intensity / np.maximum(exposure[a, b, None], 1e-6)
@@ -69,13 +70,26 @@ def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.
     return state
 
 
-def depth_std(frame: Frame, signal: np.ndarray, noise: np.ndarray, squash: float) -> np.ndarray:
-    """Standard deviation of depths found in windows, bins.
+def significance(frame: Frame, signal: np.ndarray, noise: np.ndarray, squash: float) -> np.ndarray:
+    """Evidence of matched filters against "background alone", standard deviations; also right for few photons.
 
     Args:
         signal: Σ w r.
         noise: Σ w² n.
         squash: Σ w² / Σ w of the window: 1 for a single pixel, 1/2 for a Gaussian.
+    """
+    photons = np.maximum(noise / squash, 1e-6)                                                  # Σ w n
+    steps = len(frame.rarity) - 1
+    at = np.clip(signal / photons * (frame.total_energy / frame.greatest_response * steps), 0, steps)
+    low = np.minimum(at.astype(np.int32), steps - 1)        # np.interp does the same, in ten times the time
+    worth = frame.rarity[low] + (at - low) * np.diff(frame.rarity)[low]
+    return np.sqrt(photons / squash) * worth
+
+
+def depth_std(frame: Frame, signal: np.ndarray, noise: np.ndarray, squash: float) -> np.ndarray:
+    """Standard deviation of depths found in windows, bins.
+
+    Args: as of `significance`.
     """
     signal = np.maximum(signal, 1e-6)
     background = np.maximum(noise / squash - signal, 0)

@@ -147,3 +147,26 @@ def test_moments_are_the_variances_of_the_scores_of_simulated_photons():
 def test_a_sketch_of_another_sensor_is_refused(sketch, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
         Matcher(make(), FREQUENCIES)(sketch)
+
+
+@pytest.mark.parametrize("photons", [1, 2, 5, 50, 1000])
+def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
+    sensor = make()
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    u = np.linspace(0, frame.greatest_response, len(frame.rarity))
+    response = (np.exp(1j * np.outer(np.arange(T), angular_frequencies(FREQUENCIES, T)))
+                * np.conj(irf_spectrum(sensor, FREQUENCIES))).real.sum(axis=1)
+    rng = np.random.default_rng(2)
+    means = response[rng.integers(0, T, (20_000, photons))].mean(axis=1)
+    for sigmas in (1.0, 2.0, 3.0):
+        reached = (np.sqrt(photons) * np.interp(means, u, frame.rarity) >= sigmas).mean()
+        bound = np.exp(-sigmas**2 / 2)
+        assert reached <= bound + 3 * np.sqrt(bound / 20_000)
+
+
+def test_rarity_of_many_photons_is_that_of_the_normal_distribution():
+    sensor = make()
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    u = np.linspace(0, frame.greatest_response, len(frame.rarity))
+    np.testing.assert_allclose(frame.rarity[:6], u[:6] / np.sqrt(frame.total_energy / 2), rtol=0.05)
+    assert (np.diff(frame.rarity) >= 0).all()

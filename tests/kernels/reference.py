@@ -53,12 +53,12 @@ def blur(values, weights, step):
     return out
 
 
-def match(matched, noise, energy, cycles, num_bins, surfaces):
-    rows, cols = noise.shape
+def match(matched, energy, cycles, num_bins, surfaces):
+    rows, _, cols = matched.shape
     omega, energy = 2 * np.pi * cycles.astype(np.float64), energy.astype(np.float64)
     cells = 16 * int(np.ceil(4 * np.round(cycles.max() * num_bins) / 16))
     t = np.arange(cells) * num_bins / cells
-    depth, intensity, score = (np.zeros((rows, surfaces, cols)) for _ in range(3))
+    depth, intensity = (np.zeros((rows, surfaces, cols)) for _ in range(2))
     for i, j in np.ndindex(rows, cols):
         rest = _z(matched, i, j)
         for k in range(surfaces):
@@ -70,9 +70,8 @@ def match(matched, noise, energy, cycles, num_bins, surfaces):
             value = peak - (before - after) / 4 * shift
             depth[i, k, j] = (top + shift) * num_bins / cells
             intensity[i, k, j] = value / energy.sum()
-            score[i, k, j] = value / np.sqrt(noise[i, j] * energy.sum() / 2 + 1e-12)
             rest = rest - value / energy.sum() * energy * np.exp(1j * omega * depth[i, k, j])
-    return depth, intensity, score
+    return depth, intensity
 
 
 # ---- Iterations ----------------------------------------------------------------------------------------------------

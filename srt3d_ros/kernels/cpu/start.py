@@ -3,7 +3,7 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, TWO, ZERO, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, parallel, sincos
 
 
 @parallel
@@ -56,7 +56,7 @@ def blur(values, weights, step):
 
 
 @parallel
-def _match(matched, noise, energy, cycles, cos, sin, num_bins, depth, intensity, score):
+def _match(matched, energy, cycles, cos, sin, num_bins, depth, intensity):
     rows, surfaces, cols = depth.shape
     m, grid = cos.shape
     total = energy.sum()
@@ -85,7 +85,6 @@ def _match(matched, noise, energy, cycles, cos, sin, num_bins, depth, intensity,
                 t = (F32(top) + shift) * bins_per_cell
                 depth[i, k, j] = t
                 intensity[i, k, j] = value / total
-                score[i, k, j] = value / np.sqrt(HALF * noise[i, j] * total + TINY)
                 if k + 1 < surfaces:
                     for l in range(m):
                         sine, cosine = sincos(cycles[l] * t)
@@ -93,26 +92,27 @@ def _match(matched, noise, energy, cycles, cos, sin, num_bins, depth, intensity,
                         rest[m + l] -= value / total * energy[l] * sine
 
 
-def match(matched, noise, energy, cycles, num_bins, surfaces):
-    """The K strongest returns of every pixel by matched filter and orthogonal matching pursuit.
+def match(matched, energy, cycles, num_bins, surfaces):
+    """The K strongest returns of every pixel by matched filter and matching pursuit.
 
     The filter's response Σ_l Re(matched_l · exp(−i ω_l t)) has no frequency above max k: a grid of 4 · max k cells and
     a parabola through the highest one find its peak, however many bins there are.
 
     Args:
         matched: float32 [rows, 2m, cols], conj(ĥ_l) · Σ_p exp(i ω_l x_p), real parts before imaginary ones.
-        noise: float32 [rows, cols], Σ w² n: photons behind `matched`, weighted with the squares of its weights.
         energy: float32 [m], |ĥ_l|².
         cycles: float32 [m], k_l / T.
         num_bins: T.
         surfaces: K.
 
     Returns:
-        depth (bins), intensity (Σ w r) and score, float32 [rows, K, cols].
+        depth (bins) and intensity (Σ w r), float32 [rows, K, cols].
     """
-    grid = 16 * int(np.ceil(4 * cycles.max() * num_bins / 16))
-    turns = np.outer(cycles.astype(np.float64) * num_bins, np.arange(grid)) / grid
+    frequencies = np.rint(cycles.astype(np.float64) * num_bins)
+    grid = 16 * int(np.ceil(frequencies.max() / 4))
+    turns = np.outer(frequencies, np.arange(grid)) / grid
     cos, sin = (f(2 * np.pi * turns).astype(np.float32) for f in (np.cos, np.sin))
-    out = tuple(np.empty((noise.shape[0], surfaces, noise.shape[1]), np.float32) for _ in range(3))
-    _match(matched, noise, energy, cycles, cos, sin, num_bins, *out)
+    rows, _, cols = matched.shape
+    out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
+    _match(matched, energy, cycles, cos, sin, num_bins, *out)
     return out
