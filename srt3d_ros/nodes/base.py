@@ -17,7 +17,7 @@ from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, Dropped, Worker
 
 PUBLISH_DEPTH, SUBSCRIBE_DEPTH = 5, 2
-QUEUE_DEPTH = 32        # where frames are queued rather than dropped
+QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
 LOG_EVERY_S = 2.0       # repeated complaints
 POLL_S = 0.005
 PATIENCE_S = 0.5        # a wait this long is worth a log line
