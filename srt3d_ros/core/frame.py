@@ -12,6 +12,7 @@ from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import require
 
 RARITY_STEPS = 256
+BLIND = 0.01                # |ĥ| below which a frequency says nothing of the depth
 WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
 
 
@@ -84,6 +85,9 @@ class Matcher:
     Args:
         sensor: IRF and calibration.
         frequencies: the integers k_l.
+
+    Raises:
+        InvalidInput: if the IRF passes none of the frequencies.
     """
 
     def __init__(self, sensor: SensorModel, frequencies):
@@ -92,6 +96,8 @@ class Matcher:
         omega = angular_frequencies(frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
         energy = (np.abs(spectrum)**2).mean(axis=0)
+        require(energy.max() > BLIND**2, "frequencies", list(self.frequencies),
+                f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
         equaliser = np.conj(spectrum) * energy / weakest
         if sensor.delay_bins is not None:
