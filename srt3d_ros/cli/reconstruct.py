@@ -57,8 +57,6 @@ def run(args: argparse.Namespace) -> int:
     cloud_files.check(args.output)
     photons = open_photons(args.input, **{name: getattr(args, name) for name in OVERRIDES
                                           if getattr(args, name) is not None})
-    for note in photons.notes:
-        print(f"srt3d: {note}", file=sys.stderr)
     sensor, frame = photons.sensor, photons.frame
     frequencies = choose(args.frequencies, sensor, args.sketch_size)
     rate = DEFAULT_FALSE_ALARM_RATE if args.false_alarm_rate is None else args.false_alarm_rate
@@ -71,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
              "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies),
              "frequencies": list(frequencies), "surfaces": args.surfaces, "points": len(cloud),
              "sketch_ms": round(sketch_ms, 3), "reconstruct_ms": round(reconstruct_ms, 3), "output": str(args.output)}
+    for note in photons.notes:          # only now: a mistake is one line
+        print(f"srt3d: {note}", file=sys.stderr)
     print(json.dumps(facts) if args.json else _words(facts))
     return 0
 
