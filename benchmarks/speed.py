@@ -1,6 +1,6 @@
 """Speed and memory of sketching and reconstruction, on simulated 141 × 141 frames.
 
-    python benchmarks/speed.py [--repeats 7] [--out benchmarks/results/NAME.json]
+    python benchmarks/speed.py [--repeats 7] [--out benchmarks/results/NAME.jsonl]
 
 Prints a table, and one line of JSON for each measurement into --out. Absolute times depend on what else the machine
 does: the load average is part of every line, and the times for different photon counts are taken in turns.
