@@ -131,8 +131,9 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -
     """Variances that a signal photon and a background photon add to the scores for depth and for intensity.
 
     The scores are Σ_l ω_l Im and Σ_l Re of conj(ĥ_l) exp(i ω_l b) for a photon b bins from its surface: the gradients
-    of the data term in t and r. Their variance over the IRF, and over all bins, gives the estimates' variances by the
-    sandwich formula, which holds for any distribution of the photons.
+    of the data term in t and r. Their mean square over the IRF, and over all bins, is the variance that a Poisson
+    number of photons has for each one expected; the sandwich formula makes the estimates' variances of it, whatever the
+    distribution of the photons over the bins.
     """
     irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
     bins = np.arange(len(irf)) - sensor.irf_ref
@@ -142,8 +143,7 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -
     moments = []
     for score, background in (((response * omega).imag.sum(axis=1), (omega**2 * energy).sum() / 2),
                               (response.real.sum(axis=1), energy.sum() / 2)):
-        signal = irf @ score**2 - (irf @ score)**2
-        moments.append(np.array([signal, background], dtype=np.float32))
+        moments.append(np.array([irf @ score**2, background], dtype=np.float32))
     return moments[0], moments[1]
 
 

@@ -34,7 +34,8 @@ def score_threshold(false_alarm_rate: float, frame: Frame) -> float:
 def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.ndarray:
     """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
-    At the widest scale the threshold is enough. A second surface must pass the threshold at the scale of the first.
+    A scale pools the pixels that finer ones left open. At the widest scale the threshold is enough. A second surface
+    must pass the threshold at the scale of the first.
 
     Returns:
         A state, float32 [rows', K, FIELDS, cols'].
@@ -46,6 +47,8 @@ def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.
     for sigma, step in SCALES:
         matched, noise, exposure = frame.matched, frame.noise, frame.exposure
         if sigma > 0:
+            left = open_pixels.astype(np.float32)           # else surfaces grow over pixels that see background alone
+            matched, noise, exposure = matched * left[:, None], noise * left, exposure * left
             weights = window_weights(sigma, step)
             matched = kernels.blur(matched, weights, step)
             noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]

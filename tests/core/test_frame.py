@@ -127,16 +127,20 @@ def test_energy_curvature_and_resolution_are_those_of_the_data_term():
     assert frame.resolution_bins == pytest.approx(np.sqrt(response(0) / -bend), rel=1e-4)
 
 
-def test_moments_are_the_variances_of_the_scores_of_simulated_photons():
+def test_moments_are_what_a_photon_adds_to_the_variances_of_the_scores():
     sensor = make()
     frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
     omega, spectrum = angular_frequencies(FREQUENCIES, T), irf_spectrum(sensor, FREQUENCIES)
     rng = np.random.default_rng(1)
-    count = 400_000
-    for which, x in enumerate((rng.choice(len(IRF), count, p=IRF / IRF.sum()) - 2, rng.integers(0, T, count))):
+    frames, photons = 20_000, 20
+    owner = np.repeat(np.arange(frames), rng.poisson(photons, frames))
+    signal, background = rng.choice(len(IRF), len(owner), p=IRF / IRF.sum()) - 2, rng.integers(0, T, len(owner))
+    for which, x in enumerate((signal, background)):
         matched = np.exp(1j * np.outer(x, omega)) * np.conj(spectrum)
-        assert (matched.imag @ omega).var() == pytest.approx(frame.moments[which], rel=0.02)
-        assert matched.real.sum(axis=1).var() == pytest.approx(frame.intensity_moments[which], rel=0.02)
+        for score, moments in ((matched.imag @ omega, frame.moments),
+                               (matched.real.sum(axis=1), frame.intensity_moments)):
+            of_frames = np.bincount(owner, score, minlength=frames)
+            assert of_frames.var() == pytest.approx(photons * moments[which], rel=0.04)
 
 
 @pytest.mark.parametrize(("sketch", "named"), [

@@ -167,6 +167,33 @@ def test_intensity_and_background_are_the_expected_photons():
     assert cloud.background.mean() == pytest.approx(background.mean(), rel=0.03)
 
 
+@pytest.mark.parametrize("ppp", [3, 30])
+def test_an_even_surface_looks_even(ppp):
+    depth = ramp(40, 40, 200, 0.3, 0.2)
+    cloud = reconstruct(simulate(depth, sbr=10, ppp=ppp)[0], make_sensor(40, 40))
+    assert cloud.intensity.std() < 0.3 * np.sqrt(cloud.intensity.mean())        # of the counts of single pixels
+
+
+def test_the_grain_of_a_surface_is_kept_where_photons_show_it():
+    reflectivity = np.random.default_rng(6).uniform(0.5, 1.5, (40, 40))
+    sensor = make_sensor(40, 40)
+    scene = StaticScene(sensor.range_m(np.full((40, 40), 250.0)), reflectivity)
+    cloud = reconstruct(Simulator(scene, sensor, sbr=10, ppp=300).frame(0)[0], sensor)
+    assert np.corrcoef(cloud.image("intensity").ravel(), reflectivity.ravel())[0, 1] > 0.95
+
+
+@pytest.mark.parametrize(("ppp", "sbr"), [(10, 1), (50, 0.3), (5, 10)])
+def test_a_surface_does_not_grow_over_pixels_that_see_background_alone(ppp, sbr):
+    depth = ramp(48, 64, 200, 0.3, 0.2)
+    sensor = make_sensor(48, 64)
+    frame, dark = simulate(depth, sbr, ppp)[0], background_alone(sensor, max(ppp / (1 + sbr), 3), seed=1)
+    lit, dim = frame.pixel % 64 < 32, dark.pixel % 64 >= 32
+    pixel, toa = (np.concatenate([getattr(frame, name)[lit], getattr(dark, name)[dim]]) for name in ("pixel", "toa"))
+    cloud = reconstruct(PhotonEvents(pixel, toa), sensor)
+    assert (cloud.col < 32).sum() > 0.995 * 48 * 32
+    assert (cloud.col == 32).sum() < 48 and (cloud.col > 33).sum() == 0
+
+
 @pytest.mark.parametrize(("gap", "ppp", "sbr"), [(150, 50, 10), (150, 50, 1), (40, 50, 10), (150, 15, 10)])
 def test_two_separate_layers_are_both_found(gap, ppp, sbr):
     depth = np.stack([ramp(24, 40, 150, 0.3, 0), ramp(24, 40, 150 + gap, 0.3, 0)])
@@ -203,6 +230,7 @@ def test_gain_and_delay_of_the_pixels_leave_no_trace():
     assert len(other) == len(one) == depth.size
     assert np.abs(errors(other, depth)).mean() < 1.3 * np.abs(errors(one, depth)).mean()
     assert other.intensity.mean() == pytest.approx(one.intensity.mean(), rel=0.03)
+    assert (other.background / skewed.gain).mean() == pytest.approx(one.background.mean(), rel=0.1)
 
 
 # The formula takes planes and weights, which are measured themselves, for known: seen are 1.05 to 1.4, and 1.5 at a

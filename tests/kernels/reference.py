@@ -227,7 +227,9 @@ def _climbed(point, around, sketches, noise, exposure, radius, gate, steps, data
     variance = (signal * data.moments[0] + (photons - signal) * data.moments[1]) * noise_sum / max(photons, 1e-12)
     out[DEPTH] = (point[DEPTH] + d) % data.num_bins
     out[INTENSITY] = max(strength / max(exposure_sum, 1e-12), 1e-12)
-    out[STD] = min(np.sqrt(variance) / max(signal * data.curvature, 1e-12), data.num_bins)
+    out[STD] = data.num_bins
+    if signal > 0:
+        out[STD] = min(np.sqrt(variance) / max(signal * data.curvature, 1e-12), data.num_bins)
     score = value / np.sqrt(noise_sum * total / 2 + 1e-12)
     out[SCORE] = max(score, point[SCORE]) if 2 * point[WINDOW] > radius else score
     return out

@@ -216,7 +216,8 @@ def _finish(s, state, point, out, wide, radius, moments, total, curvature, perio
         spread = (signal * moments[0] + (photons - signal) * moments[1]) * noise / max(photons, TINY)
         out[point + DEPTH * wide + x] = t - period * np.floor(t / period)
         out[point + INTENSITY * wide + x] = max(strength / max(s[EXPOSURE + x], TINY), TINY) if seen else ZERO
-        out[point + STD * wide + x] = min(np.sqrt(spread) / max(signal * curvature, TINY), period)
+        std = min(np.sqrt(spread) / max(signal * curvature, TINY), period)
+        out[point + STD * wide + x] = std if signal > ZERO else period
         score = s[VALUE + x] / np.sqrt(HALF * noise * total + TINY)
         # A point found in a wider window than this one keeps the evidence that was found there.
         wider = F32(2) * state[point + WINDOW * wide + x] > radius
