@@ -5,7 +5,7 @@ import json
 import sys
 import time
 
-DEFAULT_SKETCH_SIZE = 10
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 
 
 def add_parser(subparsers) -> None:

@@ -1,6 +1,6 @@
 """What the iterations see of a frame: its sketch, calibrated and matched to the IRF."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,10 +73,8 @@ class Frame:
     @cached_property
     def padded(self) -> "Frame":
         """The same with padded maps, as the windowed kernels want them."""
-        maps = {name: layout.pad(getattr(self, name)) for name in ("noise", "exposure")}
-        return Frame(layout.pad(self.matched.swapaxes(1, 2)), **maps, energy=self.energy, cycles=self.cycles,
-                     num_bins=self.num_bins, moments=self.moments, intensity_moments=self.intensity_moments,
-                     greatest_response=self.greatest_response, rarity=self.rarity)
+        return replace(self, matched=layout.pad(self.matched.swapaxes(1, 2)), noise=layout.pad(self.noise),
+                       exposure=layout.pad(self.exposure))
 
 
 class Matcher:
