@@ -1,0 +1,61 @@
+"""The ways to reconstruct, by the name that a user gives: ours and the ones that the SRT3D paper compares."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.photons import PhotonFrame
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.errors import require
+
+DEFAULT_METHOD = "srt3d"
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to reconstruct.
+
+    Args:
+        name: what a user writes.
+        about: one line for help texts and tables.
+        needs: "sketch", or "photons" for methods that need every time of arrival.
+        where: module:class.
+    """
+
+    name: str
+    about: str
+    needs: str
+    where: str
+
+    def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
+        """A reconstructor: called with a Sketch, or with a PhotonFrame, it gives a PointCloud.
+
+        Args:
+            sensor: what saw the photons.
+            frequencies: the integers k_l of the sketches; methods on photons have no use for them.
+            options: surfaces, false_alarm_rate, device.
+        """
+        module, name = self.where.split(":")
+        chosen = getattr(import_module(module), name)
+        return chosen(sensor, frequencies, **options) if self.needs == "sketch" else chosen(sensor, **options)
+
+
+METHODS = {method.name: method for method in (
+    Method("srt3d", "sketches pooled along surfaces", "sketch", "srt3d_ros.core.srt3d:SRT3D"),
+)}
+SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
+
+
+def find(name: str) -> Method:
+    """The method of this name, or InvalidInput that lists them."""
+    require(name in METHODS, "method", name, " or ".join(METHODS))
+    return METHODS[name]
+
+
+def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
+    """Reconstruct photons with the method of this name, by way of their sketch if it needs no more."""
+    method = find(name)
+    reconstructor = method.build(sensor, frequencies, **options)
+    return reconstructor(sketch_photons(frame, sensor, frequencies) if method.needs == "sketch" else frame)
