@@ -1,4 +1,12 @@
-"""How good a cloud is against a reference, as the RT3D and SRT3D papers count it."""
+"""How good a cloud is against a reference, as the RT3D and SRT3D papers count it.
+
+    J. Tachella, Y. Altmann, N. Mellado, A. McCarthy, R. Tobin, G. S. Buller, J.-Y. Tourneret, S. McLaughlin, "Real-time
+    3D reconstruction from single-photon lidar data using plug-and-play point cloud denoisers", Nature Communications
+    10, 4984 (2019), after the same authors' "Bayesian 3D reconstruction of complex scenes from single-photon lidar
+    data", SIAM J. Imaging Sciences 12 (2019).
+
+docs/evaluation.md has the equations.
+"""
 
 from dataclasses import dataclass
 
@@ -7,23 +15,36 @@ import numpy as np
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.errors import require
 
+NAN = float("nan")
+
 
 @dataclass(frozen=True)
 class Metrics:
-    """Detection and depth error of one cloud.
+    """How one cloud compares with the truth; NaN where nothing can be said.
 
     Args:
         true_detections: share of the reference surfaces with a point within the tolerance.
         false_detections: points farther than the tolerance from every reference of their pixel, over the number of
             reference surfaces; points in pixels without any reference are not judged.
-        dae_bins: mean absolute depth error over the matched reference surfaces, bins; NaN if none is matched.
+        dae_bins: mean absolute depth error over the matched reference surfaces, bins (DAE).
         points: points in the cloud.
+        by_surface: true_detections of each reference surface alone.
+        iae: normalised intensity absolute error (IAE): over all references, |r − r̂| of those that are matched, r of
+            those that are missed, and r̂ of the points that match none, summed and divided by Σ r.
+        background_nmse: Σ (b − b̂)² / Σ b² over the pixels.
+        within_1_std, within_2_std: share of the judged points whose error from the nearest reference of their pixel is
+            at most 1 or 2 times their own `depth_std_bins`.
     """
 
     true_detections: float
     false_detections: float
     dae_bins: float
     points: int
+    by_surface: tuple[float, ...] = ()
+    iae: float = NAN
+    background_nmse: float = NAN
+    within_1_std: float = NAN
+    within_2_std: float = NAN
 
 
 def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarray:
@@ -31,29 +52,167 @@ def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarr
     return (a - b + period / 2) % period - period / 2
 
 
-def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int) -> Metrics:
-    """Compare a cloud with the true depths.
+def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
+             reference_intensity: np.ndarray | None = None, reference_background: np.ndarray | None = None,
+             counted: np.ndarray | None = None) -> Metrics:
+    """Compare a cloud with the truth.
 
     Args:
         cloud: the reconstruction.
         reference_depth_bins: float [rows, cols] or [S, rows, cols], NaN = unknown or no surface.
         tolerance_bins: τ; a point within it of a surface of its pixel is a true detection.
         num_bins: T, the period of the depths.
+        reference_intensity: the same shape, expected signal photons; gives `iae`.
+        reference_background: float [rows, cols], expected background photons; gives `background_nmse`.
+        counted: bool, the same shape as the depths: references that count. The others are neither missed nor found,
+            and points near them neither true nor false. All unless given.
+
+    Raises:
+        InvalidInput: a reference of another shape.
     """
-    reference = np.asarray(reference_depth_bins, dtype=np.float64)
-    if reference.ndim == 2:
-        reference = reference[None]
-    require(reference.shape[1:] == cloud.background.shape, "reference shape", reference.shape,
-            f"[rows, cols] = {cloud.background.shape}")
-    error = np.abs(circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins))
-    error = np.where(np.isnan(error), np.inf, error)                                     # [S, N]
-    nearest = np.full(reference.shape, np.inf)
+    match = _match(cloud, reference_depth_bins, tolerance_bins, num_bins, counted)
+    total = max(int(match.counts.sum()), 1)
+    within_1, within_2 = shares_within(cloud, reference_depth_bins, num_bins, (1, 2), counted)
+    return Metrics(
+        float(match.matched.sum() / total), float(match.false.sum() / total), _mean(match.nearest[match.matched]),
+        len(cloud), tuple(float(found.sum() / max(int(every.sum()), 1))
+                          for found, every in zip(match.matched, match.counts)),
+        NAN if reference_intensity is None else _intensity_error(cloud, match, reference_intensity),
+        NAN if reference_background is None else _background_error(cloud, reference_background), within_1, within_2)
+
+
+def shares_within(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int, deviations,
+                  counted: np.ndarray | None = None) -> tuple[float, ...]:
+    """Share of the points whose depth error is at most 1, 2, … times their own `depth_std_bins`.
+
+    The error is that from the nearest reference of the pixel, however far; points in pixels without a reference that
+    counts, or without a standard deviation, are left out. NaN if none is left.
+
+    Args:
+        deviations: how many standard deviations, a sequence of numbers.
+        reference_depth_bins, num_bins, counted: as for `evaluate`.
+    """
+    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
+    judged = _counted(counted, reference, cloud).any(axis=0)[cloud.row, cloud.col] & (cloud.depth_std_bins > 0)
+    error = np.abs(depth_errors(cloud, reference, num_bins)[judged]) / cloud.depth_std_bins[judged]
+    return tuple(_mean(error <= limit) for limit in deviations)
+
+
+def depth_errors(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int) -> np.ndarray:
+    """Depth of each point minus that of the nearest reference of its pixel, bins, float [N]; NaN where it has none."""
+    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
+    difference = _errors(cloud, reference, num_bins)
+    nearest = np.abs(difference).argmin(axis=0)
+    found = difference[nearest, np.arange(len(cloud))]
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int) -> float:
+    """Median of cloud − reference, bins, where a point lies within the tolerance; 0 if none does.
+
+    For a reference that was measured apart, with a zero of its own: subtract what is found here from the differences,
+    or add it to the reference.
+
+    Args:
+        reference_depth_bins: float [rows, cols], of one surface.
+    """
+    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
+    difference = _errors(cloud, reference, num_bins)
+    nearest, point = _nearest(cloud, reference.shape, np.abs(difference))
+    chosen = point[nearest <= tolerance_bins]
+    return float(np.median(difference[0, chosen])) if len(chosen) else 0.0
+
+
+def _errors(cloud: PointCloud, reference: np.ndarray, num_bins: int) -> np.ndarray:
+    """Depth of each point minus each reference of its pixel, float64 [S, N]; ∞ where there is none."""
+    error = circular_difference(cloud.depth_bins[None], reference[:, cloud.row, cloud.col], num_bins)
+    return np.where(np.isnan(error), np.inf, error)
+
+
+def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each reference [S, rows, cols] the least error, ∞ if none, and the index of the point that has it."""
+    nearest, point = np.full(shape, np.inf), np.full(shape, -1)
     for surface, errors in enumerate(error):
-        np.minimum.at(nearest[surface], (cloud.row, cloud.col), errors)
-    matched = nearest <= tolerance_bins
+        order = np.argsort(-errors, kind="stable")          # the nearest is written last
+        order = order[np.isfinite(errors[order])]
+        nearest[surface, cloud.row[order], cloud.col[order]] = errors[order]
+        point[surface, cloud.row[order], cloud.col[order]] = order
+    return nearest, point
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """Which points found which references: per reference [S, rows, cols], or per point [N] or [S, N].
+
+    Args:
+        counts: the reference exists and counts.
+        nearest: least error of a point of the pixel, bins, ∞ if it has none.
+        point: index of that point, -1 if none.
+        matched: it counts, and a point lies within the tolerance.
+        near: [S, N], the point lies within the tolerance of the reference.
+        judged: [N], a reference of the point's pixel counts.
+    """
+
+    counts: np.ndarray
+    nearest: np.ndarray
+    point: np.ndarray
+    matched: np.ndarray
+    near: np.ndarray
+    judged: np.ndarray
+
+    @property
+    def false(self) -> np.ndarray:
+        """[N], points near no reference, in pixels that are judged."""
+        return self.judged & ~self.near.any(axis=0)
+
+
+def _match(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
+           counted: np.ndarray | None) -> _Match:
+    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
+    counts = _counted(counted, reference, cloud)
+    error = np.abs(_errors(cloud, reference, num_bins))
+    nearest, point = _nearest(cloud, reference.shape, error)
+    return _Match(counts, nearest, point, counts & (nearest <= tolerance_bins), error <= tolerance_bins,
+                  counts.any(axis=0)[cloud.row, cloud.col])
+
+
+def _intensity_error(cloud: PointCloud, match: _Match, reference_intensity: np.ndarray) -> float:
+    intensity = _as_surfaces("intensity shape", reference_intensity, cloud)
+    require(intensity.shape == match.counts.shape, "intensity shape", intensity.shape, f"{match.counts.shape}")
+    counts = match.counts & np.isfinite(intensity)
+    total = intensity[counts].sum()
+    if total <= 0:
+        return NAN
+    matched, missed = match.matched & counts, counts & ~match.matched
+    apart = np.abs(intensity[matched] - cloud.intensity[match.point[matched]]).sum()
+    used = np.zeros(len(cloud), bool)
+    used[match.point[matched]] = True
+    excused = (match.near & ~counts[:, cloud.row, cloud.col]).any(axis=0)       # near one that does not count
+    surplus = match.judged & ~used & ~excused
+    return float((apart + intensity[missed].sum() + cloud.intensity[surplus].sum()) / total)
+
+
+def _background_error(cloud: PointCloud, reference_background: np.ndarray) -> float:
+    reference = np.asarray(reference_background, np.float64)
+    require(reference.shape == cloud.background.shape, "background shape", reference.shape,
+            f"[rows, cols] = {cloud.background.shape}")
+    total = (reference**2).sum()
+    return float(((cloud.background - reference)**2).sum() / total) if total > 0 else NAN
+
+
+def _counted(counted: np.ndarray | None, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:
     known = np.isfinite(reference)
-    judged = known.any(axis=0)[cloud.row, cloud.col]
-    false = judged & (error > tolerance_bins).all(axis=0)
-    total = max(int(known.sum()), 1)
-    return Metrics(float(matched.sum() / total), float(false.sum() / total),
-                   float(nearest[matched].mean()) if matched.any() else float("nan"), len(cloud))
+    return known if counted is None else known & (_as_surfaces("counted shape", counted, cloud) > 0)
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else NAN
+
+
+def _as_surfaces(field: str, values: np.ndarray, cloud: PointCloud) -> np.ndarray:
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim == 2:
+        values = values[None]
+    require(values.shape[1:] == cloud.background.shape, field, values.shape,
+            f"[rows, cols] = {cloud.background.shape}")
+    return values
