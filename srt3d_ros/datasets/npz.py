@@ -21,7 +21,8 @@ PROJECTIONS = {"pinhole": (Pinhole, ("fx", "fy", "cx", "cy")),
 FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
 MAX_SURFACES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
-KNOWN = (*REQUIRED, *SCALARS, *MAPS, *FIRST_REFERENCES, *OTHER_REFERENCES, "fov_deg", "projection",
+INTENSITY = "ref_refl_photons"
+KNOWN = (*REQUIRED, *SCALARS, *MAPS, *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg", "projection",
          "projection_values", "gate_words", "frame_id", "stamp_ns")
 
 
@@ -40,9 +41,10 @@ def read(path: str | Path) -> Photons:
         sensor = _sensor(arrays)
         events = _events(arrays, sensor)
         reference = _reference(arrays, sensor)
+        intensity = _reference_intensity(arrays, reference)
     except InvalidInput as error:
         raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
-    return Photons(sensor, events, reference, path.stem)
+    return Photons(sensor, events, reference, path.stem, reference_intensity=intensity)
 
 
 def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
@@ -142,6 +144,18 @@ def _reference(arrays: dict[str, np.ndarray], sensor: SensorModel) -> np.ndarray
         shape = _numbers(arrays, name).shape
         require(shape == (sensor.rows, sensor.cols), f"{name} shape", shape, f"[{sensor.rows}, {sensor.cols}]")
     return np.stack([arrays[name] for name in names]).astype(np.float32)
+
+
+def _reference_intensity(arrays: dict[str, np.ndarray], reference: np.ndarray | None) -> np.ndarray | None:
+    """Of the first surface; those of further ones are unknown."""
+    if INTENSITY not in arrays or reference is None:
+        return None
+    intensity = np.full_like(reference, np.nan)
+    first = _numbers(arrays, INTENSITY)
+    require(first.shape == reference.shape[1:], f"{INTENSITY} shape", first.shape, f"{list(reference.shape[1:])}")
+    require(not (first < 0).any(), INTENSITY, "negative in places", "0 or more, NaN = unknown")
+    intensity[0] = first
+    return intensity
 
 
 def _as_surfaces(reference: np.ndarray, sensor: SensorModel, name: str) -> np.ndarray:

@@ -22,6 +22,8 @@ class Photons:
             SensorModel), NaN = unknown or no surface; None if the file has none.
         name: the file's name without its suffix.
         notes: one line each for what was assumed, estimated or left out on the way. Show them to the user.
+        reference_intensity: float32, shape of the reference depths, expected signal photons of the surfaces in the
+            frame, NaN = unknown; None if the file has none.
     """
 
     sensor: SensorModel
@@ -29,6 +31,7 @@ class Photons:
     reference_depth_bins: np.ndarray | None
     name: str
     notes: tuple[str, ...] = ()
+    reference_intensity: np.ndarray | None = None
 
     def gated(self, first: int, bins: int) -> "Photons":
         """Only the bins [first, first + bins): photons outside are dropped, which a note says with their number."""

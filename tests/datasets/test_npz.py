@@ -209,3 +209,18 @@ def test_what_cannot_be_saved_is_named(tmp_path, field, arguments):
     with pytest.raises(InvalidInput) as caught:
         npz.save(tmp_path / arguments[0], *arguments[1:])
     assert caught.value.field == field
+
+
+def test_the_intensity_of_the_first_surface_is_read_and_that_of_others_unknown(tmp_path):
+    depth, photons = np.full((2, 3), 20.0), np.arange(6.0).reshape(2, 3)
+    found = npz.read(write(tmp_path, ref_depth_bins=depth, ref_depth_bins_2=depth, ref_refl_photons=photons))
+    np.testing.assert_array_equal(found.reference_intensity, [photons, np.full((2, 3), np.nan)])
+    assert npz.read(write(tmp_path, ref_depth_bins=depth)).reference_intensity is None
+    assert npz.read(write(tmp_path, ref_refl_photons=photons)).reference_intensity is None
+
+
+@pytest.mark.parametrize(("photons", "named"), [(np.ones((3, 2)), "ref_refl_photons shape"),
+                                                (np.full((2, 3), -1.0), "ref_refl_photons is negative")])
+def test_an_intensity_that_cannot_be_used_is_named(tmp_path, photons, named):
+    with pytest.raises(InvalidInput, match=named):
+        npz.read(write(tmp_path, ref_depth_bins=np.full((2, 3), 20.0), ref_refl_photons=photons))
