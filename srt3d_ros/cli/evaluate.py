@@ -1,0 +1,61 @@
+"""`srt3d evaluate`: every method on simulated scenes or photon files, compared with the truth."""
+
+import argparse
+from pathlib import Path
+
+from srt3d_ros.errors import require
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "evaluate", help="compare the methods on simulated scenes or on photon files with a reference",
+        description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
+                    "clouds with the truth: a table, DIR/results.csv, figures and a README.md in DIR. The same "
+                    "command goes on where an interrupted one stopped. docs/evaluation.md explains the figures.")
+    parser.add_argument("files", nargs="*", metavar="FILE", help="photon files; none: the simulated scenes")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
+    parser.add_argument("--methods", type=_names, metavar="A,B,…", help="which methods (all)")
+    parser.add_argument("--sketch-size", type=_integers, metavar="M,…",
+                        help="complex numbers kept of a pixel (simulated: 5,10,20; files: 10)")
+    parser.add_argument("--tolerance", metavar="BINS|MMmm[,NAME=…]",
+                        help="how near a true detection is, others for some sources: 10,two_layer=40 (simulated heads: "
+                             "40mm, net: 3, files: 10)")
+    parser.add_argument("--surfaces", type=int, metavar="K",
+                        help="most surfaces in a pixel (the net: 2; a file: as many as it has references)")
+    parser.add_argument("--quick", action="store_true", help="a first look: few settings, small frames")
+    parser.add_argument("--fresh", action="store_true", help="forget the results that DIR has")
+    simulated = parser.add_argument_group("simulated scenes")
+    simulated.add_argument("--scene", type=_names, metavar="bust|net|FILE.npz[,…]",
+                           help="which (bust,net); a file has depth_m, reflectivity, valid")
+    simulated.add_argument("--sbr", type=_numbers, metavar="R,…", help="signal-to-background ratios (10,1,0.1)")
+    simulated.add_argument("--ppp", type=_numbers, metavar="N,…",
+                           help="mean photons per pixel (1,3,10,30,100,300,1000)")
+    simulated.add_argument("--repeats", type=int, default=1, metavar="N", help="draws of each setting, averaged (1)")
+    simulated.add_argument("--max-photons", type=float, default=6e7, metavar="N",
+                           help="leave out settings of more photons, for memory's sake (6e7)")
+    files = parser.add_argument_group("photon files")
+    files.add_argument("--align", type=_integers, default=(), metavar="S,…",
+                       help="references, numbered from 1, to shift by their median offset from the cloud: those that "
+                            "were measured apart")
+    files.add_argument("--seen", type=_numbers, default=(8, 60), metavar="PHOTONS,BINS",
+                       help="count an aligned reference only where so many photons lie so near (8,60)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from srt3d_ros.evaluation.command import evaluate
+    require(args.repeats >= 1, "--repeats", args.repeats, "1 or more")
+    require(len(args.seen) == 2, "--seen", args.seen, "two numbers: photons, bins")
+    return evaluate(args)
+
+
+def _list(kind, what: str):
+    def parse(text: str) -> tuple:
+        try:
+            return tuple(kind(part) for part in text.split(","))
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text}: expected {what} with commas between") from None
+    return parse
+
+
+_numbers, _integers, _names = _list(float, "numbers"), _list(int, "integers"), _list(str, "names")

@@ -1,0 +1,144 @@
+"""Cases: photons whose truth is known, from the simulator or from files, made when they are needed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import Photons, open_photons
+from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor
+from srt3d_ros.datasets.scene_file import read_scene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import require
+from srt3d_ros.evaluation.tolerance import Tolerance
+
+SCENES = ("bust", "net")
+HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = Tolerance(mm=40.0), Tolerance(bins=3.0), Tolerance(bins=10.0)
+QUICK_SIZE = 71         # pixels along the side of the quick look's head
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Photons and the truth about them, as far as it is known.
+
+    Args:
+        frame: the photons.
+        depth_bins: float [S, rows, cols], NaN = unknown or no surface; None if nothing is known.
+        intensity: float [S, rows, cols], expected signal photons, or None.
+        background: float [rows, cols], expected background photons, or None.
+    """
+
+    frame: PhotonEvents
+    depth_bins: np.ndarray | None
+    intensity: np.ndarray | None = None
+    background: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One observation that all methods are held against.
+
+    Args:
+        source: name of the scene or file.
+        sensor: that sees it.
+        observe: makes the photons.
+        surfaces: K, most surfaces in a pixel.
+        tolerance_bins: a point so near to the truth is a true detection.
+        sbr, ppp: of the simulation: signal over background, mean photons per pixel; None for a file.
+        repeat: which of several draws of the same photons, from 1.
+        aligned: numbers, from 0, of the references to be shifted by their median offset from the cloud.
+        seen: (photons, bins): an aligned reference counts in pixels with so many photons within so many bins of it.
+        size: rough number of photons.
+    """
+
+    source: str
+    sensor: SensorModel
+    observe: Callable[[], Observation]
+    surfaces: int
+    tolerance_bins: float
+    size: float
+    sbr: float | None = None
+    ppp: float | None = None
+    repeat: int = 1
+    aligned: tuple[int, ...] = ()
+    seen: tuple[int, float] = (8, 60.0)
+
+    @property
+    def title(self) -> str:
+        """What it is, in a few words."""
+        return self.source if self.sbr is None else f"{self.source}, SBR {self.sbr:g}, {self.ppp:g} ppp"
+
+
+def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1, tolerance: Tolerance | None = None,
+              surfaces: int | None = None, quick: bool = False) -> list[Case]:
+    """A scene at every signal-to-background ratio and number of photons per pixel.
+
+    Args:
+        scene: "bust", "net", or a scene file (datasets.scene_file).
+        quick: the bust at half the resolution.
+    """
+    seen, sensor, default = _open_scene(scene, quick)
+    within = (tolerance or default).in_bins(scene, sensor)
+    count = surfaces or (2 if scene == "net" else 1)
+    name = scene if scene in SCENES else scene.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(".npz")
+
+    def observe(sbr: float, ppp: float, seed: int) -> Observation:
+        simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=seed)
+        _, intensity, background = simulator.expected(0)
+        return Observation(*simulator.frame(0), intensity, background)
+
+    return [Case(name, sensor, lambda s=sbr, p=ppp, r=repeat: observe(s, p, r), count, within, ppp * sensor.pixels,
+                 sbr, ppp, repeat)
+            for sbr in sbrs for ppp in ppps for repeat in range(1, repeats + 1)]
+
+
+def of_files(files: list[str], tolerance: Tolerance | None = None, surfaces: int | None = None,
+             aligned: tuple[int, ...] = (), seen: tuple[int, float] = (8, 60.0)) -> list[Case]:
+    """Photon files; as many surfaces as a file has references, unless said otherwise."""
+    cases = []
+    for photons in map(open_photons, files):
+        references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
+        within = (tolerance or FILE_TOLERANCE).in_bins(photons.name, photons.sensor)
+        cases.append(Case(photons.name, photons.sensor, lambda p=photons: _observed(p),
+                          surfaces or max(references, 1), within, photons.frame.photons,
+                          aligned=tuple(k for k in aligned if k < references), seen=seen))
+    names = [case.source for case in cases]
+    require(len(set(names)) == len(names), "files", max(names, key=names.count, default=""), "each file name once")
+    return cases
+
+
+def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, sensor: SensorModel) -> np.ndarray:
+    """How many photons of each pixel lie within `bins` of a depth, int [rows, cols]; 0 where the depth is NaN."""
+    apart = np.abs(circular_difference(frame.toa.astype(np.float64), depth_bins.ravel()[frame.pixel], sensor.num_bins))
+    return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
+
+
+def _observed(photons: Photons) -> Observation:
+    return Observation(photons.frame, photons.reference_depth_bins, photons.reference_intensity)
+
+
+def _open_scene(scene: str, quick: bool):
+    """The scene (None: the simulator's own), its sensor and the usual tolerance."""
+    if scene == "bust":
+        sensor = default_sensor()
+        if quick:
+            sensor = sensor.replace(rows=QUICK_SIZE, cols=QUICK_SIZE,
+                                    projection=Pinhole.from_fov(QUICK_SIZE, QUICK_SIZE, fov_deg=11.0))
+        return None, sensor, HEAD_TOLERANCE
+    if scene == "net":
+        sensor = net_sensor()
+        return NetScene(sensor), sensor, NET_TOLERANCE
+    require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
+    seen, sensor = read_scene(scene, QUICK_SIZE) if quick else read_scene(scene)
+    return seen, sensor, HEAD_TOLERANCE
+
+
+def limited(cases: list[Case], most_photons: float) -> tuple[list[Case], list[str]]:
+    """The cases of at most so many photons, and a line for each that is left out."""
+    kept = [case for case in cases if case.size <= most_photons]
+    return kept, [f"{case.title}: {case.size:.3g} photons are more than --max-photons {most_photons:.3g}: left out"
+                  for case in cases if case.size > most_photons and case.repeat == 1]

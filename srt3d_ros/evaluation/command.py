@@ -1,0 +1,81 @@
+"""From the command's options to results, table and figures."""
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from srt3d_ros.core.methods import METHODS, find
+from srt3d_ros.errors import require
+from srt3d_ros.evaluation import cases, report, table
+from srt3d_ros.evaluation.results import Results
+from srt3d_ros.evaluation.run import jobs_for, run, with_clouds
+from srt3d_ros.evaluation.tolerance import Tolerance
+
+SBR, PPP, SKETCH_SIZES = (10.0, 1.0, 0.1), (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), (5, 10, 20)
+QUICK_PPP, FILE_SKETCH_SIZES = (1.0, 10.0, 100.0), (10,)
+USUAL_SKETCH_SIZE = 10
+
+
+def evaluate(args: argparse.Namespace) -> int:
+    """Run `srt3d evaluate`; returns the exit code."""
+    chosen, notes = _cases(args)
+    methods = [find(name) for name in args.methods or METHODS]
+    sizes = args.sketch_size or (FILE_SKETCH_SIZES if args.files or args.quick else SKETCH_SIZES)
+    require(min(sizes) >= 1, "--sketch-size", min(sizes), "integers of 1 or more")
+    folder = _folder(args.out)
+    shown = _shown_cases(chosen)
+    size = min(sizes, key=lambda m: abs(m - USUAL_SKETCH_SIZE))
+    jobs = with_clouds(jobs_for(chosen, methods, sizes),
+                       lambda job: job.case in shown and job.sketch_size in (None, size), folder / "clouds")
+    results = Results(folder / "results.csv", args.fresh)
+    with tqdm(total=len(jobs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar:
+        notes += run(jobs, results, bar)
+        bar.set_description("done")
+    rows = table.averaged(table.rows_of(jobs, results))
+    report.write(folder, rows, [job for job in jobs if job.cloud_path], notes, _words(sys.argv))
+    for note in notes:
+        print(f"srt3d: {note}", file=sys.stderr)
+    print(f"{table.markdown(rows)}\n\n{folder}/  results.csv  README.md  *.png")
+    return 0
+
+
+def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
+    """What is to be reconstructed, and what is left out, in words."""
+    tolerance = None if args.tolerance is None else Tolerance.parse(args.tolerance)
+    require(min(args.align, default=1) >= 1, "--align", args.align, "references, numbered from 1")
+    found = cases.of_files(args.files, tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen)
+    scenes = args.scene or (() if args.files else cases.SCENES)
+    sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
+    for scene in scenes:
+        found += cases.simulated(scene, sbrs, ppps, args.repeats, tolerance, args.surfaces, args.quick)
+    kept, notes = cases.limited(found, args.max_photons)
+    require(bool(kept), "--max-photons", args.max_photons, "enough for one setting")
+    return kept, notes
+
+
+def _shown_cases(chosen: list[cases.Case]) -> list[cases.Case]:
+    """The cases for the pictures: all files; of a scene, for each SBR the fewest photons with half a signal photon."""
+    shown: dict[tuple, cases.Case] = {}
+    for case in sorted(chosen, key=lambda case: case.ppp or 0):
+        key = (case.source, case.sbr)
+        if case.repeat == 1 and (key not in shown or _signal(shown[key]) < 0.5):
+            shown[key] = case
+    return list(shown.values())
+
+
+def _signal(case: cases.Case) -> float:
+    """Mean signal photons per pixel; of a file, which is always shown, none."""
+    return 0.0 if case.sbr is None else case.ppp / (1 + 1 / case.sbr)
+
+
+def _folder(path: Path) -> Path:
+    require(not path.exists() or path.is_dir(), "--out", str(path), "a folder")
+    (path / "clouds").mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _words(argv: list[str]) -> str:
+    return shlex.join(["srt3d", *argv[1:]])

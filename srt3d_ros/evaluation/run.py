@@ -1,0 +1,162 @@
+"""Running methods on cases and judging what they find."""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros import __version__, cloud_files
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.methods import Method
+from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.evaluation.calibration import NOMINAL, deviations
+from srt3d_ros.evaluation.cases import Case, Observation, photons_near
+from srt3d_ros.evaluation.results import Results, format_value
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One method on one case.
+
+    Args:
+        sketch_size: m; None for a method on photons.
+        cloud_path: where the cloud is to be kept, or None.
+    """
+
+    case: Case
+    method: Method
+    sketch_size: int | None
+    cloud_path: Path | None = None
+
+    @property
+    def title(self) -> str:
+        """What runs, for the progress bar."""
+        size = "" if self.sketch_size is None else f", m = {self.sketch_size}"
+        return f"{self.case.title}: {self.method.name}{size}"
+
+    @property
+    def key(self) -> dict:
+        """The columns of the results that name this job."""
+        case = self.case
+        aligned = tuple(k + 1 for k in case.aligned) + (case.seen if case.aligned else ())
+        return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
+                "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
+                "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
+                "aligned": aligned or None}
+
+
+def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
+    """Every method on every case: those on sketches once for each size, those on photons once."""
+    return [Job(case, method, size) for case in cases for method in methods
+            for size in (sketch_sizes if method.needs == "sketch" else (None,))]
+
+
+def run(jobs: list[Job], results: Results, bar: tqdm) -> list[str]:
+    """Do what is not in the results yet; returns a line for each job that could not be done."""
+    notes: list[str] = []
+    for case, group in groupby(jobs, key=lambda job: job.case):
+        every = list(group)
+        todo = [job for job in every if not _done(job, results)]
+        bar.update(len(every) - len(todo))
+        if todo:
+            bar.set_description(f"{case.title}: photons")
+            observation = case.observe()
+            for job in todo:
+                bar.set_description(job.title)
+                try:
+                    results.append(_judged(job, observation))
+                except InvalidInput as error:
+                    notes.append(f"{job.title}: {error}")
+                bar.update()
+            del observation         # before the next is made: it may be large
+    return notes
+
+
+def _done(job: Job, results: Results) -> bool:
+    return job.key in results and (job.cloud_path is None or job.cloud_path.exists())
+
+
+def _judged(job: Job, observation: Observation) -> dict:
+    """The row of a job; its cloud is saved before, if it is wanted."""
+    case, sensor = job.case, job.case.sensor
+    cloud, facts = reconstruct(job, observation)
+    if job.cloud_path is not None:
+        cloud_files.save(cloud, job.cloud_path, frequencies=facts["frequencies"] or (), sensor=sensor)
+    row = job.key | facts | {
+        "num_bins": sensor.num_bins, "bin_width_mm": sensor.bin_width_m * 1e3, "points": len(cloud),
+        "photons_per_pixel": observation.frame.photons / sensor.pixels, "version": __version__}
+    return row if observation.depth_bins is None else row | judge(cloud, case, observation)
+
+
+def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
+    """A job's cloud, and how it came about: frequencies and milliseconds."""
+    sensor, options = job.case.sensor, {"surfaces": job.case.surfaces}
+    if job.method.needs != "sketch":
+        method = job.method.build(sensor, **options)
+        cloud, elapsed_ms = _timed(lambda: method(observation.frame))
+        return cloud, {"frequencies": None, "sketch_ms": None, "reconstruct_ms": elapsed_ms}
+    frequencies = choose(getattr(job.method, "frequencies", "auto"), sensor, job.sketch_size)
+    method = job.method.build(sensor, frequencies, **options)
+    if hasattr(method, "warm_up"):
+        method.warm_up()
+    sketch, sketch_ms = _timed(lambda: sketch_photons(observation.frame, sensor, frequencies))
+    cloud, elapsed_ms = _timed(lambda: method(sketch))
+    return cloud, {"frequencies": frequencies, "sketch_ms": sketch_ms, "reconstruct_ms": elapsed_ms}
+
+
+def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
+    """The columns of the results that compare a cloud with the truth."""
+    num_bins = case.sensor.num_bins
+    reference, counted, offsets = aligned_reference(cloud, case, observation)
+    found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, observation.background,
+                     counted)
+    shares = shares_within(cloud, reference, num_bins, deviations(NOMINAL), counted)
+    return {"true_detections_percent": 100 * found.true_detections,
+            "true_detections_by_surface_percent": tuple(100 * share for share in found.by_surface),
+            "false_detections_percent": 100 * found.false_detections, "dae_bins": found.dae_bins,
+            "dae_mm": found.dae_bins * case.sensor.bin_width_m * 1e3, "iae": found.iae,
+            "background_nmse": found.background_nmse, "within_1_std_percent": 100 * found.within_1_std,
+            "within_2_std_percent": 100 * found.within_2_std, "offset_bins": offsets or None,
+            "within_nominal_percent": tuple(100 * share for share in shares)}
+
+
+def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
+    """The references, those to be aligned shifted by their median offset from the cloud; which count; the offsets.
+
+    An aligned reference, measured apart, counts only where the photons show it: `case.seen`.
+    """
+    reference = np.array(observation.depth_bins, dtype=np.float64)
+    counted, offsets = np.isfinite(reference), []
+    photons, within_bins = case.seen
+    for surface in case.aligned:
+        near = photons_near(observation.frame, reference[surface], within_bins, case.sensor)
+        counted[surface] &= near >= photons
+        judged = np.where(counted[surface], reference[surface], np.nan)
+        offsets.append(median_offset(cloud, judged, case.tolerance_bins, case.sensor.num_bins))
+        reference[surface] = (reference[surface] + offsets[-1]) % case.sensor.num_bins
+    return reference, counted, tuple(offsets)
+
+
+def with_clouds(jobs: list[Job], wanted: Callable[[Job], bool], folder: Path) -> list[Job]:
+    """The jobs, those wanted with a place in the folder for their cloud."""
+    return [replace(job, cloud_path=folder / f"{_file_name(job)}.npz") if wanted(job) else job for job in jobs]
+
+
+def _file_name(job: Job) -> str:
+    parts = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces")
+    key = {name: format_value(job.key[name]) for name in parts}
+    return "_".join(f"{name}-{text}" if name != "source" else text for name, text in key.items() if text)
+
+
+def _timed(compute):
+    """What compute() returns, and the milliseconds it took."""
+    started = time.perf_counter()
+    result = compute()
+    return result, (time.perf_counter() - started) * 1e3
