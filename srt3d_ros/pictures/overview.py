@@ -1,7 +1,6 @@
 """The picture of a run: the photons as they came, the cloud made of them, and its depth map."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,23 +9,19 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from srt3d_ros.colours import colour_table, levels, percentile_range
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.pictures.raster import draw_fog, draw_surface, focal_px
-from srt3d_ros.viewpoint import Viewpoint, look_at, pixel_pitch_rad, point_radius_m, sensor_axes
+from srt3d_ros.pictures.look import BACKGROUND, RANGE_MAP, Look
+from srt3d_ros.pictures.raster import draw_fog, focal_px
+from srt3d_ros.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 
 _WIDTH_PX, _HEIGHT_PX, _DPI = 2000, 900, 100
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
 _SPECK_OPACITY, _FADE = 0.6, 0.08               # of a photon; of the panel
 _SPARSE = 0.4                                   # photons per picture element below which they are drawn larger
-_OUTSIDE = (96, 104, 116)
-_BACKGROUND, _TEXT, _DIM = (13, 16, 21), "#e8eaed", "#8b939e"
-# Near is bright, so that what is in front stands out; without the darkest quarter, which the background would swallow.
-_RANGE_MAP = colour_table("viridis")[np.linspace(255, 45, 256).round().astype(int)]
-_CLOSER = 1.2                                   # larger points than in the viewer: no gaps in surfaces seen aslant
+_TEXT, _DIM = "#e8eaed", "#8b939e"
 _MOST_PHOTONS = 1_000_000                       # drawn; of more, an even sample
 
 
@@ -44,8 +39,8 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
     Raises:
         InvalidInput: if the picture cannot be written there.
     """
-    look = _Look.of(cloud, sensor)
-    figure = Figure((_WIDTH_PX / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI, facecolor=_hex(_BACKGROUND))
+    look = Look.of(cloud, sensor)
+    figure = Figure((_WIDTH_PX / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI, facecolor=_hex(BACKGROUND))
     FigureCanvasAgg(figure)
     _line(figure, 0.94, title, 25, color=_TEXT, weight="bold")
     _line(figure, 0.045, _caption(figures), 15, color=_DIM)
@@ -59,7 +54,7 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
         left = 0.31
     width = 0.69 - left
     eye = look_at(framed, sensor.projection, aspect=_aspect(width))
-    axes = _panel(figure, left, width, lambda w, h: _cloud(cloud, look, eye, w, h),
+    axes = _panel(figure, left, width, lambda w, h: look.draw(cloud, eye, w, h),
                   f"{len(cloud):,} points", "coloured by range, shaded by intensity")
     if len(cloud) == 0:
         axes.text(0.5, 0.5, "no points", color=_DIM, size=20, ha="center", transform=axes.transAxes)
@@ -70,28 +65,6 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
         figure.savefig(Path(path), format="png", dpi=_DPI, facecolor=figure.get_facecolor())
     except OSError as e:
         raise InvalidInput("picture", str(path), f"a file that can be written ({e.strerror or e})") from None
-
-
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """What the panels share: the ends of the range's colours in metres, and the size of the points."""
-
-    near_m: float
-    far_m: float
-    radius_m: float
-
-    @classmethod
-    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "_Look":
-        range_m = np.linalg.norm(cloud.xyz, axis=1)
-        near_m, far_m = percentile_range(range_m, 1, 99) or sensor.range_m(np.array([0, sensor.num_bins]))
-        return cls(near_m, far_m, _CLOSER * point_radius_m(cloud.xyz, sensor))
-
-    def colour(self, xyz: np.ndarray) -> np.ndarray:
-        """Colours of points by their range, uint8 [N, 3]; those far outside the cloud's ranges are grey."""
-        range_m, span_m = np.linalg.norm(xyz, axis=1), self.far_m - self.near_m
-        colour = _RANGE_MAP[levels(range_m, self.near_m, self.far_m)]
-        colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
-        return colour
 
 
 def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
@@ -105,19 +78,13 @@ def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:
     return xyz + np.linalg.norm(xyz, axis=1, keepdims=True) * (aside @ right_up)
 
 
-def _photons(xyz: np.ndarray, look: _Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+def _photons(xyz: np.ndarray, look: Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
     """The photons as a fog that fades at the borders: what goes on there is not cut off."""
     size_px = 1 if len(xyz) > _SPARSE * width * height else 2
-    fog = draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, size_px, _BACKGROUND)
+    fog = draw_fog(xyz, look.colour(xyz), eye, width, height, _SPECK_OPACITY, size_px, BACKGROUND)
     inside = [np.clip(np.minimum(np.arange(n), n - 1 - np.arange(n)) / (_FADE * n), 0, 1) for n in (height, width)]
     weight = np.outer(*inside)[..., None]
-    return (fog * weight + np.array(_BACKGROUND) * (1 - weight)).astype(np.uint8)
-
-
-def _cloud(cloud: PointCloud, look: _Look, eye: Viewpoint, width: int, height: int) -> np.ndarray:
-    bright = levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1), root=True)[:, None] / np.float32(255)
-    colour = (look.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
-    return draw_surface(cloud.xyz, colour, eye, width, height, look.radius_m, _BACKGROUND, finer=2)
+    return (fog * weight + np.array(BACKGROUND) * (1 - weight)).astype(np.uint8)
 
 
 def _aspect(width: float) -> float:
@@ -125,13 +92,13 @@ def _aspect(width: float) -> float:
     return width * _WIDTH_PX / ((_TOP - _BOTTOM) * _HEIGHT_PX)
 
 
-def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, look: _Look) -> None:
+def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, look: Look) -> None:
     rows, cols = range_m.shape
     # As large as fits, in the middle of the panel's height; sizes as shares of the figure.
     size_px = min(width * _WIDTH_PX / cols, (_TOP - _BOTTOM) * _HEIGHT_PX / rows)
     width, height = cols * size_px / _WIDTH_PX, rows * size_px / _HEIGHT_PX
     bottom = (_TOP + _BOTTOM - height) / 2
-    colours = ListedColormap(_RANGE_MAP / 255).with_extremes(bad=_hex(_BACKGROUND))
+    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=_hex(BACKGROUND))
     scale = Normalize(look.near_m, look.far_m)
     axes = figure.add_axes((left, bottom, width, height))
     axes.set_axis_off()
