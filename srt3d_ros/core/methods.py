@@ -22,12 +22,16 @@ class Method:
         about: one line for help texts and tables.
         needs: "sketch", or "photons" for methods that need every time of arrival.
         where: module:class.
+        frequencies: those of its sketches unless the user says, as for `frequencies.choose`.
+        options: what it takes beside `surfaces` and `device`.
     """
 
     name: str
     about: str
     needs: str
     where: str
+    frequencies: str = "auto"
+    options: tuple[str, ...] = ()
 
     def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
         """A reconstructor: called with a Sketch, or with a PhotonFrame, it gives a PointCloud.
@@ -35,15 +39,26 @@ class Method:
         Args:
             sensor: what saw the photons.
             frequencies: the integers k_l of the sketches; methods on photons have no use for them.
-            options: surfaces, false_alarm_rate, device.
+            options: surfaces, device, and those that `self.options` names.
+
+        Raises:
+            InvalidInput: for an option that the method does not take, or a value that it cannot use.
         """
+        for option, value in options.items():
+            known = ("surfaces", "device", *self.options)
+            require(option in known, option, value, f"no such option for {self.name}, which takes {', '.join(known)}")
         module, name = self.where.split(":")
         chosen = getattr(import_module(module), name)
         return chosen(sensor, frequencies, **options) if self.needs == "sketch" else chosen(sensor, **options)
 
 
 METHODS = {method.name: method for method in (
-    Method("srt3d", "sketches pooled along surfaces", "sketch", "srt3d_ros.core.srt3d:SRT3D"),
+    Method("srt3d", "sketches pooled along surfaces", "sketch", "srt3d_ros.core.srt3d:SRT3D",
+           options=("false_alarm_rate",)),
+    Method("srt3d-paper", "SRT3D as published: gradient steps on pixels' sketches, APSS denoiser", "sketch",
+           "srt3d_ros.core.peers.srt3d_paper:SRT3DPaper", "consecutive", ("weighting",)),
+    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.peers.smle:SMLE",
+           "consecutive", ("false_alarm_rate", "weighting")),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 

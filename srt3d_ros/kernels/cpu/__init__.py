@@ -4,11 +4,13 @@ Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector 
 depend on its photons, and results do not depend on the number of threads: no sum runs across threads.
 """
 
+from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.descend import descend
 from srt3d_ros.kernels.cpu.intensity import own_intensity
+from srt3d_ros.kernels.cpu.pixelwise import pixelwise
 from srt3d_ros.kernels.cpu.propose import propose
 from srt3d_ros.kernels.cpu.sketch import sketch_continuous, sketch_gates, sketch_unsorted
 from srt3d_ros.kernels.cpu.start import blur, match
 
-__all__ = ["blur", "descend", "match", "own_intensity", "propose", "sketch_continuous", "sketch_gates",
-           "sketch_unsorted"]
+__all__ = ["apss", "blur", "descend", "match", "own_intensity", "pixelwise", "propose", "sketch_continuous",
+           "sketch_gates", "sketch_unsorted"]

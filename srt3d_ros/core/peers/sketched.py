@@ -1,0 +1,60 @@
+"""What the peers that work on sketches share: everything but how depths and intensities are found."""
+
+import numpy as np
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.peers.layers import kernels_of, to_cloud
+from srt3d_ros.core.peers.weighting import weighted_steps
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch, check_frequencies
+
+
+class SketchedPeer:
+    """Calibrates sketches, finds points with `points`, makes clouds of them.
+
+    Args:
+        sensor: geometry, IRF and calibration.
+        frequencies: the integers k_l of the sketches.
+        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        weighting: W of the data term, "identity" or "precision".
+        false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
+        device: "cpu" or "auto", which is the same here.
+
+    Raises:
+        InvalidInput: for a parameter that cannot be used.
+    """
+
+    name: str
+
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int, weighting: str,
+                 false_alarm_rate: float | None, device: str):
+        self.device, self.kernels = "cpu", kernels_of(self.name, surfaces, device, false_alarm_rate)
+        self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
+        self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
+        self.steps = weighted_steps(sensor, self._matcher.frequencies, weighting)
+
+    def __call__(self, sketch: Sketch) -> PointCloud:
+        """The point cloud of one frame's sketch."""
+        frame = self._matcher(sketch)
+        depth, intensity = self.points(frame)
+        signal = intensity * frame.exposure[:, None]
+        std = self.steps.depth_std(signal, frame.noise[:, None])
+        background = np.maximum(sketch.photons - signal.sum(axis=1), 0)
+        return to_cloud(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
+
+    def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""
+        raise NotImplementedError
+
+    def warm_up(self) -> None:
+        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
+        shape, m = (self.sensor.rows, self.sensor.cols), len(self._matcher.frequencies)
+        self(Sketch(self._matcher.frequencies, np.zeros((*shape, m), np.complex64), np.zeros(shape, np.uint32)))
+
+
+def matched_filter(frame: Frame, surfaces: int, kernels) -> tuple[np.ndarray, np.ndarray]:
+    """The start: depth and intensity of each pixel's strongest returns, float32 [rows, K, cols]; 0 where none."""
+    depth, intensity = kernels.match(frame.matched, frame.energy, frame.cycles, frame.num_bins, surfaces)
+    exposure = frame.exposure[:, None]
+    return depth, np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)

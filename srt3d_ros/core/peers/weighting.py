@@ -1,0 +1,99 @@
+"""The weighting W of the sketched data term (SRT3D, ICASSP 2022, eq. 6), as what a gradient step needs of it.
+
+The data term is n (z − Ψ_θ)ᵀ W (z − Ψ_θ), real and imaginary parts stacked, with W the identity or Σ_θ⁻¹, the inverse
+covariance of one photon's sketch. Turned back by exp(−i ω_l t), residual and covariance no longer depend on the depth
+but on the share α of signal among the photons alone. So W is tabulated over α, and a weighted step costs what an
+unweighted one does.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import require
+
+WEIGHTINGS = ("identity", "precision")
+LEVELS = 65             # shares α from 0 to 1
+RIDGE = 1e-3            # of the mean variance: for IRFs so short that all photons of a surface have one sketch
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedSteps:
+    """A = (Uᵀ W U)⁻¹ Uᵀ W for every share α: turns a residual into the errors of r · t and r.
+
+    U are the derivatives of the expected sketch: i ω_l ĥ_l for a shift, ĥ_l for a change of intensity. A is the
+    Gauss-Newton step on the data term: its gradient, divided by its curvature.
+
+    Args:
+        table: float32 [LEVELS or 1, 4, m], for r · t, then for r, the weights of real and of imaginary parts of the
+            residual of `Frame.matched`, conj(ĥ_l) · sums_l.
+        variance: float32 [LEVELS], bins²: what each photon adds to the variance of r · t, (A Σ_θ Aᵀ)_tt.
+    """
+
+    table: np.ndarray
+    variance: np.ndarray
+
+    def depth_std(self, signal: np.ndarray, photons: np.ndarray) -> np.ndarray:
+        """Standard deviation of depths found in single pixels, bins, from their signal and all their photons."""
+        signal, photons = np.maximum(signal, 1e-6), np.maximum(photons, 1)
+        level = np.minimum(signal / photons, 1) * (LEVELS - 1)
+        return np.sqrt(photons * self.variance[np.rint(level).astype(np.int32)]) / signal
+
+
+def weighted_steps(sensor: SensorModel, frequencies, weighting: str) -> WeightedSteps:
+    """The steps for one sensor.
+
+    Args:
+        sensor: IRF and T.
+        frequencies: the integers k_l.
+        weighting: "identity" or "precision".
+    """
+    require(weighting in WEIGHTINGS, "weighting", weighting, " or ".join(WEIGHTINGS))
+    energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
+    zero = np.zeros_like(energy)
+    derivatives = np.stack([np.concatenate([zero, angular_frequencies(frequencies, sensor.num_bins) * energy]),
+                            np.concatenate([energy, zero])], axis=1)                             # U, [2m, 2]
+    covariance = np.stack([_covariance(sensor, frequencies, share) for share in np.linspace(0, 1, LEVELS)])
+    if weighting == "identity":
+        weights = np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
+    else:
+        weights = np.linalg.inv(covariance)
+    scores = derivatives.T @ weights                                                             # Uᵀ W
+    steps = np.linalg.solve(scores @ derivatives, scores)                                        # A, [levels, 2, 2m]
+    variance = (steps @ covariance @ steps.swapaxes(1, 2))[:, 0, 0]
+    return WeightedSteps(np.ascontiguousarray(steps.reshape(len(steps), 4, len(energy)), dtype=np.float32),
+                         variance.astype(np.float32))
+
+
+def _covariance(sensor: SensorModel, frequencies, share: float) -> np.ndarray:
+    """Σ of one photon's matched sketch, turned back by its surface's depth; [2m, 2m], real parts first.
+
+    A photon is signal with probability α, else uniform over the bins, so E exp(i ω x) = α ĥ(ω) for ω ≠ 0 and 1 for 0;
+    products of cosines and sines are sums of those at ω_l ± ω_n.
+    """
+    k = np.asarray(frequencies)
+    spectrum = _mean_spectrum(sensor, k)
+    plus, minus = (_characteristic(sensor, ks, share) for ks in (k[:, None] + k, k[:, None] - k))
+    # Of u = conj(ĥ) exp(i ω x): E u_l u_n and E u_l conj(u_n).
+    plus = plus * np.conj(np.outer(spectrum, spectrum))
+    minus = minus * np.outer(np.conj(spectrum), spectrum)
+    mean = share * np.abs(spectrum)**2
+    real = (minus + plus).real / 2 - np.outer(mean, mean)
+    imaginary = (minus - plus).real / 2
+    mixed = (plus - minus).imag / 2                     # E Re u_l · Im u_n
+    covariance = np.block([[real, mixed], [mixed.T, imaginary]])
+    scale = np.tile(np.abs(spectrum), 2) + 1e-6         # as for the sketch itself, else weak frequencies drown
+    return covariance + np.diag(scale**2) * max(RIDGE * np.mean(np.diag(covariance) / scale**2), RIDGE**2)
+
+
+def _characteristic(sensor: SensorModel, k: np.ndarray, share: float) -> np.ndarray:
+    """E exp(2πi k x / T) of a photon counted from its surface, for an array of integers k."""
+    values = share * _mean_spectrum(sensor, k.ravel()).reshape(k.shape)
+    return np.where(k % sensor.num_bins == 0, 1, values)
+
+
+def _mean_spectrum(sensor: SensorModel, k: np.ndarray) -> np.ndarray:
+    """ĥ; of sensors with an IRF per pixel that of the mean IRF."""
+    return np.atleast_2d(irf_spectrum(sensor, k)).mean(axis=0)
