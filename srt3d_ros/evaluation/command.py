@@ -33,9 +33,9 @@ def evaluate(args: argparse.Namespace) -> int:
     results = Results(folder / "results.csv", args.fresh)
     with tqdm(total=len(jobs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar:
         notes += run(jobs, results, bar)
+        bar.set_description("drawing")
+        rows = report.write(folder, jobs, results, notes, _words(sys.argv))
         bar.set_description("done")
-    rows = table.averaged(table.rows_of(jobs, results))
-    report.write(folder, rows, [job for job in jobs if job.cloud_path], notes, _words(sys.argv))
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
     print(f"{table.markdown(rows)}\n\n{folder}/  results.csv  README.md  *.png")

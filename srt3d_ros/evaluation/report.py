@@ -1,25 +1,130 @@
 """README.md and figures of an evaluation."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from srt3d_ros import __version__
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
+from srt3d_ros.core.metrics import depth_errors
 from srt3d_ros.evaluation import table
+from srt3d_ros.evaluation.calibration import GOALS, NOMINAL
+from srt3d_ros.evaluation.clouds import load_cloud, true_cloud
 from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.evaluation.results import Results, number
+from srt3d_ros.evaluation.run import Job, aligned_reference
+from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
+from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
+
+STRIPS = 10         # of a picture: more files make no readable one
 
 
-def write(folder: Path, rows: list[dict], shown: list, notes: list[str], command: str) -> None:
-    """Draw what there is to draw and say how it came about.
-
-    Args:
-        rows: averaged rows of all jobs.
-        shown: jobs whose clouds were saved.
-        notes: what was left out.
-        command: that was typed.
-    """
+def write(folder: Path, jobs: Sequence[Job], results: Results, notes: Sequence[str], command: str) -> list[dict]:
+    """Draw what there is to draw and say how it came about; returns the averaged rows."""
+    rows = table.averaged(table.rows_of(jobs, results))
+    figures = [*_curves(folder, rows), *_calibration(folder, rows), *_pictures(folder, jobs, results)]
     facts = machine()
     lines = ["# Evaluation", "", f"    {command}", "",
              f"srt3d_ros {__version__}, {facts['date']}, {facts['cpus']} CPUs of {facts['machine']}; Python "
              f"{facts['python']}, NumPy {facts['numpy']}, torch {facts['torch']}, numba {facts['numba']}.", ""]
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
-    lines += [table.markdown(rows), ""]
+    lines += [table.markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
+              "more columns.", ""]
+    lines += [f"![{path.stem}]({path.name})\n" for path in figures]
     (folder / "README.md").write_text("\n".join(lines), encoding="utf-8")
+    return rows
+
+
+def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
+    """Of every scene: metrics against photons per pixel."""
+    drawn = []
+    for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
+        chosen = [row for row in rows if row["source"] == source]
+        first = chosen[0]
+        drawn.append(folder / f"metrics_{source}.png")
+        draw_metrics(drawn[-1], chosen, f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins "
+                     f"of {number(first, 'bin_width_mm'):.3g} mm, tolerance {_tolerance_mm(first):.3g} mm",
+                     list(METHODS))
+    return drawn
+
+
+def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
+    """Of every scene, and of all files together: observed against nominal shares, for the default method."""
+    chosen = [row for row in rows if row["method"] == DEFAULT_METHOD and row["within_nominal_percent"]]
+    sizes = sorted({row["sketch_size"] for row in chosen}, key=lambda m: abs(int(m) - 10))
+    chosen = [row for row in chosen if row["sketch_size"] == sizes[0]]
+    drawn = []
+    for source in dict.fromkeys(row["source"] if row["sbr"] else "files" for row in chosen):
+        lines: dict[str, dict] = {}
+        for row in chosen:
+            if source == (row["source"] if row["sbr"] else "files"):
+                heading, label = ((f"SBR {row['sbr']}", f"{row['ppp']} photons per pixel") if row["sbr"]
+                                  else ("photon files", row["source"]))
+                lines.setdefault(heading, {})[label] = row["within_nominal_percent"]
+        drawn.append(folder / f"calibration_{source}.png")
+        draw_calibration(drawn[-1], lines, NOMINAL, GOALS,
+                         f"{source}: errors against the reported standard deviation ({DEFAULT_METHOD}, m = {sizes[0]})")
+    return drawn
+
+
+def _pictures(folder: Path, jobs: Sequence[Job], results: Results) -> list[Path]:
+    """Of every scene, and of all files together: clouds side by side, and their errors."""
+    drawn = []
+    shown = [job for job in jobs if job.cloud_path is not None and job.cloud_path.exists() and job.key in results]
+    for source in dict.fromkeys(_picture_of(job) for job in shown):
+        chosen = [job for job in shown if _picture_of(job) == source]
+        cases = list(dict.fromkeys(job.case for job in chosen))
+        cases.sort(key=lambda case: -(case.sbr or 0))
+        strips = [_strip([job for job in chosen if job.case is case], results) for case in cases[:STRIPS]]
+        drawn.append(folder / f"reconstructions_{source}.png")
+        draw_clouds(drawn[-1], strips, f"{source}: reconstructions, coloured by range")
+        if any(strip.known is not None for strip in strips):
+            drawn.append(folder / f"errors_{source}.png")
+            draw_errors(drawn[-1], strips, f"{source}: depth errors (black: no point, grey: no reference)")
+    return drawn
+
+
+def _picture_of(job: Job) -> str:
+    return "files" if job.case.sbr is None else job.case.source
+
+
+def _strip(jobs: Sequence[Job], results: Results) -> Strip:
+    """The clouds of one case, after the truth."""
+    case = jobs[0].case
+    observation = case.observe()
+    truth = true_cloud(observation, case.sensor)
+    panels = [] if truth is None else [Panel("truth" if case.sbr else "reference", truth, f"{len(truth):,} points")]
+    for job in jobs:
+        cloud, row = load_cloud(job.cloud_path), results[job.key]
+        error_mm = None
+        if truth is not None:
+            reference, _, _ = aligned_reference(cloud, case, observation)
+            error_mm = _error_map(cloud, reference, case.sensor)
+        size = "" if job.sketch_size is None else f", m = {job.sketch_size}"
+        panels.append(Panel(f"{job.method.name}{size}", cloud, _caption(row), error_mm))
+    ppp = f"{case.ppp or observation.frame.photons / case.sensor.pixels:.3g}"
+    what = case.source if case.sbr is None else f"SBR {case.sbr:g}"
+    label = f"{what}, {ppp} {'photon' if ppp == '1' else 'photons'} per pixel"
+    known = None if truth is None else np.isfinite(observation.depth_bins).any(axis=0)
+    return Strip(label, case.sensor, panels, known)
+
+
+def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:
+    """Error of the strongest point of each pixel, mm; NaN = no point."""
+    error_mm = np.full(cloud.background.shape, np.nan)
+    strongest = cloud.surface == 0
+    errors = depth_errors(cloud, reference, sensor.num_bins)[strongest] * sensor.bin_width_m * 1e3
+    error_mm[cloud.row[strongest], cloud.col[strongest]] = errors
+    return error_mm
+
+
+def _caption(row: dict[str, str]) -> str:
+    if not row["true_detections_percent"]:
+        return f"{int(row['points']):,} points"
+    return (f"TD {number(row, 'true_detections_percent'):.1f} %  FD {number(row, 'false_detections_percent'):.1f} %  "
+            f"DAE {number(row, 'dae_mm'):.3g} mm")
+
+
+def _tolerance_mm(row: dict) -> float:
+    return number(row, "tolerance_bins") * number(row, "bin_width_mm")

@@ -1,0 +1,146 @@
+"""Curves of an evaluation: metrics against photons per pixel, and observed against nominal shares of errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
+
+DPI = 100
+# Told apart with any colour vision (Okabe and Ito, 2008), and by marker and line as well.
+METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
+_STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
+_GRID, _GOAL = "#d9dce0", "#b8bec6"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a row of panels shows.
+
+    Args:
+        column: of the rows.
+        label: of the axis, with the unit.
+        scale: linear, log, or symlog: linear up to 1, logarithmic above.
+        limits: of the axis; the data's unless given.
+    """
+
+    column: str
+    label: str
+    scale: str = "linear"
+    limits: tuple[float, float] | None = None
+
+
+METRICS = (Metric("true_detections_percent", "true detections, %", limits=(-3, 103)),
+           Metric("false_detections_percent", "false detections, %", "symlog", (-0.1, 110)),
+           Metric("dae_mm", "depth error (DAE), mm", "log"),
+           Metric("iae", "intensity error (IAE), share", "log"))
+
+
+def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence[str]) -> None:
+    """Metrics of one scene against photons per pixel: a column for each SBR, a line for each method and sketch size.
+
+    Args:
+        rows: with `sbr`, `ppp`, `method`, `sketch_size` and the columns of METRICS.
+        methods: all names, whose order gives the colours.
+    """
+    sbrs = sorted({float(row["sbr"]) for row in rows}, reverse=True)
+    figure, axes = _figure(len(METRICS), len(sbrs), 3.5, 2.3, title)
+    lines = _lines(rows, methods)
+    for k, sbr in enumerate(sbrs):
+        axes[0, k].set_title(f"SBR {sbr:g}", size=12)
+        axes[-1, k].set_xlabel("photons per pixel (mean, with background)")
+        for ax, metric in zip(axes[:, k], METRICS):
+            for line in lines:
+                points = sorted((float(row["ppp"]), float(row[metric.column])) for row in line.rows
+                                if float(row["sbr"]) == sbr)
+                if points:
+                    ax.plot(*zip(*points), **line.style)
+            _finish(ax, metric, first=k == 0)
+    handles = [axes[0, 0].plot([], [], label=line.label, **line.style)[0] for line in lines]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5), frameon=False)
+    figure.savefig(path, dpi=DPI)
+
+
+def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], nominal: Sequence[float],
+                     goals: dict[float, tuple[float, float]], title: str) -> None:
+    """Share of errors within as many reported standard deviations as hold a nominal share of normal errors.
+
+    Args:
+        curves: for each panel (its heading), for each line (its label), the observed shares in percent.
+        nominal: the nominal shares, 0 … 1.
+        goals: observed shares aimed at, for some of them.
+    """
+    figure, axes = _figure(1, len(curves), 4.2, 4.4, title)
+    nominal_percent = 100 * np.array(nominal)
+    for ax, (heading, lines) in zip(axes[0], curves.items()):
+        ax.plot([0, 100], [0, 100], color=_GOAL, linewidth=1.5, label="as it should be")
+        for share, (low, high) in goals.items():
+            ax.plot([100 * share] * 2, [100 * low, 100 * high], color=_GOAL, linewidth=7, solid_capstyle="butt")
+        shades = np.linspace(0.0, 0.8, max(len(lines), 2))
+        for (label, observed), shade, (marker, _) in zip(lines.items(), shades, _STYLES * 9):
+            ax.plot(nominal_percent, observed, marker=marker, markersize=5, color=_blue_to_orange(shade), label=label)
+        ax.set(title=heading, xlim=(0, 101), ylim=(0, 101), xlabel="nominal share, %")
+        ax.grid(color=_GRID)
+        ax.set_axisbelow(True)
+        ax.legend(loc="upper left", fontsize=8.5, framealpha=0.85)
+    axes[0, 0].set_ylabel("observed share of depth errors, %")
+    figure.savefig(path, dpi=DPI)
+
+
+@dataclass(frozen=True)
+class _Line:
+    label: str
+    rows: list[dict]
+    style: dict
+
+
+def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[_Line]:
+    """A line for each method and sketch size, its colour that of the method, its marker that of the size."""
+    sizes = sorted({int(row["sketch_size"]) for row in rows if row["sketch_size"]}, key=lambda m: (m != 10, m))
+    lines = []
+    for k, method in enumerate(methods):
+        for size in ("", *sorted(sizes)):
+            chosen = [row for row in rows if row["method"] == method and row["sketch_size"] == str(size)]
+            if chosen:
+                marker, dashes = _STYLES[sizes.index(size) % len(_STYLES)] if size else ("s", "-")
+                style = {"color": METHOD_COLOURS[k % len(METHOD_COLOURS)], "marker": marker, "linestyle": dashes,
+                         "markersize": 4.5, "linewidth": 1.4}
+                lines.append(_Line(f"{method}, m = {size}" if size else f"{method} (all photons)", chosen, style))
+    return lines
+
+
+def _figure(rows: int, cols: int, width_in: float, height_in: float, title: str) -> tuple[Figure, np.ndarray]:
+    figure = Figure((width_in * cols + 0.6, height_in * rows + 1.2), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, size=13, parse_math=False)
+    return figure, figure.subplots(rows, cols, squeeze=False, sharex="all", sharey="row")
+
+
+def _finish(ax: Axes, metric: Metric, first: bool) -> None:
+    ax.set_xscale("log")
+    if metric.scale == "log":
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    elif metric.scale == "symlog":
+        ax.set_yscale("symlog", linthresh=1)
+        ax.yaxis.set_major_locator(FixedLocator([0, 1, 2, 5, 10, 20, 50, 100]))
+        ax.yaxis.set_minor_locator(NullLocator())
+    if metric.limits is not None:
+        ax.set_ylim(*metric.limits)
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.grid(color=_GRID)
+    ax.set_axisbelow(True)
+    if first:
+        ax.set_ylabel(metric.label)
+
+
+def _blue_to_orange(share: float) -> tuple[float, float, float]:
+    """From dark blue over teal to orange: lighter and warmer along a series."""
+    stops = np.array([[0, 0.2, 0.45], [0, 0.5, 0.6], [0.55, 0.6, 0.3], [0.9, 0.5, 0.0]])
+    return tuple(np.array([np.interp(share / 0.8 * 3, range(4), stops[:, c]) for c in range(3)]))

@@ -1,0 +1,150 @@
+"""Reconstructions side by side: clouds of the same scene by several methods, and maps of their errors."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from PIL import Image
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.pictures.look import Look
+from srt3d_ros.viewpoint import look_at
+
+DPI = 100
+# Picture elements: an image's side, gaps, the page's edge, the title's height, where in a row its images begin, a row.
+_SIDE_PX, _GAP_PX, _EDGE_PX, _TITLE_PX, _IMAGE_PX, _ROW_PX = 270, 8, 14, 40, 44, 348
+_SCALE_PX, _LEAST_WIDTH_PX = 84, 640
+_NO_POINT, _NO_REFERENCE = (0.0, 0.0, 0.0), (0.72, 0.72, 0.72)
+_ERROR_MAP = "RdBu_r"           # its ends differ for any colour vision
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One cloud.
+
+    Args:
+        heading: of its column: the method.
+        cloud: as reconstructed.
+        caption: below it: what was measured.
+        error_mm: float [rows, cols], depth error of the strongest point, NaN = no point; None for the truth.
+    """
+
+    heading: str
+    cloud: PointCloud
+    caption: str
+    error_mm: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """A row of panels: one observation.
+
+    Args:
+        label: what was observed.
+        sensor: by what.
+        panels: the first one, the truth if it is known, gives viewpoint and colours.
+        known: bool [rows, cols], pixels whose truth is known.
+    """
+
+    label: str
+    sensor: SensorModel
+    panels: Sequence[Panel]
+    known: np.ndarray | None = None
+
+
+def draw_clouds(path: Path, strips: Sequence[Strip], title: str) -> None:
+    """All clouds from one viewpoint for each row, coloured by range, shaded by intensity."""
+    def prepared(strip: Strip) -> Callable[[Panel], np.ndarray]:
+        first = strip.panels[0].cloud
+        look, eye = Look.of(first, strip.sensor), look_at(first.xyz, strip.sensor.projection)
+        return lambda panel: look.draw(panel.cloud, eye, _SIDE_PX, _SIDE_PX)
+
+    _draw(path, strips, title, prepared)
+
+
+def draw_errors(path: Path, strips: Sequence[Strip], title: str) -> None:
+    """Maps of the depth error in millimetres, one scale for each row; without the truth, which has none."""
+    strips = [Strip(strip.label, strip.sensor, [panel for panel in strip.panels if panel.error_mm is not None],
+                    strip.known) for strip in strips]
+    strips = [strip for strip in strips if strip.panels]
+    if strips:
+        scales = {id(strip): _error_scale(strip) for strip in strips}
+        _draw(path, strips, title, lambda strip: lambda panel: _error_image(panel, strip, scales[id(strip)]),
+              [scales[id(strip)] for strip in strips])
+
+
+def _error_scale(strip: Strip) -> float:
+    """Millimetres at the ends of the colours: three times the median error of the worst panel, rounded up."""
+    medians = [float(np.nanmedian(np.abs(panel.error_mm))) for panel in strip.panels
+               if np.isfinite(panel.error_mm).any()]
+    wanted = max(3 * max(medians, default=1.0), 1e-6)
+    step = 10.0 ** np.floor(np.log10(wanted))
+    return next(float(step * factor) for factor in (1, 2, 5, 10) if step * factor >= wanted)
+
+
+def _error_image(panel: Panel, strip: Strip, scale_mm: float) -> np.ndarray:
+    image = colormaps[_ERROR_MAP](Normalize(-scale_mm, scale_mm)(panel.error_mm))[..., :3]
+    image[~np.isfinite(panel.error_mm)] = _NO_POINT
+    image[~strip.known] = _NO_REFERENCE
+    return image
+
+
+def _draw(path: Path, strips: Sequence[Strip], title: str, prepared: Callable, scales_mm: Sequence[float] = ()) -> None:
+    """A grid of images, each with heading and caption, each row with its label, and with a scale if there are any."""
+    columns = max(len(strip.panels) for strip in strips)
+    page = _Page(max(_EDGE_PX + columns * (_SIDE_PX + _GAP_PX) + (_SCALE_PX if scales_mm else _EDGE_PX - _GAP_PX),
+                     _LEAST_WIDTH_PX), _TITLE_PX + len(strips) * _ROW_PX)
+    page.text(_EDGE_PX, 18, title, 13)
+    for r, strip in enumerate(strips):
+        top, draw = _TITLE_PX + r * _ROW_PX, prepared(strip)
+        page.text(_EDGE_PX, top + 10, strip.label, 11, weight="bold")
+        for c, panel in enumerate(strip.panels):
+            left = _EDGE_PX + c * (_SIDE_PX + _GAP_PX)
+            page.text(left, top + 32, panel.heading, 10)
+            page.axes(left, top + _IMAGE_PX, _SIDE_PX).imshow(draw(panel), interpolation="nearest", aspect="equal")
+            page.text(left, top + _IMAGE_PX + _SIDE_PX + 11, panel.caption, 9)
+        if scales_mm:
+            left = _EDGE_PX + len(strip.panels) * (_SIDE_PX + _GAP_PX)
+            _scale(page.figure, scales_mm[r], page.axes(left, top + _IMAGE_PX, 12, _SIDE_PX))
+    page.save(path)
+
+
+class _Page:
+    """A figure that is laid out in picture elements from its upper left corner."""
+
+    def __init__(self, width: int, height: int):
+        self._size = (width, height)
+        self.figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
+        self._canvas = FigureCanvasAgg(self.figure)
+
+    def text(self, left: int, middle: int, text: str, size: float, **style) -> None:
+        width, height = self._size
+        self.figure.text(left / width, 1 - middle / height, text, size=size, va="center", parse_math=False, **style)
+
+    def axes(self, left: int, top: int, side: int, tall: int | None = None):
+        width, height = self._size
+        tall = side if tall is None else tall
+        axes = self.figure.add_axes((left / width, 1 - (top + tall) / height, side / width, tall / height))
+        axes.set_axis_off()
+        return axes
+
+    def save(self, path: Path) -> None:
+        """As a .png of 256 colours: a third of the bytes, and hardly a difference to see."""
+        self._canvas.draw()
+        picture = Image.fromarray(np.asarray(self._canvas.buffer_rgba())[..., :3])
+        picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def _scale(figure: Figure, scale_mm: float, axes) -> None:
+    axes.set_axis_on()
+    bar = figure.colorbar(ScalarMappable(Normalize(-scale_mm, scale_mm), colormaps[_ERROR_MAP]), cax=axes,
+                          extend="both", extendfrac=0.03)
+    bar.set_label("depth error, mm", size=9)
+    axes.tick_params(labelsize=8)
