@@ -4,20 +4,21 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.metrics import circular_difference, evaluate
+from srt3d_ros.core.metrics import circular_difference, depth_errors, evaluate, median_offset, shares_within
 from srt3d_ros.errors import InvalidInput
 
 T = 100
 NAN = np.nan
 
 
-def cloud(*points: tuple[int, int, float], shape=(2, 3)) -> PointCloud:
-    """Points (row, col, depth) of an image."""
-    row, col, depth = (np.array([point[k] for point in points]) for k in range(3)) if points else np.zeros((3, 0))
+def cloud(*points: tuple, shape=(2, 3), background=0.0) -> PointCloud:
+    """Points (row, col, depth[, intensity[, standard deviation]]) of an image."""
+    full = np.array([(*point, *(1.0, 1.0)[len(point) - 3:]) for point in points]).reshape(-1, 5)
+    row, col, depth, intensity, std = full.T
     n = len(points)
-    return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32), np.ones(n, np.float32),
-                      np.ones(n, np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8),
-                      np.zeros(shape, np.float32))
+    return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth.astype(np.float32),
+                      intensity.astype(np.float32), std.astype(np.float32), np.zeros((n, 3), np.float32),
+                      np.zeros(n, np.uint8), np.full(shape, background, np.float32))
 
 
 def test_points_within_the_tolerance_are_true_and_the_others_false():
@@ -79,3 +80,115 @@ def test_a_reference_of_another_shape_is_refused(shape):
                                                     (50, 0, -50), (99.5, 0, -0.5), (30, 30, 0)])
 def test_difference_on_a_circle_is_the_short_way_round(a, b, difference):
     assert circular_difference(np.float64(a), np.float64(b), T) == difference
+
+
+# ---- Several surfaces, not all of which count
+
+def test_each_surface_has_its_own_detections():
+    reference = np.full((2, 2, 3), NAN)
+    reference[0], reference[1, 0] = 10, 50
+    found = evaluate(cloud((0, 0, 50), (0, 1, 10), (1, 1, 9)), reference, 3, T)
+    assert found.by_surface == (2 / 6, 1 / 3) and found.true_detections == 3 / 9
+
+
+def test_references_that_do_not_count_are_neither_missed_nor_found_nor_make_points_false():
+    reference = np.full((2, 2, 3), NAN)
+    reference[0], reference[1] = 10, 50
+    counted = np.ones_like(reference, bool)
+    counted[1, 0] = False
+    points = (0, 0, 51), (0, 1, 10), (0, 2, 80), (1, 0, 51)
+    found = evaluate(cloud(*points), reference, 3, T, counted=counted)
+    assert found.by_surface == (1 / 6, 1 / 3) and found.true_detections == 2 / 9
+    assert found.false_detections == 1 / 9                       # (0, 2, 80) alone
+    assert found.dae_bins == pytest.approx((0 + 1) / 2)
+
+
+def test_a_pixel_in_which_nothing_counts_is_not_judged():
+    found = evaluate(cloud((0, 0, 80), (0, 1, 80)), [[10, 10, NAN], [NAN] * 3], 3, T,
+                     counted=[[False, True, True], [True] * 3])
+    assert (found.true_detections, found.false_detections) == (0, 1)
+    assert found.within_1_std == 0
+
+
+@pytest.mark.parametrize("offset", [13.0, -7.5])
+def test_the_median_offset_of_a_reference_is_found(offset):
+    reference = np.array([[10, 20, 30], [40, 95, NAN]])
+    points = [(row, col, (reference[row, col] + offset) % T) for row, col in np.argwhere(np.isfinite(reference))]
+    points += [(1, 2, 50), (0, 0, 70)]                           # without reference, and too far away
+    assert median_offset(cloud(*points), reference, 20, T) == pytest.approx(offset, abs=1e-4)
+    assert median_offset(cloud((0, 0, 70)), reference, 20, T) == 0
+    assert median_offset(cloud(), reference, 20, T) == 0
+
+
+# ---- Intensity and background
+
+def test_a_perfect_cloud_has_no_intensity_error_and_an_empty_one_all_of_it():
+    depth, photons = np.full((2, 3), 10.0), np.arange(1.0, 7).reshape(2, 3)
+    perfect = [(row, col, 10, photons[row, col]) for row, col in np.ndindex(2, 3)]
+    assert evaluate(cloud(*perfect), depth, 3, T, photons).iae == pytest.approx(0, abs=1e-6)
+    assert evaluate(cloud(), depth, 3, T, photons).iae == 1
+
+
+def test_intensities_that_match_nothing_count_in_full():
+    depth, photons = [[10, 20, NAN], [NAN] * 3], [[8.0, 4, NAN], [NAN] * 3]
+    right, missed_and_false, second = (0, 0, 11, 6.0), (0, 1, 70, 3.0), (0, 0, 13, 2.0)
+    assert evaluate(cloud(right, (0, 1, 20, 4)), depth, 3, T, photons).iae == pytest.approx(2 / 12)
+    assert evaluate(cloud(right), depth, 3, T, photons).iae == pytest.approx((2 + 4) / 12)
+    assert evaluate(cloud(right, missed_and_false), depth, 3, T, photons).iae == pytest.approx((2 + 4 + 3) / 12)
+    assert evaluate(cloud(right, second), depth, 3, T, photons).iae == pytest.approx((2 + 4 + 2) / 12)
+    assert evaluate(cloud(right, (1, 1, 70, 9.0)), depth, 3, T, photons).iae == pytest.approx((2 + 4) / 12)
+
+
+def test_points_at_surfaces_of_unknown_intensity_do_not_count():
+    depth = np.stack([np.full((2, 3), 10.0), np.full((2, 3), 50.0)])
+    photons = np.stack([np.full((2, 3), 5.0), np.full((2, 3), NAN)])
+    found = [(row, col, at, 4.0) for row, col in np.ndindex(2, 3) for at in (10, 51)]
+    assert evaluate(cloud(*found), depth, 3, T, photons).iae == pytest.approx(1 / 5)
+
+
+def test_the_background_error_is_relative_to_its_energy():
+    expected = np.full((2, 3), 2.0)
+    reference = np.full((2, 3), 10.0)
+    assert evaluate(cloud(background=2.0), reference, 3, T, None, expected).background_nmse == 0
+    assert evaluate(cloud(background=3.0), reference, 3, T, None, expected).background_nmse == 1 / 4
+    assert np.isnan(evaluate(cloud(), reference, 3, T).background_nmse)
+
+
+def test_without_a_reference_of_the_intensity_it_is_not_judged():
+    reference = np.full((2, 3), 10.0)
+    assert np.isnan(evaluate(cloud((0, 0, 10)), reference, 3, T).iae)
+    assert np.isnan(evaluate(cloud((0, 0, 10)), reference, 3, T, np.full((2, 3), NAN)).iae)
+
+
+@pytest.mark.parametrize(("changes", "named"), [
+    ({"reference_intensity": np.ones((3, 2))}, "intensity shape"),
+    ({"reference_intensity": np.ones((2, 2, 3))}, "intensity shape"),
+    ({"reference_background": np.ones((2, 2, 3))}, "background shape"),
+    ({"counted": np.ones((3, 2))}, "counted shape")])
+def test_maps_of_another_shape_are_refused(changes, named):
+    with pytest.raises(InvalidInput, match=f"^{named} is "):
+        evaluate(cloud(), np.zeros((2, 3)), 3, T, **changes)
+
+
+# ---- Errors of points, and their reported standard deviations
+
+def test_errors_of_points_have_signs_and_are_those_from_the_nearest_surface():
+    reference = np.full((2, 2, 3), NAN)
+    reference[0], reference[1, 0] = 10, 50
+    points = (0, 0, 12), (0, 0, 49), (0, 1, 99), (1, 0, 8)
+    np.testing.assert_allclose(depth_errors(cloud(*points), reference, T), [2, -1, -11, -2])
+    np.testing.assert_array_equal(depth_errors(cloud((1, 2, 8)), np.where(np.arange(3) < 2, reference[0], NAN), T), NAN)
+    assert depth_errors(cloud(), reference, T).shape == (0,)
+
+
+def test_shares_of_errors_within_their_standard_deviations():
+    reference = [[10, 10, 10], [10, NAN, NAN]]
+    points = (0, 0, 12, 1, 2.0), (0, 1, 7, 1, 2.0), (0, 2, 10, 1, 0.5), (1, 0, 90, 1, 3.0), (1, 1, 10, 1, 1.0)
+    found = evaluate(cloud(*points), reference, 3, T)
+    assert (found.within_1_std, found.within_2_std) == (2 / 4, 3 / 4)           # far ones count as well
+    assert shares_within(cloud(*points), reference, T, (0.1, 1.6, 7)) == (1 / 4, 3 / 4, 1)
+
+
+def test_points_without_a_standard_deviation_are_left_out_of_the_shares():
+    assert shares_within(cloud((0, 0, 10, 1, 0.0), (0, 1, 11, 1, 2.0)), np.full((2, 3), 10.0), T, (1,)) == (1,)
+    assert np.isnan(shares_within(cloud((0, 0, 10, 1, NAN)), np.full((2, 3), 10.0), T, (1,))).all()
