@@ -107,19 +107,20 @@ def depth_errors(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: 
     return np.where(np.isfinite(found), found, np.nan)
 
 
-def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int) -> float:
-    """Median of cloud − reference, bins, where a point lies within the tolerance; 0 if none does.
+def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
+    """Median of cloud − reference, bins, over the pixels with a point so near; 0 if there is none.
 
     For a reference that was measured apart, with a zero of its own: subtract what is found here from the differences,
     or add it to the reference.
 
     Args:
         reference_depth_bins: float [rows, cols], of one surface.
+        within_bins: points farther off are not looked at.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     difference = _errors(cloud, reference, num_bins)
     nearest, point = _nearest(cloud, reference.shape, np.abs(difference))
-    chosen = point[nearest <= tolerance_bins]
+    chosen = point[nearest <= within_bins]
     return float(np.median(difference[0, chosen])) if len(chosen) else 0.0
 
 

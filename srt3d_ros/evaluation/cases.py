@@ -51,7 +51,8 @@ class Case:
         sbr, ppp: of the simulation: signal over background, mean photons per pixel; None for a file.
         repeat: which of several draws of the same photons, from 1.
         aligned: numbers, from 0, of the references to be shifted by their median offset from the cloud.
-        seen: (photons, bins): an aligned reference counts in pixels with so many photons within so many bins of it.
+        seen: (photons, bins): an aligned reference counts in pixels with so many photons within so many bins of it;
+            points farther off do not tell its offset.
         size: rough number of photons.
     """
 

@@ -139,7 +139,7 @@ def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
         near = photons_near(observation.frame, reference[surface], within_bins, case.sensor)
         counted[surface] &= near >= photons
         judged = np.where(counted[surface], reference[surface], np.nan)
-        offsets.append(median_offset(cloud, judged, case.tolerance_bins, case.sensor.num_bins))
+        offsets.append(median_offset(cloud, judged, within_bins, case.sensor.num_bins))
         reference[surface] = (reference[surface] + offsets[-1]) % case.sensor.num_bins
     return reference, counted, tuple(offsets)
 

@@ -1,0 +1,29 @@
+"""Small observations to evaluate methods on."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+
+SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
+
+
+@pytest.fixture(scope="session")
+def layers(tmp_path_factory):
+    """Path of a photon file of two layers at 80 and 200 bins, the reference of the second 13 bins off."""
+    path = tmp_path_factory.mktemp("photons") / "layers.npz"
+    depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
+    events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
+    npz.save(path, SENSOR, events, truth - np.array([0, 13], np.float32)[:, None, None])
+    return path
+
+
+@pytest.fixture(scope="session")
+def scene_file(tmp_path_factory):
+    """Path of a scene file of 16 × 24 pixels: a step of 10 cm."""
+    path = tmp_path_factory.mktemp("scenes") / "step.npz"
+    np.savez(path, depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
+    return path

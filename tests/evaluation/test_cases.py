@@ -1,0 +1,69 @@
+"""What is evaluated: settings of simulated scenes, and photon files."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.evaluation.cases import limited, of_files, photons_near, simulated
+from srt3d_ros.evaluation.tolerance import Tolerance
+
+
+def test_every_setting_is_a_case_of_the_photons_it_says(scene_file):
+    cases = simulated(str(scene_file), [10, 0.5], [3, 30], repeats=2)
+    assert [(case.sbr, case.ppp, case.repeat) for case in cases] == [
+        (sbr, ppp, repeat) for sbr in (10, 0.5) for ppp in (3, 30) for repeat in (1, 2)]
+    for case in cases:
+        seen = case.observe()
+        assert seen.frame.photons / case.sensor.pixels == pytest.approx(case.ppp, rel=0.2)
+        assert seen.intensity.sum() / seen.background.sum() == pytest.approx(case.sbr, rel=1e-6)
+        assert seen.depth_bins.shape == (1, 16, 24) and case.source == "step" and case.surfaces == 1
+    assert not np.array_equal(cases[0].observe().frame.toa, cases[1].observe().frame.toa)       # another draw
+    assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
+
+
+@pytest.mark.parametrize(("scene", "shape", "bins", "surfaces", "tolerance"), [
+    ("bust", (141, 141), 4613, 1, 40 / 0.3), ("net", (32, 32), 153, 2, 3)])
+def test_the_scenes_of_the_paper(scene, shape, bins, surfaces, tolerance):
+    case, = simulated(scene, [1], [1])
+    assert (case.sensor.rows, case.sensor.cols) == shape and case.sensor.num_bins == bins
+    assert case.surfaces == surfaces and case.tolerance_bins == pytest.approx(tolerance)
+    assert len(case.observe().depth_bins) == surfaces
+
+
+def test_a_quick_look_sees_the_same_field_with_fewer_pixels():
+    (quick,), (full,) = (simulated("bust", [1], [1], quick=quick) for quick in (True, False))
+    assert quick.sensor.pixels < full.sensor.pixels / 3
+    middle, corner = (quick.sensor.rays[k, k] for k in (35, 0)), (full.sensor.rays[k, k] for k in (70, 0))
+    np.testing.assert_allclose(np.array(list(middle)), np.array(list(corner)), atol=1e-3)
+
+
+def test_a_scene_that_is_none_is_refused():
+    for scene in ("head", "absent.npz"):
+        with pytest.raises(InvalidInput, match="^scene is "):
+            simulated(scene, [1], [1])
+
+
+def test_a_file_has_as_many_surfaces_as_references(layers):
+    case, = of_files([str(layers)])
+    assert (case.source, case.sbr, case.surfaces, case.tolerance_bins) == ("layers", None, 2, 10)
+    assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
+    case, = of_files([str(layers)], Tolerance.parse("10,layers=40"), surfaces=1, aligned=(1, 2))
+    assert (case.surfaces, case.tolerance_bins, case.aligned) == (1, 40, (1,))      # it has no third reference
+
+
+def test_files_of_one_name_are_refused(layers):
+    with pytest.raises(InvalidInput, match="^files is layers: expected each file name once"):
+        of_files([str(layers), str(layers)])
+
+
+def test_too_many_photons_are_left_out_and_said(scene_file):
+    kept, notes = limited(simulated(str(scene_file), [10], [3, 30], repeats=2), 16 * 24 * 10)
+    assert [case.ppp for case in kept] == [3, 3] and len(notes) == 1 and "30 ppp" in notes[0]
+
+
+def test_photons_near_a_depth_are_counted_around_the_end_of_the_period():
+    sensor = SensorModel(1, 3, 100, 1e-10, [1.0])
+    frame = PhotonEvents(np.array([0, 0, 0, 1, 1, 2], np.uint32), np.array([1, 97, 50, 20, 24, 5], np.uint16))
+    assert photons_near(frame, np.array([[99.0, 20, np.nan]]), 3, sensor).tolist() == [[2, 1, 0]]

@@ -1,0 +1,125 @@
+"""Running methods: each once, its row complete and right, and nothing twice."""
+
+import numpy as np
+import pytest
+from tqdm import tqdm
+
+from srt3d_ros.core import methods
+from srt3d_ros.core.methods import METHODS, Method
+from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.evaluation.calibration import NOMINAL, deviations
+from srt3d_ros.evaluation.cases import of_files, simulated
+from srt3d_ros.evaluation.clouds import load_cloud, true_cloud
+from srt3d_ros.evaluation.results import Results, number
+from srt3d_ros.evaluation.run import aligned_reference, jobs_for, run, with_clouds
+
+BAR = {"disable": True}
+SRT3D = METHODS["srt3d"]
+
+
+@pytest.fixture
+def results(tmp_path):
+    return Results(tmp_path / "results.csv")
+
+
+def only_row(results, jobs):
+    return results[jobs[0].key]
+
+
+def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size(scene_file):
+    on_photons = Method("all", "", "photons", "nowhere:None")
+    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D, on_photons], (5, 10))
+    assert [(job.method.name, job.sketch_size, job.case.ppp) for job in jobs] == [
+        ("srt3d", 5, 3), ("srt3d", 10, 3), ("all", None, 3), ("srt3d", 5, 30), ("srt3d", 10, 30), ("all", None, 30)]
+
+
+def test_a_simulated_scene_is_judged_in_every_respect(scene_file, results):
+    jobs = jobs_for(simulated(str(scene_file), [10], [100]), [SRT3D], (10,))
+    assert run(jobs, results, tqdm(**BAR)) == []
+    row = only_row(results, jobs)
+    assert number(row, "true_detections_percent") > 99 and number(row, "false_detections_percent") < 1
+    assert 0 < number(row, "dae_mm") < 1
+    assert number(row, "dae_mm") == pytest.approx(number(row, "dae_bins") * 0.3, rel=1e-3)
+    assert 0 < number(row, "iae") < 0.2 and number(row, "points") == pytest.approx(16 * 24, rel=0.02)
+    assert number(row, "photons_per_pixel") == pytest.approx(100, rel=0.02) and number(row, "background_nmse") > 0
+    shares = [float(share) for share in row["within_nominal_percent"].split(";")]
+    assert shares == sorted(shares) and len(shares) == len(NOMINAL)
+    assert dict(zip(NOMINAL, shares))[0.6827] == pytest.approx(number(row, "within_1_std_percent"), abs=0.5)
+    assert len(row["frequencies"].split(";")) == 10 and number(row, "reconstruct_ms") > 0
+
+
+def test_what_is_done_is_not_done_again(scene_file, results, monkeypatch):
+    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D], (10,))
+    run(jobs[:1], results, tqdm(**BAR))
+    monkeypatch.setattr(type(jobs[0].case), "observe", lambda case: pytest.fail("simulated again"), raising=False)
+    run(jobs[:1], Results(results.path), tqdm(**BAR))
+
+
+@pytest.mark.parametrize("done", [0, 1, 2])
+def test_the_bar_ends_at_all_jobs(scene_file, results, done):
+    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D], (10,))
+    run(jobs[:done], results, tqdm(**BAR))
+    steps = []
+    bar = tqdm(**BAR)
+    bar.update = lambda n=1: steps.append(n)
+    run(jobs, results, bar)
+    assert sum(steps) == 2
+
+
+def test_what_a_method_refuses_is_a_note_and_the_others_go_on(scene_file, results):
+    jobs = jobs_for(simulated(str(scene_file), [10], [3]), [SRT3D], (1000, 10))
+    notes = run(jobs, results, tqdm(**BAR))
+    assert len(notes) == 1 and notes[0].startswith("step, SBR 10, 3 ppp: srt3d, m = 1000: sketch_size is 1000")
+    assert jobs[1].key in results and jobs[0].key not in results
+
+
+def test_wanted_clouds_are_kept(scene_file, results, tmp_path):
+    (tmp_path / "clouds").mkdir()
+    jobs = with_clouds(jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D], (10,)),
+                       lambda job: job.case.ppp == 30, tmp_path / "clouds")
+    run(jobs, results, tqdm(**BAR))
+    kept, = (tmp_path / "clouds").iterdir()
+    assert kept == jobs[1].cloud_path
+    cloud = load_cloud(kept)
+    assert len(cloud) == number(results[jobs[1].key], "points") and cloud.background.shape == (16, 24)
+    kept.unlink()
+    run(jobs, results, tqdm(**BAR))             # its row is there, but not its cloud
+    assert kept.exists()
+
+
+def test_a_reference_measured_apart_is_aligned_and_judged_where_photons_show_it(layers, results):
+    plain, aligned = of_files([str(layers)])[0], of_files([str(layers)], aligned=(1,), seen=(8, 20))[0]
+    jobs = jobs_for([plain, aligned], [SRT3D], (10,))
+    run(jobs, results, tqdm(**BAR))
+    first, second = (results[job.key] for job in jobs)
+    assert first["true_detections_by_surface_percent"].split(";") == ["100", "0"]
+    shares = [float(share) for share in second["true_detections_by_surface_percent"].split(";")]
+    assert min(shares) > 99 and number(second, "offset_bins") == pytest.approx(13, abs=0.5)
+    assert number(second, "false_detections_percent") < 1 and number(second, "dae_bins") < 1
+
+
+def test_an_aligned_reference_counts_only_where_enough_photons_lie_near(layers):
+    case = of_files([str(layers)], aligned=(1,), seen=(10**6, 20))[0]
+    observation = case.observe()
+    _, counted, _ = aligned_reference(true_cloud(observation, case.sensor), case, observation)
+    assert counted[0].all() and not counted[1].any()
+
+
+def test_the_true_cloud_is_perfect(layers, scene_file):
+    for case in (*of_files([str(layers)]), *simulated(str(scene_file), [10], [3])):
+        observation = case.observe()
+        cloud = true_cloud(observation, case.sensor)
+        found = evaluate(cloud, observation.depth_bins, 0.01, case.sensor.num_bins, observation.intensity)
+        assert (found.true_detections, found.false_detections) == (1, 0) and not found.iae > 1e-6
+
+
+def test_frequencies_are_those_that_the_method_asks_for(scene_file, results, monkeypatch):
+    consecutive = Method("other", "", "sketch", SRT3D.where, frequencies="consecutive")
+    monkeypatch.setitem(methods.METHODS, "other", consecutive)
+    jobs = jobs_for(simulated(str(scene_file), [10], [30]), [consecutive], (5,))
+    run(jobs, results, tqdm(**BAR))
+    assert only_row(results, jobs)["frequencies"] == "1;2;3;4;5"
+
+
+def test_nominal_shares_are_those_of_a_normal_distribution():
+    np.testing.assert_allclose(deviations((0.6827, 0.9545, 0.5)), (1, 2, 0.6745), atol=1e-3)
