@@ -82,6 +82,10 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
         scene: "bust", "net", or a scene file (datasets.scene_file).
         quick: the bust at half the resolution.
     """
+    for sbr in sbrs:
+        require(0 < sbr < np.inf, "--sbr", sbr, "ratios above 0")
+    for ppp in ppps:
+        require(0 < ppp < np.inf, "--ppp", ppp, "photons per pixel, above 0")
     seen, sensor, default = _open_scene(scene, quick)
     within = (tolerance or default).in_bins(scene, sensor)
     count = surfaces or (2 if scene == "net" else 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from srt3d_ros.core.methods import METHODS, find
+from srt3d_ros.core.srt3d import MAX_SURFACES
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation import cases, report, table
 from srt3d_ros.evaluation.results import Results
@@ -22,8 +23,8 @@ USUAL_SKETCH_SIZE = 10
 def evaluate(args: argparse.Namespace) -> int:
     """Run `srt3d evaluate`; returns the exit code."""
     chosen, notes = _cases(args)
-    methods = [find(name) for name in args.methods or METHODS]
-    sizes = args.sketch_size or (FILE_SKETCH_SIZES if args.files or args.quick else SKETCH_SIZES)
+    methods = [find(name) for name in dict.fromkeys(args.methods or METHODS)]
+    sizes = sorted(set(args.sketch_size or (FILE_SKETCH_SIZES if args.files or args.quick else SKETCH_SIZES)))
     require(min(sizes) >= 1, "--sketch-size", min(sizes), "integers of 1 or more")
     folder = _folder(args.out)
     shown = _shown_cases(chosen)
@@ -46,10 +47,12 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
     """What is to be reconstructed, and what is left out, in words."""
     tolerance = None if args.tolerance is None else Tolerance.parse(args.tolerance)
     require(min(args.align, default=1) >= 1, "--align", args.align, "references, numbered from 1")
+    require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
+            f"1 to {MAX_SURFACES}")
     found = cases.of_files(args.files, tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen)
     scenes = args.scene or (() if args.files else cases.SCENES)
     sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
-    for scene in scenes:
+    for scene in dict.fromkeys(scenes):
         found += cases.simulated(scene, sbrs, ppps, args.repeats, tolerance, args.surfaces, args.quick)
     kept, notes = cases.limited(found, args.max_photons)
     require(bool(kept), "--max-photons", args.max_photons, "enough for one setting")

@@ -1,0 +1,158 @@
+"""`srt3d evaluate`: from files or scenes to a table, a CSV and figures; goes on; a mistake is one line."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from srt3d_ros.cli import main
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.evaluation import run as evaluation
+from srt3d_ros.evaluation.run import reconstruct
+
+SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """layers.npz: photons of two surfaces; bare.npz: photons without reference; step.npz: a scene."""
+    path = tmp_path_factory.mktemp("evaluate")
+    depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
+    events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
+    npz.save(path / "layers.npz", SENSOR, events, truth)
+    npz.save(path / "bare.npz", SENSOR, events)
+    np.savez(path / "step.npz", depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
+    return path
+
+
+@pytest.fixture
+def run(folder, tmp_path, monkeypatch, capsys):
+    """Run `srt3d evaluate` in the folder of the files; returns exit code, what was printed, and the output folder."""
+    monkeypatch.chdir(folder)
+
+    def call(*options):
+        code = main.main(["evaluate", *options, "--out", str(tmp_path / "out")])
+        return code, capsys.readouterr(), tmp_path / "out"
+    return call
+
+
+def rows_of(out):
+    with open(out / "results.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_method_is_held_against_every_file(run):
+    code, printed, out = run("layers.npz", "bare.npz")
+    rows = rows_of(out)
+    assert code == 0
+    assert {(row["source"], row["method"]) for row in rows} == {
+        (source, method) for source in ("layers", "bare") for method in METHODS}
+    ours = next(row for row in rows if (row["source"], row["method"]) == ("layers", "srt3d"))
+    assert float(ours["true_detections_percent"]) > 99 and ours["surfaces"] == "2" and ours["sketch_size"] == "10"
+    assert all(row["true_detections_percent"] == "" for row in rows if row["source"] == "bare")
+    table = [line for line in printed.out.splitlines() if line.startswith("| ")]
+    assert len(table) == 1 + 2 * len(METHODS)
+    figures = {"reconstructions_files.png", "errors_files.png", "calibration_files.png"}
+    assert figures <= {path.name for path in out.iterdir()}
+
+
+def test_a_scene_is_simulated_at_every_setting(run):
+    code, printed, out = run("--scene", "step.npz", "--sbr", "10,1", "--ppp", "3,30", "--sketch-size", "4,10",
+                             "--methods", "srt3d", "--repeats", "2", "--tolerance", "3mm")
+    rows = rows_of(out)
+    assert code == 0 and len(rows) == 2 * 2 * 2 * 2
+    assert {(row["source"], row["sbr"], row["ppp"], row["sketch_size"], row["repeat"]) for row in rows} == {
+        ("step", sbr, ppp, m, repeat) for sbr in ("10", "1") for ppp in ("3", "30") for m in ("4", "10")
+        for repeat in ("1", "2")}
+    assert {row["tolerance_bins"] for row in rows} == {"10"}
+    assert sum(line.startswith("| step") for line in printed.out.splitlines()) == 8         # repeats averaged
+    names = {path.name for path in out.glob("*.png")}
+    assert names == {f"{name}_step.png" for name in ("metrics", "reconstructions", "errors", "calibration")}
+    readme = (out / "README.md").read_text(encoding="utf-8")
+    assert all(f"]({name})" in readme for name in names) and "numba" in readme and "| step " in readme
+
+
+def test_the_same_command_goes_on_where_it_stopped(run, monkeypatch):
+    command = ("--scene", "step.npz", "--sbr", "10", "--ppp", "3,30", "--methods", "srt3d", "--sketch-size", "10")
+    done = []
+
+    def watched(job, observation):
+        if job.case.ppp == 30 and not done[1:]:
+            done.append("stopped")
+            raise KeyboardInterrupt
+        done.append(job.case.ppp)
+        return reconstruct(job, observation)
+
+    monkeypatch.setattr(evaluation, "reconstruct", watched)
+    assert run(*command)[0] == 130 and done == [3, "stopped"]
+    code, printed, out = run(*command)
+    assert code == 0 and done == [3, "stopped", 30] and len(rows_of(out)) == 2
+    assert run(*command)[0] == 0 and done == [3, "stopped", 30]                 # nothing is left to do
+    assert run(*command, "--fresh")[0] == 0 and done == [3, "stopped", 30, 3, 30]
+
+
+def test_a_quick_look_is_small_unless_said_otherwise(monkeypatch, tmp_path, capsys):
+    seen = []
+    monkeypatch.setattr(evaluation, "reconstruct", lambda job, _: seen.append(job) or refuse())
+    assert main.main(["evaluate", "--quick", "--methods", "srt3d", "--out", str(tmp_path)]) == 0
+    assert {(job.case.source, job.case.sbr, job.case.ppp, job.sketch_size) for job in seen} == {
+        (scene, sbr, ppp, 10) for scene in ("bust", "net") for sbr in (10, 1, 0.1) for ppp in (1, 10, 100)}
+    assert all(job.case.sensor.pixels < 6_000 for job in seen)
+
+
+def refuse():
+    raise InvalidInput("method", "tired", "another")
+
+
+def test_without_options_the_experiments_of_the_paper_are_run(monkeypatch, tmp_path, capsys):
+    seen = []
+    monkeypatch.setattr(evaluation, "reconstruct", lambda job, _: seen.append(job) or refuse())
+    monkeypatch.setattr(Simulator, "frame", lambda simulator, k: (None, None))
+    assert main.main(["evaluate", "--methods", "srt3d", "--scene", "bust", "--out", str(tmp_path)]) == 0
+    assert {(job.case.sbr, job.case.ppp, job.sketch_size) for job in seen} == {
+        (sbr, ppp, m) for sbr in (10, 1, 0.1) for ppp in (1, 3, 10, 30, 100, 300, 1000) for m in (5, 10, 20)}
+    assert {(job.case.sensor.rows, job.case.sensor.num_bins) for job in seen} == {(141, 4613)}
+    assert capsys.readouterr().err.count("srt3d: bust, SBR") == 63              # each refusal is said
+
+
+BAD = {
+    "missing file": (["absent.npz"], "absent.npz"), "no photon file": (["step.npz"], "step.npz"),
+    "unknown method": (["layers.npz", "--methods", "magic"], "method is magic"),
+    "unknown scene": (["--scene", "head"], "scene is head"), "missing scene": (["--scene", "a.npz"], "scene is a.npz"),
+    "photons as scene": (["--scene", "layers.npz"], "layers.npz depth_m"),
+    "sbr in words": (["--sbr", "high"], "--sbr"), "sbr 0": (["--sbr", "0"], "--sbr is 0"),
+    "ppp in words": (["--ppp", "1,many"], "--ppp"), "ppp below 0": (["--ppp", "-1"], "--ppp is -1"),
+    "sketch size in words": (["--sketch-size", "ten"], "--sketch-size"),
+    "sketch size 0": (["--sketch-size", "0"], "--sketch-size is 0"),
+    "tolerance": (["layers.npz", "--tolerance", "near"], "tolerance is near"),
+    "no repeats": (["--repeats", "0"], "--repeats is 0"), "few photons": (["--max-photons", "1"], "--max-photons is 1"),
+    "reference 0": (["layers.npz", "--align", "0"], "--align is"), "seen": (["layers.npz", "--seen", "8"], "--seen is"),
+    "surfaces 0": (["layers.npz", "--surfaces", "0"], "--surfaces is 0"),
+    "a file as folder": (["layers.npz", "--out", "layers.npz"], "--out is layers.npz"),
+    "no folder": (["layers.npz", "--out"], "--out"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "named"), BAD.values(), ids=BAD)
+def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, capsys, arguments, named):
+    monkeypatch.chdir(folder)
+    try:
+        code = main.main(["evaluate", "--out", str(tmp_path / "out"), *arguments])
+    except SystemExit as stopped:
+        code = stopped.code
+    printed = capsys.readouterr()
+    assert (code, printed.out) == (2, "")
+    assert printed.err.startswith("srt3d: error: ") and printed.err.count("\n") == 1 and named in printed.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_of_something_else_are_refused(run, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "results.csv").write_text("a,b\n1,2\n")
+    code, printed, _ = run("layers.npz")
+    assert code == 2 and printed.err.count("\n") == 1 and "results.csv is a table with other columns" in printed.err

@@ -1,0 +1,56 @@
+"""Curves of an evaluation: every line is drawn, and what is missing is left out."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.pictures.curves import METHOD_COLOURS, draw_calibration, draw_metrics
+
+
+def row(method, size, sbr, ppp, **figures):
+    known = {"true_detections_percent": 90.0, "false_detections_percent": 3.0, "dae_mm": 2.0, "iae": 0.2}
+    return {"method": method, "sketch_size": size, "sbr": str(sbr), "ppp": str(ppp)} | known | figures
+
+
+def coloured(path, colour: str) -> np.ndarray:
+    """Where a picture has nearly this colour."""
+    picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    return (np.abs(picture - list(bytes.fromhex(colour[1:]))) < 12).all(axis=2)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.png"
+
+
+def test_each_method_has_a_line_in_each_column(path):
+    rows = [row(method, size, sbr, ppp, dae_mm=height * ppp ** -0.5, true_detections_percent=20.0 * height)
+            for sbr in (10, 1) for ppp in (1, 10, 100)
+            for height, (method, size) in enumerate((("ours", "5"), ("ours", "10"), ("other", "")), start=1)]
+    draw_metrics(path, rows, "a$b_{", ["ours", "other"])
+    for colour in METHOD_COLOURS[:2]:
+        seen = coloured(path, colour)
+        half = seen.shape[1] // 2
+        assert seen[:, :half].sum() > 300 and seen[:, half:].sum() > 300
+    assert not coloured(path, METHOD_COLOURS[2]).any()
+
+
+def test_the_colour_of_a_method_is_its_own_whoever_else_is_shown(path):
+    draw_metrics(path, [row("other", "", 1, ppp) for ppp in (1, 10)], "", ["ours", "other"])
+    assert coloured(path, METHOD_COLOURS[1]).any() and not coloured(path, METHOD_COLOURS[0]).any()
+
+
+def test_what_is_not_known_is_not_drawn(path):
+    nothing = float("nan")
+    rows = [row("ours", "10", 1, ppp, dae_mm=nothing, iae=nothing, true_detections_percent=0.0) for ppp in (1, 10)]
+    draw_metrics(path, rows, "", ["ours"])
+    assert path.stat().st_size > 5_000
+
+
+def test_calibration_shows_a_line_for_each_setting_in_its_panel(path):
+    nominal = (0.1, 0.5, 0.9)
+    draw_calibration(path, {"SBR 1": {"1 ppp": (10, 50, 90), "10 ppp": (5, 30, 70)}, "SBR 10": {"1 ppp": (1, 2, 3)}},
+                     nominal, {0.5: (0.4, 0.6)}, "calibration")
+    picture = np.asarray(Image.open(path).convert("RGB"))
+    assert picture.shape[1] > 1.5 * picture.shape[0]
+    assert coloured(path, "#003373").sum() > 200 and coloured(path, "#b8bec6").sum() > 200
