@@ -106,7 +106,7 @@ def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[_Line]:
         for size in ("", *sorted(sizes)):
             chosen = [row for row in rows if row["method"] == method and row["sketch_size"] == str(size)]
             if chosen:
-                marker, dashes = _STYLES[sizes.index(size) % len(_STYLES)] if size else ("s", "-")
+                marker, dashes = _STYLES[sizes.index(size) % len(_STYLES)] if size else ("s", (0, (4, 2)))
                 style = {"color": METHOD_COLOURS[k % len(METHOD_COLOURS)], "marker": marker, "linestyle": dashes,
                          "markersize": 4.5, "linewidth": 1.4}
                 lines.append(_Line(f"{method}, m = {size}" if size else f"{method} (all photons)", chosen, style))

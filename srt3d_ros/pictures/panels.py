@@ -81,10 +81,10 @@ def draw_errors(path: Path, strips: Sequence[Strip], title: str) -> None:
 
 
 def _error_scale(strip: Strip) -> float:
-    """Millimetres at the ends of the colours: three times the median error of the worst panel, rounded up."""
+    """Millimetres at the ends of the colours: four times the median error of the best panel, rounded up to 1, 2, 5."""
     medians = [float(np.nanmedian(np.abs(panel.error_mm))) for panel in strip.panels
                if np.isfinite(panel.error_mm).any()]
-    wanted = max(3 * max(medians, default=1.0), 1e-6)
+    wanted = max(4 * min(medians, default=1.0), 1e-6)
     step = 10.0 ** np.floor(np.log10(wanted))
     return next(float(step * factor) for factor in (1, 2, 5, 10) if step * factor >= wanted)
 
