@@ -18,8 +18,9 @@ def add_parser(subparsers) -> None:
                         help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
-    parser.add_argument("--frequencies", default="auto", metavar="auto|consecutive|k1,k2,…",
-                        help="which they are: spread over what the IRF passes (auto), 1 … M, or a list")
+    parser.add_argument("--frequencies", default="auto", metavar="auto|spread|consecutive|k1,k2,…",
+                        help="which they are: least expected error (auto), spread over what the IRF passes, 1 … M, "
+                             "or a list")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--method", default="srt3d", choices=("srt3d",), help="how to reconstruct (srt3d)")
     parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"), help="where to compute (auto)")

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from srt3d_ros.core.frequency_design import design
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
@@ -51,28 +52,32 @@ def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     return tuple(chosen)
 
 
+RULES = {"auto": design, "spread": spread, "consecutive": lambda sensor, sketch_size: consecutive(sketch_size)}
+CHOICES = ", ".join(RULES)
+
+
 def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None) -> tuple[int, ...]:
     """Frequencies from what a user writes.
 
     Args:
-        spec: "auto" (see `spread`), "consecutive", or a list such as "1,2,5".
+        spec: "auto" (the least expected error, see `design`), "spread", "consecutive", or a list such as "1,2,5".
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
 
     Raises:
         InvalidInput: if m is too large for T, or the list has a frequency that means nothing.
     """
-    if spec in ("auto", "consecutive"):
+    if spec in RULES:
         m = DEFAULT_SKETCH_SIZE if sketch_size is None else sketch_size
         most = min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE)
         if sketch_size is None:
             m = max(min(m, most), 1)
         require(1 <= m <= max(most, 1), "sketch_size", m, f"1 to {max(most, 1)} for T = {sensor.num_bins} bins")
-        return check_frequencies(consecutive(m) if spec == "consecutive" else spread(sensor, m), sensor.num_bins)
+        return check_frequencies(RULES[spec](sensor, m), sensor.num_bins)
     try:
         listed = [int(part) for part in spec.split(",")]
     except ValueError:
-        raise InvalidInput("frequencies", spec, "auto, consecutive, or a list of integers such as 1,2,5") from None
+        raise InvalidInput("frequencies", spec, f"{CHOICES}, or a list of integers such as 1,2,5") from None
     require(sketch_size in (None, len(listed)), "sketch_size", sketch_size,
             f"{len(listed)}, the number of frequencies listed (or leave it out)")
     return check_frequencies(listed, sensor.num_bins)

@@ -9,7 +9,7 @@ import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, choose
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
 from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch
@@ -26,8 +26,9 @@ from srt3d_ros.nodes.worker import Dropped
 PARAMETERS = (
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
               "them.", low=1, high=MAX_SKETCH_SIZE),
-    Parameter("frequencies", "auto", "Which frequencies to keep: spread by the IRF's spectrum, 1 to sketch_size as in "
-              "the paper, or these.", form="auto, consecutive or integers such as 1,2,5"),
+    Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the IRF, spread "
+              "to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
+              form="auto, spread, consecutive or integers such as 1,2,5"),
     Parameter("packets_per_frame", 1, "Messages that make one frame.", low=1, high=100_000),
     Parameter("window_frames", 1, "Frames that each sketch covers, the newest and those before it: a sliding window.",
               low=1, high=1000),
@@ -63,7 +64,7 @@ class SketcherNode(PipelineNode):
 
     def _frequencies_for(self, sensor: SensorModel) -> tuple[int, ...]:
         spec, size = self.parameters["frequencies"], self.parameters["sketch_size"]
-        return choose(spec, sensor, size if spec in ("auto", "consecutive") else None)
+        return choose(spec, sensor, size if spec in RULES else None)
 
     def _on_sensor(self, message: String) -> None:
         sensor = sensor_message.decode(message)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, PASSBAND, angular_frequencies, choose, irf_spectrum, spread
+from srt3d_ros.core.frequency_design import design
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -74,7 +75,7 @@ def test_spread_takes_the_mean_of_the_pixels_spectra():
     assert spread(make(irf=np.stack([bell(4), bell(2)])), 10)[-1] > one[-1]
 
 
-@pytest.mark.parametrize("spec", ["auto", "consecutive"])
+@pytest.mark.parametrize("spec", ["auto", "spread", "consecutive"])
 def test_sketch_size_is_10_unless_given(spec):
     assert len(choose(spec, make())) == DEFAULT_SKETCH_SIZE == 10
     assert len(choose(spec, make(), 7)) == 7
@@ -82,13 +83,14 @@ def test_sketch_size_is_10_unless_given(spec):
 
 def test_choices():
     assert choose("consecutive", make(), 4) == (1, 2, 3, 4)
-    assert choose("auto", make(), 6) == spread(make(), 6)
+    assert choose("spread", make(), 6) == spread(make(), 6)
+    assert choose("auto", make(), 6) == design(make(), 6)
     assert choose("1, 2,5", make()) == (1, 2, 5)
     assert choose("5,1", make(), 2) == (5, 1)
 
 
 @pytest.mark.parametrize(("num_bins", "m"), [(2, 1), (3, 1), (8, 3), (21, 10), (22, 10)])
-@pytest.mark.parametrize("spec", ["auto", "consecutive"])
+@pytest.mark.parametrize("spec", ["auto", "spread", "consecutive"])
 def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m):
     assert choose(spec, make(num_bins, [1.0])) == tuple(range(1, m + 1))
 
