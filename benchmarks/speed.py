@@ -8,11 +8,7 @@ does: the load average is part of every line, and the times for different photon
 
 import argparse
 import json
-import os
-import platform
 import time
-from datetime import date
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +20,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.evaluation.machine import machine
 
 PPP = (1, 10, 100, 1000)
 SBR = 1.0
@@ -87,21 +84,6 @@ def spread(values: list[float], digits: int) -> dict:
 def size(sketcher: Sketcher) -> int:
     """Bytes of all arrays that a Sketcher keeps."""
     return sum(value.nbytes for value in vars(sketcher).values() if isinstance(value, (np.ndarray, torch.Tensor)))
-
-
-def machine() -> dict:
-    """Where and with what this was measured."""
-    return {"date": date.today().isoformat(), "machine": cpu_name(), "cpus": len(os.sched_getaffinity(0)),
-            "load_1min": round(os.getloadavg()[0], 2), "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "torch", "numba")}}
-
-
-def cpu_name() -> str:
-    """The processor's name."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.machine()
 
 
 def table(lines: list[dict]) -> str:
