@@ -26,8 +26,8 @@ from srt3d_ros.nodes.worker import Dropped
 PARAMETERS = (
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
               "them.", low=1, high=MAX_SKETCH_SIZE),
-    Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the IRF, spread "
-              "to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
+    Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
+              "IRF, spread to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
               form="auto, spread, consecutive or integers such as 1,2,5"),
     Parameter("packets_per_frame", 1, "Messages that make one frame.", low=1, high=100_000),
     Parameter("window_frames", 1, "Frames that each sketch covers, the newest and those before it: a sliding window.",

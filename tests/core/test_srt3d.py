@@ -82,7 +82,7 @@ def test_a_tilted_plane_is_found_to_a_tenth_of_a_bin_up_to_its_borders(per_col, 
 def test_a_surface_across_the_end_of_the_period_is_one_surface():
     depth = ramp(16, 40, T - 12.5, 0.6, 0.2) % T
     cloud = reconstruct(exact(make_sensor(16, 40), depth), make_sensor(16, 40))
-    assert len(cloud) == depth.size and np.abs(errors(cloud, depth)).max() < 0.1
+    assert len(cloud) == depth.size and np.abs(errors(cloud, depth)).max() < 0.05
 
 
 @pytest.mark.parametrize("depth", [0.0, -1e-7, 1e-7, T - 1e-5])
