@@ -59,6 +59,8 @@ METHODS = {method.name: method for method in (
            "srt3d_ros.core.peers.srt3d_paper:SRT3DPaper", "consecutive", ("weighting",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.peers.smle:SMLE",
            "consecutive", ("false_alarm_rate", "weighting")),
+    Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.peers.xcorr:XCORR",
+           options=("false_alarm_rate",)),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 
