@@ -18,13 +18,15 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
-from srt3d_ros.core.start import find_surfaces, score_threshold, window_weights
+from srt3d_ros.core.start import REST_SCALES, SURE, SURE_SCALES, find_surfaces, score_threshold, window_weights
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
-WINDOWS = (1.5, 2.5)                # σ of the pooling window in each iteration, pixels
+WINDOWS = (2.0, 2.5, 2.5)           # σ of the pooling window in each iteration, pixels
+SPREAD = 3                          # pixels by which surfaces may grow in each
+WEAK = 4.0                          # standard deviations under which a point is searched for anew
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
 
 
@@ -58,11 +60,19 @@ class SRT3D:
         """The point cloud of one frame's sketch."""
         frame = self._matcher(sketch)
         threshold = score_threshold(self.false_alarm_rate, frame)
-        state = find_surfaces(frame, self.surfaces, threshold, self.kernels)
-        for window in WINDOWS:
-            state = self.kernels.propose(frame.padded, state, window, SAME_SURFACE**2)
-            state = self.kernels.descend(frame.padded, state, min(round(2 * window), layout.MARGIN), SAME_SURFACE**2)
+        state = layout.no_surfaces(*frame.shape, self.surfaces)
+        state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels)
+        state = self._iterate(frame, state, WINDOWS[0])
+        state[:, :, layout.INTENSITY][state[:, :, layout.SCORE] < WEAK] = 0
+        state = find_surfaces(frame, state, REST_SCALES, threshold, self.kernels)
+        for window in WINDOWS[1:]:
+            state = self._iterate(frame, state, window)
         return self._cloud(frame, state, threshold, sketch)
+
+    def _iterate(self, frame: Frame, state: np.ndarray, window: float) -> np.ndarray:
+        """Let surfaces compete and spread, then step down the gradient of the data pooled over the window."""
+        state = self.kernels.propose(frame.padded, state, window, SAME_SURFACE**2, SPREAD)
+        return self.kernels.descend(frame.padded, state, min(round(2 * window), layout.MARGIN), SAME_SURFACE**2)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""

@@ -1,6 +1,7 @@
 """The start of a reconstruction: which surfaces the photons show, each in the smallest window that shows it."""
 
 import math
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -8,10 +9,13 @@ import numpy as np
 from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Frame
 
-SCALES = ((0.0, 1), (1.0, 1), (2.0, 2), (4.0, 4))   # σ of the pooling window and size of its cells, pixels
-SURE = 7.0                                          # standard deviations that end the search at a scale
-SMALLEST = 1e-300                                   # probability that floats still tell from 0
-NARROWEST = 0.7                                     # window of a point that its own pixel shows, pixels
+# σ of the pooling windows and size of their cells, pixels.
+SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))
+REST_SCALES = ((3.0, 2), (6.0, 4))
+SURE = 7.0                      # standard deviations that leave no doubt
+SMALLEST = 1e-300               # probability that floats still tell from 0
+NARROWEST = 0.7                 # window of a point that its own pixel shows, pixels
+FAINTEST = 0.05                 # of a pixel's first surface that a further one must give: less may be a wrong IRF's
 
 
 def window_weights(sigma: float, step: int) -> np.ndarray:
@@ -31,46 +35,74 @@ def score_threshold(false_alarm_rate: float, frame: Frame) -> float:
     return -NormalDist().inv_cdf(max(false_alarm_rate / max(depths, 1.0), SMALLEST))
 
 
-def find_surfaces(frame: Frame, surfaces: int, threshold: float, kernels) -> np.ndarray:
+def find_surfaces(frame: Frame, state: np.ndarray, scales, enough: float, kernels) -> np.ndarray:
     """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
-    A scale pools the pixels that finer ones left open. At the widest scale the threshold is enough. A second surface
-    must pass the threshold at the scale of the first.
+    A scale pools the pixels that finer ones, or an earlier search, left open. At the last scale less is enough. Further
+    surfaces are searched for in the same way, in what those found before leave unexplained.
+
+    Args:
+        frame: the frame.
+        state: float32 [rows', K, FIELDS, cols'], the surfaces that are known; changed in place.
+        scales: σ and cell size of each window, pixels.
+        enough: the score that is enough at the last scale, standard deviations.
+        kernels: the device's kernels.
 
     Returns:
-        A state, float32 [rows', K, FIELDS, cols'].
+        The state.
     """
-    rows, cols = frame.shape
-    state = layout.no_surfaces(rows, cols, surfaces)
-    view = layout.crop(state, rows, cols)
-    open_pixels = frame.exposure > 0
-    for sigma, step in SCALES:
-        matched, noise, exposure = frame.matched, frame.noise, frame.exposure
-        if sigma > 0:
-            left = open_pixels.astype(np.float32)           # else surfaces grow over pixels that see background alone
-            matched, noise, exposure = matched * left[:, None], noise * left, exposure * left
-            weights = window_weights(sigma, step)
-            matched = kernels.blur(matched, weights, step)
-            noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]
-            exposure = kernels.blur(exposure[:, None], weights, step)[:, 0]
-        squash = 0.5 if sigma > 0 else 1.0
-        depth, intensity = kernels.match(matched, frame.energy, frame.cycles, frame.num_bins, surfaces)
-        score = significance(frame, intensity, noise[:, None], squash)
-        found = score[:, 0] > (threshold if (sigma, step) == SCALES[-1] else SURE)
-        row, col = np.nonzero(open_pixels & found[np.ix_(np.arange(rows) // step, np.arange(cols) // step)])
-        open_pixels[row, col] = False
-        a, b = row // step, col // step
-        depth, intensity, score = (values[a, :, b] for values in (depth, intensity, score))     # [N, K]
-        std = depth_std(frame, intensity, noise[a, b, None], squash)
-        points = np.zeros((len(row), surfaces, layout.FIELDS), np.float32)
-        points[:, :, layout.DEPTH] = depth % frame.num_bins
-        points[:, :, layout.INTENSITY] = intensity / np.maximum(exposure[a, b, None], 1e-6)
-        points[:, :, layout.STD] = std
-        points[:, :, layout.WINDOW] = max(sigma, NARROWEST)
-        points[:, :, layout.SCORE] = score
-        points[score <= threshold] = 0
-        view[row, :, :, col] = points
+    view = layout.crop(state, *frame.shape)                                     # [rows, K, FIELDS, cols]
+    for layer in range(state.shape[1]):
+        seen = frame
+        if layer > 0:
+            seen = replace(frame, matched=layout.crop(kernels.explain(frame.padded, state)[layer], *frame.shape))
+        open_pixels = (frame.exposure > 0) & (view[:, layer, layout.INTENSITY] == 0)
+        if layer > 0:
+            open_pixels &= view[:, 0, layout.INTENSITY] > 0
+        for scale in scales:
+            least = enough if scale == scales[-1] else max(SURE, enough)
+            _search(seen, view, layer, open_pixels, scale, least, kernels)
     return state
+
+
+def _search(frame: Frame, view: np.ndarray, layer: int, open_pixels: np.ndarray, scale, enough: float, kernels) -> None:
+    """Give the open pixels of which one scale is sure their surface, and close them."""
+    rows, cols = frame.shape
+    sigma, step = scale
+    matched, noise, exposure = frame.matched, frame.noise, frame.exposure
+    if sigma > 0:
+        left = open_pixels.astype(np.float32)               # else surfaces grow over pixels that see background alone
+        matched, noise, exposure = matched * left[:, None], noise * left, exposure * left
+        weights = window_weights(sigma, step)
+        matched = kernels.blur(matched, weights, step)
+        noise = kernels.blur(noise[:, None], weights**2, step)[:, 0]
+        exposure = kernels.blur(exposure[:, None], weights, step)[:, 0]
+    squash = 0.5 if sigma > 0 else 1.0
+    depth, intensity = (found[:, 0] for found in kernels.match(matched, frame.energy, frame.cycles, frame.num_bins, 1))
+    score = significance(frame, intensity, noise, squash)
+    found = score > enough
+    row, col = np.nonzero(open_pixels & found[np.ix_(np.arange(rows) // step, np.arange(cols) // step)])
+    a, b = row // step, col // step
+    depth, intensity, score, noise, exposure = (values[a, b] for values in (depth, intensity, score, noise, exposure))
+    points = np.zeros((len(row), layout.FIELDS), np.float32)
+    points[:, layout.DEPTH] = depth % frame.num_bins
+    points[:, layout.INTENSITY] = intensity / np.maximum(exposure, 1e-6)
+    points[:, layout.STD] = depth_std(frame, intensity, noise, squash)
+    points[:, layout.WINDOW] = max(sigma, NARROWEST)
+    points[:, layout.SCORE] = score
+    if layer > 0:
+        new = _is_new(frame, view[row, :layer, :, col], points)
+        row, col, points = row[new], col[new], points[new]
+    open_pixels[row, col] = False
+    view[row, layer, :, col] = points
+
+
+def _is_new(frame: Frame, known: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Which points [N, FIELDS] are surfaces of their own beside the known ones [N, k, FIELDS] of their pixels."""
+    apart = known[:, :, layout.DEPTH] - points[:, None, layout.DEPTH]
+    apart = np.abs((apart + frame.num_bins / 2) % frame.num_bins - frame.num_bins / 2)
+    resolved = (apart > 4 * frame.resolution_bins) | (known[:, :, layout.INTENSITY] == 0)
+    return resolved.all(axis=1) & (points[:, layout.INTENSITY] > FAINTEST * known[:, 0, layout.INTENSITY])
 
 
 def significance(frame: Frame, signal: np.ndarray, noise: np.ndarray, squash: float) -> np.ndarray:

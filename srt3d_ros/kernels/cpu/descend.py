@@ -286,6 +286,19 @@ def _explain(matched, exposure, energy, cycles, state, rest):
                             rest[k, i, m + l, j] -= known * energy[l] * sine
 
 
+def explain(data, state):
+    """What is left of the pixels' sketches for each of their surfaces when the others are taken out.
+
+    Returns:
+        float32 [K, rows', 2m, cols'].
+    """
+    if state.shape[1] == 1:
+        return data.matched[None]
+    rest = np.empty((state.shape[1], *data.matched.shape), np.float32)
+    _explain(data.matched, data.exposure, data.energy, data.cycles, state, rest)
+    return rest
+
+
 def descend(data, state, radius, gate, steps=3):
     """Gradient steps of every point on the sketches pooled around it.
 
@@ -299,12 +312,7 @@ def descend(data, state, radius, gate, steps=3):
     Returns:
         The next state: depth, slopes, intensity (of the pool, per pixel), std and score.
     """
-    surfaces = state.shape[1]
-    if surfaces == 1:
-        sketches = data.matched[None]
-    else:                                    # every surface sees what the others leave unexplained
-        sketches = np.empty((surfaces, *data.matched.shape), np.float32)
-        _explain(data.matched, data.exposure, data.energy, data.cycles, state, sketches)
+    sketches = explain(data, state)
     after = np.zeros_like(state)
     _descend(sketches.reshape(-1), data.noise.reshape(-1), data.exposure.reshape(-1), data.energy, data.cycles,
              data.num_bins, data.moments, F32(gate), radius, steps, state.shape, state.reshape(-1), after.reshape(-1))

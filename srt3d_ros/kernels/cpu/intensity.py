@@ -3,30 +3,22 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY
-from srt3d_ros.kernels.cpu.arithmetic import TINY, ZERO, parallel, sincos
+from srt3d_ros.core.layout import INTENSITY
+from srt3d_ros.kernels.cpu.arithmetic import TINY, ZERO, parallel
+from srt3d_ros.kernels.cpu.evidence import own_response
 
 
 @parallel
 def _own_intensity(matched, exposure, energy, cycles, state, out):
     tall, surfaces, _, wide = state.shape
-    m = len(energy)
     total = energy.sum()
     for i in prange(tall):
         for k in range(surfaces):
             for j in range(wide):
                 out[i, k, j] = ZERO
-                if state[i, k, INTENSITY, j] <= ZERO:
-                    continue
-                value = ZERO
-                for l in range(m):
-                    sine, cosine = sincos(cycles[l] * state[i, k, DEPTH, j])
-                    value += matched[i, l, j] * cosine + matched[i, m + l, j] * sine
-                    for o in range(surfaces):
-                        if o != k and state[i, o, INTENSITY, j] > ZERO:
-                            _, apart = sincos(cycles[l] * (state[i, o, DEPTH, j] - state[i, k, DEPTH, j]))
-                            value -= state[i, o, INTENSITY, j] * exposure[i, j] * energy[l] * apart
-                out[i, k, j] = value / (total * max(exposure[i, j], TINY))
+                if state[i, k, INTENSITY, j] > ZERO:
+                    response = own_response(matched, exposure, energy, cycles, state, i, k, j)
+                    out[i, k, j] = response / (total * max(exposure[i, j], TINY))
 
 
 def own_intensity(data, state):

@@ -5,163 +5,217 @@ from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
+from srt3d_ros.kernels.cpu.evidence import evidence, nats
 
-PRIOR = F32(1)               # nats that a neighbour's vote is worth, at most
+REACH = 2                    # pixels: of the neighbourhood that votes
+BELIEF = F32(0.3)            # nats that a neighbour's vote is worth before its own photons are asked
+VOTES = (F32(-0.5), F32(1))  # nats that it is worth at least and at most
+ENOUGH = 3                   # neighbours that must agree on a new surface
+CREATE = F32(0.6)            # nats in favour of a new surface
+ALONE = F32(0.5)             # nats that a neighbour with fewer surfaces speaks against a further one
 FILL_WINDOW = F32(2)         # pixels: window of a point that an empty pixel got from its neighbours
-ENOUGH = 4                   # points of a 3 × 3 neighbourhood that carry a new or a second surface
-NEAR = tuple(F32(np.exp(-d / (2 * 1.2**2))) for d in range(3))    # a vote's weight by squared distance
+NEVER = F32(-1e30)
+NEAR = tuple(F32(np.exp(-d / (2 * 1.2**2))) for d in range(2 * REACH**2 + 1))     # a vote's weight by squared distance
 
-# Columns of the candidates' integer table.
-ROW, COL, SURFACE, OWN, FREE = range(5)
+# Columns of the candidates' tables.
+ROW, COL, SURFACE, COUNT, OWN, FREE = range(6)
+AT, VARIANCE, WEIGHT, VOTE = range(4)
 
 
 @inline
-def _candidates(i, j, state, gate, blur2, period, t, v, w, info):
-    """Collect the surfaces of the 3 × 3 neighbourhood, carried to pixel (i, j) along their planes.
+def _surfaces(state, i, j):
+    """How many surfaces pixel (i, j) has."""
+    count = 0
+    for k in range(state.shape[1]):
+        count += 1 if state[i, k, INTENSITY, j] > ZERO else 0
+    return count
 
-    Returns how many there are, how many are the pixel's own, and whether they are not all one surface.
-    """
-    found, own, differ = 0, 0, False
-    for di in range(-1, 2):
-        for dj in range(-1, 2):
+
+@inline
+def _candidates(i, j, reach, state, own, gate, blur2, values, info):
+    """Collect the surfaces of a neighbourhood, carried to pixel (i, j) along their planes; returns how many."""
+    found = 0
+    for di in range(-reach, reach + 1):
+        for dj in range(-reach, reach + 1):
             a, b = i + di, j + dj
+            count = _surfaces(state, a, b)
             for k in range(state.shape[1]):
                 if state[a, k, INTENSITY, b] > ZERO:
                     rise = state[a, k, SLOPE_COL, b] * F32(dj) + state[a, k, SLOPE_ROW, b] * F32(di)
-                    t[found] = state[a, k, DEPTH, b] - rise
-                    v[found] = gate * state[a, k, STD, b] * state[a, k, STD, b] + blur2
-                    w[found] = NEAR[abs(di) + abs(dj)]
+                    values[found, AT] = state[a, k, DEPTH, b] - rise
+                    values[found, VARIANCE] = gate * state[a, k, STD, b] * state[a, k, STD, b] + blur2
+                    weight = NEAR[di * di + dj * dj]
+                    values[found, WEIGHT] = weight
+                    values[found, VOTE] = weight * min(max(BELIEF + own[a, k, b], VOTES[0]), VOTES[1])
                     info[found, ROW], info[found, COL], info[found, SURFACE] = a, b, k
+                    info[found, COUNT], info[found, FREE] = count, 1
                     info[found, OWN] = 1 if di == 0 and dj == 0 else 0
-                    info[found, FREE] = 1
-                    own += info[found, OWN]
-                    e = wrap(t[found] - t[0], period)
-                    differ = differ or e * e > v[found] + v[0]
                     found += 1
-    return found, own, differ
+    return found
 
 
 @inline
-def _agreement(q, c, t, v, period):
+def _agreement(q, c, values, period):
     """How far two candidates are one surface, 0 … 1, and their difference in depth."""
-    e = wrap(t[q] - t[c], period)
-    return max(ONE - e * e / (v[q] + v[c]), ZERO), e
+    e = wrap(values[q, AT] - values[c, AT], period)
+    return max(ONE - e * e / (values[q, VARIANCE] + values[c, VARIANCE]), ZERO), e
 
 
 @inline
-def _judge(c, found, t, v, w, info, rest, total, cycles, noise, period):
-    """Evidence for candidate c: log-likelihood gain of the pixel's own photons, plus the neighbours' votes.
-
-    Returns the evidence, the depth it holds for, how many candidates agree, and which of them is the pixel's own or −1.
-    """
-    votes, shift, count, mine = ZERO, ZERO, 0, -1
+def _differ(found, values, period):
+    """Whether the candidates are not all one surface."""
+    differ = False
     for q in range(found):
-        close, e = _agreement(q, c, t, v, period)
-        if info[q, FREE] == 1 and close > ZERO:
-            votes += w[q] * close
-            shift += w[q] * close * e
-            count += 1
-            if info[q, OWN] == 1:
-                mine = q
-    at = t[mine] if mine >= 0 else t[c] + shift / votes
-    value, m = ZERO, len(cycles)
-    for l in range(m):
-        sine, cosine = sincos(cycles[l] * at)
-        value += rest[l] * cosine + rest[m + l] * sine
-    value = max(value, ZERO)
-    return value * value / (total * max(noise, ONE)) + PRIOR * votes, at, count, mine
+        close, _ = _agreement(q, 0, values, period)
+        differ = differ or close <= ZERO
+    return differ
 
 
 @inline
-def _join(c, found, at, state, t, v, w, info, period, record):
+def _support(c, k, found, values, info, state, period):
+    """What the neighbourhood says of candidate c as the pixel's surface k.
+
+    Returns the votes (nats), depth, intensity, number of agreeing candidates, and which is the pixel's own or −1.
+    """
+    votes, shift, weight, intensity, count, mine = ZERO, ZERO, ZERO, ZERO, 0, -1
+    for q in range(found):
+        close, e = _agreement(q, c, values, period)
+        w = values[q, WEIGHT]
+        if k > 0 and info[q, OWN] == 0 and info[q, COUNT] <= k:
+            votes -= w * ALONE / F32(info[q, COUNT])
+        elif info[q, FREE] == 1 and close > ZERO:
+            votes += values[q, VOTE] * close if info[q, OWN] == 0 else ZERO
+        if info[q, FREE] == 1 and close > ZERO:
+            mine = q if info[q, OWN] == 1 else mine
+            weight += w * close
+            shift += w * close * e
+            intensity += w * close * state[info[q, ROW], info[q, SURFACE], INTENSITY, info[q, COL]]
+            count += 1
+    at, intensity = values[c, AT] + shift / weight, intensity / weight
+    if mine >= 0:
+        at = values[mine, AT]
+        intensity = state[info[mine, ROW], info[mine, SURFACE], INTENSITY, info[mine, COL]]
+    return votes, at, intensity, count, mine
+
+
+@inline
+def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, cycles, period, total, greatest, worth,
+          moments):
+    """The free candidate with the most evidence, above `least`, or −1: own photons and the neighbours' votes.
+
+    Only candidates of the 3 × 3 neighbourhood are chosen from: farther ones vote.
+    """
+    best, evidence, own, at, mine, m = -1, least, ZERO, ZERO, -1, len(cycles)
+    for c in range(found):
+        if info[c, FREE] == 0 or abs(info[c, ROW] - i) > 1 or abs(info[c, COL] - j) > 1:
+            continue
+        votes, where, intensity, count, its = _support(c, k, found, values, info, state, period)
+        response = ZERO
+        for l in range(m):
+            sine, cosine = sincos(cycles[l] * where)
+            response += rest[l] * cosine + rest[m + l] * sine
+        photonic = nats(response, photons, intensity * exposure, total, greatest, worth, moments)
+        if photonic + votes > evidence and (its >= 0 or count >= ENOUGH):
+            best, evidence, own, at, mine = c, photonic + votes, photonic, where, its
+    return best, own, at, mine
+
+
+@inline
+def _join(c, found, at, state, values, info, period, record):
     """Spend the candidates that agree with c; write their mean, at depth `at`, into `record`."""
     record[:] = ZERO
     weight = ZERO
     for q in range(found):
-        close, _ = _agreement(q, c, t, v, period)
+        close, _ = _agreement(q, c, values, period)
         if info[q, FREE] == 1 and close > ZERO:
             info[q, FREE] = 0
-            weight += w[q] * close
+            w = values[q, WEIGHT] * close
+            weight += w
             for f in range(len(record)):
-                record[f] += w[q] * close * state[info[q, ROW], info[q, SURFACE], f, info[q, COL]]
+                record[f] += w * state[info[q, ROW], info[q, SURFACE], f, info[q, COL]]
     for f in range(len(record)):
         record[f] /= weight
     record[DEPTH] = at - period * np.floor(at / period)
 
 
 @inline
-def _best(found, enough, t, v, w, info, rest, total, cycles, noise, period):
-    """The free candidate with the most evidence among those that `enough` candidates agree on, or −1."""
-    best, best_evidence, best_at, best_mine = -1, -ONE, ZERO, -1
-    for c in range(found):
-        if info[c, FREE] == 1:
-            evidence, at, count, mine = _judge(c, found, t, v, w, info, rest, total, cycles, noise, period)
-            if evidence > best_evidence and count >= enough:
-                best, best_evidence, best_at, best_mine = c, evidence, at, mine
-    return best, best_at, best_mine
+def _explain(rest, record, exposure, energy, cycles):
+    """Take a surface's share out of a pixel's sketch."""
+    m = len(energy)
+    for l in range(m):
+        sine, cosine = sincos(cycles[l] * record[DEPTH])
+        known = record[INTENSITY] * exposure * energy[l]
+        rest[l] -= known * cosine
+        rest[m + l] -= known * sine
 
 
 @parallel
-def _propose(matched, noise, exposure, energy, cycles, num_bins, gate, blur2, window, before, after):
+def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth, moments, gate, blur2, window, fill,
+             before, own_before, after, own_after):
     tall, surfaces, fields, wide = before.shape
-    m = len(energy)
-    period = F32(num_bins)
-    total = energy.sum()
-    most = 9 * surfaces
+    period, total = F32(num_bins), energy.sum()
+    most = (2 * REACH + 1)**2 * surfaces
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
-        t, v, w = np.empty(most, np.float32), np.empty(most, np.float32), np.empty(most, np.float32)
-        info = np.empty((most, 5), np.int64)
-        rest, record = np.empty(2 * m, np.float32), np.empty(fields, np.float32)
-        for k in range(surfaces):
-            after[i, k] = before[i, k]
-            for j in range(MARGIN, wide - MARGIN):
-                after[i, k, WINDOW, j] = max(before[i, k, WINDOW, j], window)
+        values, info = np.empty((most, 4), np.float32), np.empty((most, 6), np.int64)
+        rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
+        after[i], own_after[i] = before[i], own_before[i]
         for j in range(MARGIN, wide - MARGIN):
-            if exposure[i, j] <= ZERO:
-                continue
-            found, own, differ = _candidates(i, j, before, gate, blur2, period, t, v, w, info)
-            if (own > 0 and not differ) or (own == 0 and found < ENOUGH):
-                continue
-            rest[:] = matched[i, :, j]
             for k in range(surfaces):
-                c, at, mine = _best(found, 1 if k == 0 else ENOUGH, t, v, w, info, rest, total, cycles, noise[i, j],
-                                    period)
+                after[i, k, WINDOW, j] = max(before[i, k, WINDOW, j], window)
+            had = _surfaces(before, i, j)
+            if exposure[i, j] <= ZERO or (fill and had > 0):
+                continue
+            found = _candidates(i, j, 1, before, own_before, gate, blur2, values, info)
+            if found < ENOUGH if had == 0 else had == 1 and not _differ(found, values, period):
+                continue
+            found = _candidates(i, j, REACH, before, own_before, gate, blur2, values, info)
+            rest[:] = matched[i, :, j]
+            photons = noise[i, j]
+            for k in range(surfaces):
+                least = CREATE if k > 0 or had == 0 else NEVER
+                c, own, at, mine = _best(k, least, i, j, found, values, info, before, rest, photons, exposure[i, j],
+                                         cycles, period, total, greatest, worth, moments)
                 if c < 0:
-                    after[i, k, INTENSITY, j] = ZERO
+                    after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
                     continue
-                _join(c, found, at, before, t, v, w, info, period, record)
+                _join(c, found, at, before, values, info, period, record)
                 if mine >= 0:
                     record[:] = before[i, info[mine, SURFACE], :, j]
                     record[WINDOW] = max(record[WINDOW], window)
                 else:
-                    record[WINDOW] = window if own > 0 else max(window, FILL_WINDOW)
-                after[i, k, :, j] = record
-                for l in range(m):
-                    sine, cosine = sincos(cycles[l] * record[DEPTH])
-                    known = record[INTENSITY] * exposure[i, j] * energy[l]
-                    rest[l] -= known * cosine
-                    rest[m + l] -= known * sine
+                    record[WINDOW] = window if had > 0 else max(window, FILL_WINDOW)
+                after[i, k, :, j], own_after[i, k, j] = record, own
+                photons -= record[INTENSITY] * exposure[i, j]
+                _explain(rest, record, exposure[i, j], energy, cycles)
 
 
-def propose(data, state, window, gate):
-    """Let surfaces spread and compete: a pixel takes the neighbouring surface that its own photons speak for.
+def propose(data, state, window, gate, spread):
+    """Let surfaces compete and spread: a pixel takes the neighbouring surface that photons speak for.
 
-    A pixel without a surface gets one if four neighbours have it; a pixel at an edge chooses again between both sides;
-    a second surface in a pixel stays only while four points of the neighbourhood carry it.
+    The evidence for a surface is that of the pixel's own photons (`evidence.nats`) and a vote from each pixel around
+    that shows the surface, worth more the more its own photons speak for it: so what is known of a boundary decides
+    where it runs through pixels with no photons. A pixel at an edge chooses again between both sides; a pixel without a
+    surface gets one if three neighbours have it and the evidence is for it. A further surface needs evidence against
+    neighbours that have fewer: so pixels that truly see two surfaces keep both, and edges show no double points.
 
     Args:
-        data: the frame (see `srt3d_ros.core.srt3d.Frame`).
+        data: the frame (see `srt3d_ros.core.frame.Frame`), padded.
         state: float32 [rows', K, FIELDS, cols'].
         window: σ of the neighbourhood that points pool from now on, at least, pixels.
         gate: as in `descend`.
+        spread: pixels by which surfaces may grow into empty pixels after the competition.
 
     Returns:
         The next state.
     """
-    after = np.zeros_like(state)
     # Depths nearer than the sketch can resolve are one surface, whatever their standard deviations.
     blur2 = (TWO * F32(data.resolution_bins))**2
-    _propose(data.matched, data.noise, data.exposure, data.energy, data.cycles, data.num_bins, F32(gate), blur2,
-             F32(window), state, after)
-    return after
+    own = evidence(data, state)
+    for step in range(1 + spread):
+        after, own_after = np.zeros_like(state), np.zeros_like(own)
+        _propose(data.matched, data.noise, data.exposure, data.energy, data.cycles, data.num_bins,
+                 F32(data.greatest_response), data.rarity, data.intensity_moments, F32(gate), blur2, F32(window),
+                 step > 0, state, own, after, own_after)
+        state, own = after, own_after
+    return state

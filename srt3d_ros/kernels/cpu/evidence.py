@@ -1,0 +1,82 @@
+"""How much a pixel's own photons speak for its surfaces."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.core.layout import DEPTH, INTENSITY
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos
+
+LIKENESS = F32(3)            # neighbours' intensities may differ by this factor and still be one surface's
+
+
+@inline
+def nats(response, photons, expected, total, greatest, worth, moments):
+    """Log-likelihood gain of "a surface of about this intensity and background" over "background alone".
+
+    Two terms: how improbable it is that background photons respond like this (`worth`, Chernoff's bound), less how
+    improbable the response is for the surface (half the deviance of the number of its photons, widened by the noise
+    of the background).
+
+    Args:
+        response: of the pixel's photons to the matched filter at the surface's depth.
+        photons: of the pixel, those of its other surfaces left out.
+        expected: signal photons that the surface should give, to within the factor LIKENESS.
+        total, greatest, worth, moments: the Frame's total_energy, greatest_response, rarity and intensity_moments.
+    """
+    response, photons = max(response, ZERO), max(photons, HALF)
+    steps = len(worth) - 1
+    at = min(response / (photons * greatest), ONE) * F32(steps)
+    low = min(int(at), steps - 1)
+    rare = worth[low] + (at - F32(low)) * (worth[low + 1] - worth[low])
+    seen = response / total
+    likely = min(max(seen, expected / LIKENESS), expected * LIKENESS)
+    deviance = likely - seen + (seen * np.log(seen / likely) if seen > ZERO else ZERO)
+    signal, background = likely * moments[0], max(photons - likely, ZERO) * moments[1]
+    return HALF * photons * rare * rare - deviance * signal / (signal + background)
+
+
+@inline
+def own_response(matched, exposure, energy, cycles, state, i, k, j):
+    """Response of pixel (i, j) to the matched filter of its surface k, its other surfaces taken out."""
+    m, response = len(energy), ZERO
+    for l in range(m):
+        sine, cosine = sincos(cycles[l] * state[i, k, DEPTH, j])
+        response += matched[i, l, j] * cosine + matched[i, m + l, j] * sine
+        for o in range(state.shape[1]):
+            if o != k and state[i, o, INTENSITY, j] > ZERO:
+                _, apart = sincos(cycles[l] * (state[i, o, DEPTH, j] - state[i, k, DEPTH, j]))
+                response -= state[i, o, INTENSITY, j] * exposure[i, j] * energy[l] * apart
+    return response
+
+
+@parallel
+def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments, state, out):
+    tall, surfaces, _, wide = state.shape
+    total = energy.sum()
+    for i in prange(tall):
+        for k in range(surfaces):
+            for j in range(wide):
+                out[i, k, j] = ZERO
+                if state[i, k, INTENSITY, j] > ZERO and exposure[i, j] > ZERO:
+                    photons = noise[i, j]
+                    for o in range(surfaces):
+                        photons -= state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
+                    response = own_response(matched, exposure, energy, cycles, state, i, k, j)
+                    out[i, k, j] = nats(response, photons, state[i, k, INTENSITY, j] * exposure[i, j], total, greatest,
+                                        worth, moments)
+
+
+def evidence(data, state):
+    """Log-likelihood gain of every point by its own pixel's photons, nats.
+
+    Args:
+        data: the frame (see `srt3d_ros.core.frame.Frame`), padded.
+        state: float32 [rows', K, FIELDS, cols'].
+
+    Returns:
+        float32 [rows', K, cols'], 0 where there is no point.
+    """
+    out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
+    _evidence(data.matched, data.noise, data.exposure, data.energy, data.cycles, F32(data.greatest_response),
+              data.rarity, data.intensity_moments, state, out)
+    return out
