@@ -73,7 +73,7 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
         float64 [N], bins; infinite where the IRF passes none of the frequencies.
     """
     k = np.asarray(frequencies)
-    cells = 2**int(np.ceil(np.log2(OVERSAMPLING * k.max())))
+    cells = 2**int(np.floor(np.log2(OVERSAMPLING * k.max())) + 1)          # above, as q² reaches twice as high
     step = num_bins / cells
     omega = 2 * np.pi * k / num_bins
     energy = np.abs(spectrum[k])**2
