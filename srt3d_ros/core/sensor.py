@@ -46,6 +46,8 @@ class SensorModel:
         gain: float32 [rows, cols], relative detection efficiency; 1 if absent.
         delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late; 0 if absent.
         mask: bool [rows, cols], False where a pixel must not be used (hot, dead); all True if absent.
+        background_shape: float32 [T], how background photons spread over the bins of a pixel without delay;
+            non-negative, not all zero, normalised to sum 1 here; evenly if absent.
         projection: Pinhole or AngularScan; a pinhole of 30° across the larger side unless given.
         gates: ToA words of a gated array, for the `gates` topic.
         frame_id: the sensor's frame in tf.
@@ -65,6 +67,7 @@ class SensorModel:
     gain: np.ndarray | None = None
     delay_bins: np.ndarray | None = None
     mask: np.ndarray | None = None
+    background_shape: np.ndarray | None = None
     projection: Projection | None = None
     gates: GateWords | None = None
     frame_id: str = "lidar"
@@ -86,6 +89,8 @@ class SensorModel:
         require(0 <= ref < self.irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {self.irf.shape[-1] - 1}")
         object.__setattr__(self, "irf_ref", ref)
         self._check_maps()
+        if self.background_shape is not None:
+            object.__setattr__(self, "background_shape", self._checked_background())
         if self.projection is None:
             object.__setattr__(self, "projection", Pinhole.from_fov(self.rows, self.cols))
 
@@ -95,13 +100,12 @@ class SensorModel:
         require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == pixels), "irf shape",
                 irf.shape, f"[L], or [{pixels}, L] for an IRF per pixel")
         require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
-        require(bool(((irf >= 0) & (irf <= np.finfo(np.float32).max)).all()), "irf",
-                "negative or not finite in places", "finite float32 values of 0 or more (remove the baseline)")
-        total = irf.sum(axis=-1, keepdims=True)
-        require(bool((total > 0).all()), "irf", "all zero", "some response")
-        if not np.allclose(total, 1, rtol=0, atol=1e-6):    # else already ours: a copy stays the same to the bit
-            irf = irf / total
-        return np.ascontiguousarray(irf, dtype=np.float32)
+        return _normalised("irf", irf, "finite float32 values of 0 or more (remove the baseline)", "some response")
+
+    def _checked_background(self) -> np.ndarray:
+        shape = _array("background_shape", self.background_shape, np.float64)
+        require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape, f"({self.num_bins},), num_bins")
+        return _normalised("background_shape", shape, "finite float32 values of 0 or more", "some background")
 
     def _check_maps(self) -> None:
         shape = (self.rows, self.cols)
@@ -156,6 +160,17 @@ def _same(a, b) -> bool:
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return a is not None and b is not None and np.array_equal(a, b)
     return a == b
+
+
+def _normalised(name: str, density: np.ndarray, range_wanted: str, sum_wanted: str) -> np.ndarray:
+    """float32 densities along the last axis, of sum 1."""
+    require(bool(((density >= 0) & (density <= np.finfo(np.float32).max)).all()), name,
+            "negative or not finite in places", range_wanted)
+    total = density.sum(axis=-1, keepdims=True)
+    require(bool((total > 0).all()), name, "all zero", sum_wanted)
+    if not np.allclose(total, 1, rtol=0, atol=1e-6):        # else already ours: a copy stays the same to the bit
+        density = density / total
+    return np.ascontiguousarray(density, dtype=np.float32)
 
 
 def _integer(name: str, value) -> int:

@@ -14,7 +14,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa", "irf")
 SCALARS = ("irf_ref", "toa_offset_bins", "range_offset_m")
-MAPS = ("gain", "delay_bins", "mask")
+MAPS = ("gain", "delay_bins", "mask", "background_shape")
 PROJECTIONS = {"pinhole": (Pinhole, ("fx", "fy", "cx", "cy")),
                "angular_scan": (AngularScan, ("azimuth_start_rad", "azimuth_step_rad",
                                               "elevation_start_rad", "elevation_step_rad"))}

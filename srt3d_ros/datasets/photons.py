@@ -38,7 +38,9 @@ class Photons:
         require(first + bins <= self.sensor.num_bins, "gate", f"{first}, {bins}",
                 f"first bin and number of bins within the {self.sensor.num_bins} bins of the file")
         events, note = gate_events(self.frame, first, bins)
-        sensor = self.sensor.replace(num_bins=bins, toa_offset_bins=self.sensor.toa_offset_bins + first)
+        shape = self.sensor.background_shape
+        sensor = self.sensor.replace(num_bins=bins, toa_offset_bins=self.sensor.toa_offset_bins + first,
+                                     background_shape=None if shape is None else shape[first:first + bins])
         reference = self.reference_depth_bins
         if reference is not None:
             moved = reference - np.float32(first)

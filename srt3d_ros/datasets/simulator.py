@@ -18,7 +18,8 @@ class Simulator:
     The photons of pixel (i, j) are a Poisson process over the T bins (Tachella, Sheehan and Davies, ICASSP 2022,
     eq. 1 and 2, with the gain of RT3D): Σ_k r_ijk h(x − t_ijk) + b, times the pixel's gain, wrapped modulo T, with
     the IRF h of sum 1, `irf[irf_ref]` on the depth. Depths fall between bins: h is then shifted by linear
-    interpolation. r is the scene's reflectivity times a constant; the background b is uniform over bins and pixels.
+    interpolation. r is the scene's reflectivity times a constant; the background b is uniform over pixels, and over
+    bins unless the sensor has a background_shape.
 
     That constant and b are set once, on frame 0, over the pixels that the sensor's mask leaves in:
         ppp = mean over pixels of the expected photons per frame, signal and background together;
@@ -110,10 +111,21 @@ class Simulator:
         toa = self._draw_irf(pixel, random)
         toa += start
         stray = np.flatnonzero(np.isnan(start))
-        toa[stray] = random.integers(0, sensor.num_bins, len(stray))
+        toa[stray] = self._draw_background(pixel[stray], random)
         bins = np.floor(toa).astype(np.int32)
         bins %= sensor.num_bins
         return pixel, bins.astype(np.uint16)
+
+
+    def _draw_background(self, pixel: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """Bins of background photons, not yet wrapped."""
+        sensor = self.sensor
+        if sensor.background_shape is None:
+            return random.integers(0, sensor.num_bins, len(pixel))
+        cumulative = np.cumsum(sensor.background_shape, dtype=np.float64)
+        bins = np.searchsorted(cumulative, random.random(len(pixel)) * cumulative[-1], side="right")
+        late = 0 if sensor.delay_bins is None else sensor.delay_bins.reshape(-1)[pixel]
+        return bins + random.random(len(pixel)) + late
 
 
 class _IrfSampler:

@@ -44,6 +44,9 @@ REFUSED = [
     ("delay_bins", np.zeros((2, 2)), "delay_bins shape"), ("delay_bins", holed(np.nan), "delay_bins"),
     ("delay_bins", "late", "delay_bins"), ("mask", np.ones((2, 3, 1), bool), "mask shape"),
     ("mask", np.ones((4, 6), bool), "mask shape"),
+    ("background_shape", np.ones(49), "background_shape shape"), ("background_shape", np.zeros(50), "background_shape"),
+    ("background_shape", np.ones((1, 50)), "background_shape shape"),
+    ("background_shape", np.arange(-1, 49), "background_shape"), ("background_shape", "even", "background_shape"),
 ]
 
 
@@ -78,6 +81,13 @@ def test_irf_is_normalised_and_the_peak_marks_the_depth():
     assert sensor.irf.dtype == np.float32 and sensor.irf.tolist() == pytest.approx([0, 1 / 6, 1 / 2, 1 / 3])
     assert sensor.irf_ref == 2
     assert make(irf_ref=0).irf_ref == 0
+
+
+def test_background_shape_is_normalised_and_kept_to_the_bit():
+    sensor = make(background_shape=np.arange(50))
+    assert sensor.background_shape.dtype == np.float32 and sensor.background_shape.sum() == pytest.approx(1)
+    assert np.array_equal(sensor.replace(rows=3).background_shape, sensor.background_shape)
+    assert make().background_shape is None and not sensor.same_as(make())
 
 
 def test_irf_of_each_pixel_is_normalised_and_the_peak_of_their_sum_marks_the_depth():
@@ -128,10 +138,11 @@ def test_it_cannot_be_changed():
 
 FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.full(SHAPE, 2.0),
         "delay_bins": np.ones(SHAPE), "mask": np.eye(2, 3, dtype=bool), "projection": Pinhole(1, 1, 0, 0),
-        "gates": GateWords(1, 0), "frame_id": "spad"}
+        "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50)}
 OTHER = {"rows": 3, "cols": 2, "num_bins": 51, "bin_width_s": 2e-10, "irf": [1.0, 3, 2, 0], "irf_ref": 0,
          "toa_offset_bins": 7.25, "range_offset_m": 0.2, "gain": holed(2), "delay_bins": None, "mask": holed(0),
-         "projection": Pinhole(1, 1, 0, 1), "gates": GateWords(0, 1), "frame_id": "other"}
+         "projection": Pinhole(1, 1, 0, 1), "gates": GateWords(0, 1), "frame_id": "other",
+         "background_shape": np.arange(50)}
 
 
 def test_same_as_sees_equal_values_in_other_arrays():
@@ -142,6 +153,7 @@ def test_same_as_sees_equal_values_in_other_arrays():
 @pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(SensorModel)])
 def test_same_as_sees_a_difference_in_every_field(field):
     fitting = {"gain": None, "delay_bins": None, "mask": None} if field in ("rows", "cols") else {}
+    fitting |= {"background_shape": None} if field == "num_bins" else {}
     one, other = make(**(FULL | fitting)), make(**(FULL | fitting | {field: OTHER[field]}))
     assert not one.same_as(other) and not other.same_as(one)
 

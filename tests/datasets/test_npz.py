@@ -33,7 +33,7 @@ def assert_same_sensor(a: SensorModel, b: SensorModel):
     for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
                  "projection", "gates", "frame_id"):
         assert getattr(a, name) == getattr(b, name), name
-    for name in ("gain", "delay_bins", "mask"):
+    for name in ("gain", "delay_bins", "mask", "background_shape"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
@@ -42,8 +42,8 @@ def assert_same_sensor(a: SensorModel, b: SensorModel):
     SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad"),
     SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
                    projection=AngularScan(0.1, -0.2, 0.3, 0.4)),
-    SENSOR.replace(irf=np.random.default_rng(0).random((6, 4))),
-], ids=["plain", "projection, gates, frame", "maps, scanner", "IRF per pixel"])
+    SENSOR.replace(irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins)),
+], ids=["plain", "projection, gates, frame", "maps, scanner", "IRF per pixel, background"])
 def test_everything_comes_back(tmp_path, sensor):
     reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
     reference[1, 0, 0] = np.nan

@@ -66,6 +66,13 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
     assert photons.sensor.range_m(5) == pytest.approx(whole.sensor.range_m(10))
 
 
+def test_a_gate_cuts_the_background_too(path):
+    photons = open_photons(path)
+    npz.save(path, photons.sensor.replace(background_shape=np.arange(50)), photons.frame)
+    expected = np.arange(5, 25) / np.arange(5, 25).sum()
+    np.testing.assert_allclose(open_photons(path, gate=[5, 20]).sensor.background_shape, expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize(("field", "options"), [
     ("gate", {"gate": (40, 20)}), ("num_bins", {"num_bins": 1}), ("toa", {"num_bins": 40}), ("rows", {"rows": 3}),
     ("option name", {"width": 3}), ("irf", {"irf": "response.bin"}), ("irf", {"irf": "absent.npy"}),

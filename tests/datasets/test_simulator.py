@@ -77,6 +77,16 @@ def test_background_is_uniform_over_bins_and_pixels():
     assert chi_square_sigmas(np.bincount(events.pixel, minlength=600), np.full(600, 300.0)) < SIGMAS
 
 
+def test_background_has_the_sensors_shape_later_where_pixels_are_late():
+    shape = np.exp(-np.arange(T) / 40)
+    delay = np.where(np.arange(20) < 10, 0.0, 25.0)[:, None] * np.ones(30)
+    sensor = make_sensor(background_shape=shape, delay_bins=delay)
+    events, _ = Simulator(flat_scene(sensor, 80), sensor, sbr=1e-9, ppp=300, seed=4).frame(0)
+    for late, rows in ((0, events.pixel < 300), (25, events.pixel >= 300)):
+        seen, expected = np.bincount(events.toa[rows], minlength=T), np.roll(shape / shape.sum(), late) * 300 * 300
+        assert chi_square_sigmas(seen, expected) < SIGMAS
+
+
 @pytest.mark.parametrize("depth_bins", [80, 80.37, 0.2, 199.6, 3])
 def test_histogram_is_the_shifted_irf_wrapped_modulo_t(depth_bins):
     sensor = make_sensor()

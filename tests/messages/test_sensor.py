@@ -49,7 +49,7 @@ def test_every_field_makes_the_trip():
 
 @pytest.mark.parametrize("changes", [
     {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)}, {"gain": None, "delay_bins": None, "mask": None, "gates": None},
-    {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}])
+    {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}, {"background_shape": np.arange(100)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)
     assert sensor.from_json(sensor.to_json(content)).same_as(content)
