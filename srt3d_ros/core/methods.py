@@ -61,6 +61,8 @@ METHODS = {method.name: method for method in (
            "consecutive", ("false_alarm_rate", "weighting")),
     Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.peers.xcorr:XCORR",
            options=("false_alarm_rate",)),
+    Method("rt3d", "RT3D: gradient steps on every time of arrival, APSS denoiser", "photons",
+           "srt3d_ros.core.peers.rt3d:RT3D"),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 

@@ -23,10 +23,13 @@ class DepthInformation:
     def __init__(self, sensor: SensorModel):
         irf = np.atleast_2d(sensor.irf).mean(axis=0).astype(np.float64)
         slope = irf_slope(irf)
-        self._per_photon = np.array([(slope**2 / (irf + ratio)).sum() for ratio in RATIOS])
+        self._per_photon = np.array([max((slope**2 / (irf + ratio)).sum(), 1e-12) for ratio in RATIOS])
 
     def std(self, signal: np.ndarray, background: np.ndarray) -> np.ndarray:
         """Standard deviation of efficient depths, bins, from r and b, photons and photons per bin that were seen."""
         signal = np.maximum(signal, 1e-6)
-        per_photon = np.interp(np.log(np.maximum(background / signal, RATIOS[0])), np.log(RATIOS), self._per_photon)
-        return 1 / np.sqrt(np.maximum(signal * per_photon, 1e-12))
+        return 1 / np.sqrt(signal * self.per_photon(background / signal))
+
+    def per_photon(self, ratio: np.ndarray) -> np.ndarray:
+        """What each signal photon adds, bins⁻², amid a background of b / r per bin."""
+        return np.interp(np.log(np.maximum(ratio, RATIOS[0])), np.log(RATIOS), self._per_photon)

@@ -15,7 +15,8 @@ from srt3d_ros.core.peers.sketched import SketchedPeer, matched_filter
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.start import score_threshold, significance
 
-STEPS = 10          # each halves what is left of the error
+STEPS = 10
+RATE = 0.5          # each step halves what is left of the error
 
 
 class SMLE(SketchedPeer):
@@ -37,7 +38,7 @@ class SMLE(SketchedPeer):
         """Maximum likelihood depths and intensities, [rows, K, cols]."""
         depth, intensity = matched_filter(frame, self.surfaces, self.kernels)
         for _ in range(STEPS):
-            self.kernels.pixelwise(frame, self.steps.table, 0.0, depth, intensity)
+            self.kernels.pixelwise(frame, self.steps.table, RATE, 0.0, depth, intensity)
         if self.false_alarm_rate is not None:
             score = significance(frame, intensity * frame.exposure[:, None], frame.noise[:, None], 1.0)
             intensity[score <= score_threshold(self.false_alarm_rate, frame)] = 0

@@ -5,14 +5,15 @@
 
 It minimises Σ_ij n_ij (z_ij − Ψ_θij)ᵀ W (z_ij − Ψ_θij) + ρ(θ): matched filter on each pixel's sketch, 5 gradient steps,
 then 25 iterations of gradient step, hard threshold on intensity and APSS. Frequencies 1 … m and W = identity are the
-paper's. Its step sizes are numbers tuned for each data set; here they are half the inverse curvature of the data term,
-in depth that at the mean intensity for weaker points, as one step size for all pixels has it.
+paper's. Its step sizes are tuned for each data set; here they are half the inverse curvature of the data term in
+intensity and a quarter of it in depth, there that at the mean intensity for weaker points, as if one step size held for
+all pixels.
 """
 
 import numpy as np
 
 from srt3d_ros.core.frame import Frame
-from srt3d_ros.core.peers.plug_and_play import FAINTEST, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.peers.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.peers.sketched import SketchedPeer, matched_filter
 from srt3d_ros.core.sensor import SensorModel
 
@@ -39,7 +40,7 @@ class SRT3DPaper(SketchedPeer):
         usual = usual_intensity(intensity, frame.exposure)
 
         def step(depth, intensity):
-            self.kernels.pixelwise(frame, self.steps.table, usual, depth, intensity)
+            self.kernels.pixelwise(frame, self.steps.table, RATE, usual, depth, intensity)
 
         for _ in range(STEPS_BEFORE):
             step(depth, intensity)

@@ -5,12 +5,14 @@ depend on its photons, and results do not depend on the number of threads: no su
 """
 
 from srt3d_ros.kernels.cpu.apss import apss
-from srt3d_ros.kernels.cpu.descend import descend
+from srt3d_ros.kernels.cpu.descend import descend, explain
+from srt3d_ros.kernels.cpu.evidence import evidence
 from srt3d_ros.kernels.cpu.intensity import own_intensity
 from srt3d_ros.kernels.cpu.pixelwise import pixelwise
+from srt3d_ros.kernels.cpu.poisson import poisson
 from srt3d_ros.kernels.cpu.propose import propose
 from srt3d_ros.kernels.cpu.sketch import sketch_continuous, sketch_gates, sketch_unsorted
 from srt3d_ros.kernels.cpu.start import blur, match
 
-__all__ = ["apss", "blur", "descend", "match", "own_intensity", "pixelwise", "propose", "sketch_continuous",
-           "sketch_gates", "sketch_unsorted"]
+__all__ = ["apss", "blur", "descend", "evidence", "explain", "match", "own_intensity", "pixelwise", "poisson",
+           "propose", "sketch_continuous", "sketch_gates", "sketch_unsorted"]

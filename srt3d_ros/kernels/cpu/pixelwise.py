@@ -5,7 +5,7 @@ from numba import prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos
 
-RATE = HALF         # of a Gauss-Newton step: the points of a pixel move together, on data that are not quadratic
+RATE = HALF         # of a Gauss-Newton step in intensity: the points of a pixel change together
 
 
 @inline
@@ -35,7 +35,7 @@ def _errors(k, rest, table, level, sine, cosine, shift, change):
 
 
 @parallel
-def _pixelwise(matched, photons, exposure, energy, cycles, num_bins, table, usual, reach, depth, intensity):
+def _pixelwise(matched, photons, exposure, energy, cycles, num_bins, table, rate, usual, reach, depth, intensity):
     rows, surfaces, cols = depth.shape
     m, levels = len(energy), table.shape[0]
     for i in prange(rows):
@@ -58,26 +58,27 @@ def _pixelwise(matched, photons, exposure, energy, cycles, num_bins, table, usua
                     after = intensity[i, k, j] + RATE * change[j] / seen
                     signal = max(intensity[i, k, j], after) * seen
                     least = max(signal, usual * seen)
-                    move = min(max(RATE * shift[j] * signal / (least * least + TINY), -reach), reach)
+                    move = min(max(rate * shift[j] * signal / (least * least + TINY), -reach), reach)
                     t = depth[i, k, j] + move
                     depth[i, k, j] = t - num_bins * np.floor(t / num_bins)
                     intensity[i, k, j] = max(after, ZERO)
 
 
-def pixelwise(data, table, usual, depth, intensity):
-    """One gradient step in depth and intensity on n (z − Ψ_θ)ᵀ W (z − Ψ_θ), in place: half the inverse curvature.
+def pixelwise(data, table, rate, usual, depth, intensity):
+    """One gradient step in depth and intensity on n (z − Ψ_θ)ᵀ W (z − Ψ_θ), in place.
 
     With d_l = (what the points of the pixel leave of matched_l) · exp(−i ω_l t), a linear function of d, the gradient
-    over the curvature, estimates r · (error of t) and the error of r (see `srt3d_ros.core.peers.weighting`). In depth
-    the curvature is r² times a constant; for weak points that of the usual intensity bounds it, so that noise does not
-    throw them about.
+    over the curvature, estimates r · (error of t) and the error of r (see `srt3d_ros.core.peers.weighting`). Half of
+    the latter is the step in intensity. In depth the curvature is r² times a constant; for weak points that of the
+    usual intensity bounds it, so that noise does not throw them about.
 
     Args:
         data: the frame (see `srt3d_ros.core.frame.Frame`), not padded.
         table: float32 [levels, 4, m], weights of Re d and Im d for depth, then for intensity, for shares of signal
             from 0 to 1 of the pixel's photons.
+        rate: of the full step, for depths.
         usual: intensity below which points move less than their curvature allows; 0 for none.
         depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
     """
     _pixelwise(data.matched, data.noise, data.exposure, data.energy, data.cycles, F32(data.num_bins), table,
-               F32(usual), F32(data.resolution_bins), depth, intensity)
+               F32(rate), F32(usual), F32(data.resolution_bins), depth, intensity)

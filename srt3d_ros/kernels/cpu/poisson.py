@@ -1,0 +1,90 @@
+"""Gradient steps of every point on the Poisson likelihood of its pixel's times of arrival."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel
+
+RATE = HALF         # of a step by the inverse curvature, in log-intensity
+
+
+@inline
+def _irf_at(place, irf, slope, num_bins):
+    """h and h′ at `place`, an index into the IRF between entries, modulo T; 0 outside."""
+    place -= num_bins * np.floor(place / num_bins)
+    if place > num_bins - ONE:
+        place -= num_bins                                   # rises from 0 before the first entry
+    low = int(np.floor(place))
+    part = place - F32(low)
+    value, rise, length = ZERO, ZERO, len(irf)
+    if 0 <= low < length:
+        value += (ONE - part) * irf[low]
+        rise += (ONE - part) * slope[low]
+    if 0 <= low + 1 < length:
+        value += part * irf[low + 1]
+        rise += part * slope[low + 1]
+    return value, rise
+
+
+@parallel
+def _poisson(starts, toa, irf, slope, ref, information, num_bins, exposure, background, rate, usual, depth, intensity,
+             stray):
+    rows, surfaces, cols = depth.shape
+    reach = ONE / np.sqrt(information)
+    for i in prange(rows):
+        value, rise = np.empty(surfaces, np.float32), np.empty(surfaces, np.float32)
+        signal, score = np.empty(surfaces, np.float32), np.empty(surfaces, np.float32)
+        for j in range(cols):
+            p = i * cols + j
+            seen = exposure[i, j]
+            stray[i, j] = ZERO
+            if seen <= ZERO:
+                continue
+            own = p if len(irf) > 1 else 0
+            signal[:], score[:] = ZERO, ZERO
+            for photon in range(starts[p], starts[p + 1]):
+                total = background[i, j]
+                for k in range(surfaces):
+                    value[k], rise[k] = ZERO, ZERO
+                    if intensity[i, k, j] > ZERO:
+                        value[k], rise[k] = _irf_at(toa[photon] - depth[i, k, j] + ref, irf[own], slope[own], num_bins)
+                        total += intensity[i, k, j] * value[k]
+                if total > ZERO:
+                    stray[i, j] += background[i, j] / total
+                    for k in range(surfaces):
+                        signal[k] += intensity[i, k, j] * value[k] / total
+                        score[k] -= intensity[i, k, j] * rise[k] / total
+            for k in range(surfaces):
+                if intensity[i, k, j] > ZERO:
+                    least = max(signal[k], usual * seen)
+                    move = rate * score[k] / (least * information + TINY)
+                    t = depth[i, k, j] + min(max(move, -reach), reach)
+                    depth[i, k, j] = t - num_bins * np.floor(t / num_bins)
+                    expected = intensity[i, k, j] * seen
+                    change = RATE * (signal[k] - expected) / (max(expected, usual * seen) + TINY)
+                    intensity[i, k, j] *= np.exp(min(change, ONE))
+
+
+def poisson(data, background, rate, usual, depth, intensity):
+    """One gradient step in depth and log-intensity on the Poisson likelihood, in place.
+
+    A pixel of gain g expects g (Σ_k r_k h(x − t_k) + b) photons at x. Of each of its photons the share r_k h / (…) is
+    signal of surface k. The sum s_k of these shares makes the gradient g r_k − s_k in log r_k, with curvature g r_k,
+    and the curvature in depth, s_k times the information that a signal photon carries; the gradient over the curvature
+    is the full step. For weak points the curvatures of the usual intensity are taken, so that noise does not throw
+    them about.
+
+    Args:
+        data: the photons and the sensor (see `srt3d_ros.core.peers.rt3d.Likelihood`).
+        background: float32 [rows, cols], b, photons per bin.
+        rate: of the full step, for depths; half of it is taken for intensities.
+        usual: intensity of a usual point.
+        depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
+
+    Returns:
+        float32 [rows, cols], how many of each pixel's photons are background.
+    """
+    stray = np.zeros_like(background)
+    _poisson(data.starts, data.toa, data.irf, data.slope, F32(data.ref), F32(data.information), F32(data.num_bins),
+             data.exposure, background, F32(rate), F32(usual), depth, intensity, stray)
+    return stray
