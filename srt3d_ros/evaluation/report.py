@@ -59,12 +59,12 @@ def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
         lines: dict[str, dict] = {}
         for row in chosen:
             if source == (row["source"] if row["sbr"] else "files"):
-                heading, label = ((f"SBR {row['sbr']}", f"{row['ppp']} photons per pixel") if row["sbr"]
+                heading, label = ((f"SBR {row['sbr']}", f"{row['ppp']} ppp") if row["sbr"]
                                   else ("photon files", row["source"]))
                 lines.setdefault(heading, {})[label] = row["within_nominal_percent"]
         drawn.append(folder / f"calibration_{source}.png")
         draw_calibration(drawn[-1], lines, NOMINAL, GOALS,
-                         f"{source}: errors against the reported standard deviation ({DEFAULT_METHOD}, m = {sizes[0]})")
+                         f"{source}: calibration ({DEFAULT_METHOD}, m = {sizes[0]})")
     return drawn
 
 

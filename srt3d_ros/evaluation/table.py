@@ -56,7 +56,8 @@ def _cells(row: dict) -> list[str]:
     detected = " + ".join(f"{share:.1f}" for share in surfaces) or _shown(row["true_detections_percent"], 1)
     decimals = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
                 "within_2_std_percent": 0}
-    return [row["source"], row["sbr"] or "–", f"{row['photons_per_pixel']:.3g}", row["method"],
+    ppp = row["photons_per_pixel"]
+    return [row["source"], row["sbr"] or "–", f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"],
             row["sketch_size"] or "–", detected, *(_shown(row[name], digits) for name, digits in decimals.items()),
             f"{row['points']:.0f}"]
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
+
+from srt3d_ros.pictures.png import save_png
 
 DPI = 100
 # Told apart with any colour vision (Okabe and Ito, 2008), and by marker and line as well.
@@ -62,7 +63,7 @@ def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence
             _finish(ax, metric, first=k == 0)
     handles = [axes[0, 0].plot([], [], label=line.label, **line.style)[0] for line in lines]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5), frameon=False)
-    figure.savefig(path, dpi=DPI)
+    save_png(figure, path)
 
 
 def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], nominal: Sequence[float],
@@ -88,7 +89,7 @@ def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], 
         ax.set_axisbelow(True)
         ax.legend(loc="upper left", fontsize=8.5, framealpha=0.85)
     axes[0, 0].set_ylabel("observed share of depth errors, %")
-    figure.savefig(path, dpi=DPI)
+    save_png(figure, path)
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,6 @@ def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[_Line]:
 
 def _figure(rows: int, cols: int, width_in: float, height_in: float, title: str) -> tuple[Figure, np.ndarray]:
     figure = Figure((width_in * cols + 0.6, height_in * rows + 1.2), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title, size=13, parse_math=False)
     return figure, figure.subplots(rows, cols, squeeze=False, sharex="all", sharey="row")
 

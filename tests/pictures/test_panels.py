@@ -8,7 +8,7 @@ from PIL import Image
 
 from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
 
-SIDE, LEFT, TOP, ROW, GAP = 270, 14, 84, 348, 8      # of the images, picture elements
+SIDE, LEFT, TOP, ROW, GAP = 240, 14, 84, 318, 8      # of the images, picture elements
 
 
 def image(path, row: int, column: int) -> np.ndarray:
@@ -44,10 +44,10 @@ def test_clouds_stand_beside_the_truth_in_the_same_colours_and_place(strip, tmp_
 def test_errors_are_red_where_too_far_and_blue_where_too_near(strip, tmp_path):
     draw_errors(tmp_path / "a.png", [strip], "errors")
     shown = image(tmp_path / "a.png", 0, 0)         # the truth has none
-    far, near = shown[50, 80], shown[220, 80]
+    far, near = shown[45, 70], shown[195, 70]
     assert far[0] > far[2] + 30 and near[2] > near[0] + 30
-    assert shown[135, 200].max() < 20               # black: no point
-    unknown = shown[135, 10]
+    assert shown[120, 180].max() < 20               # black: no point
+    unknown = shown[120, 10]
     assert np.ptp(unknown) < 12 and 150 < unknown[0] < 210
 
 
@@ -63,4 +63,4 @@ def test_empty_clouds_and_errors_of_nothing_are_drawn(strip, tmp_path):
     nothing = replace(strip, panels=[Panel("none", empty, "", np.full((40, 48), np.nan))])
     draw_clouds(tmp_path / "a.png", [nothing], "")
     draw_errors(tmp_path / "b.png", [nothing], "")
-    assert image(tmp_path / "b.png", 0, 0)[135, 200].max() < 20
+    assert image(tmp_path / "b.png", 0, 0)[120, 180].max() < 20
