@@ -54,6 +54,7 @@ class Case:
         seen: (photons, bins): an aligned reference counts in pixels with so many photons within so many bins of it;
             points farther off do not tell its offset.
         size: rough number of photons.
+        notes: what the user should know about them.
     """
 
     source: str
@@ -67,6 +68,7 @@ class Case:
     repeat: int = 1
     aligned: tuple[int, ...] = ()
     seen: tuple[int, float] = (8, 60.0)
+    notes: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -110,7 +112,8 @@ def of_files(files: list[str], tolerance: Tolerance | None = None, surfaces: int
         within = (tolerance or FILE_TOLERANCE).in_bins(photons.name, photons.sensor)
         cases.append(Case(photons.name, photons.sensor, lambda p=photons: _observed(p),
                           surfaces or max(references, 1), within, photons.frame.photons,
-                          aligned=tuple(k for k in aligned if k < references), seen=seen))
+                          aligned=tuple(k for k in aligned if k < references), seen=seen,
+                          notes=tuple(f"{photons.name}: {note}" for note in photons.notes)))
     names = [case.source for case in cases]
     require(len(set(names)) == len(names), "files", max(names, key=names.count, default=""), "each file name once")
     return cases

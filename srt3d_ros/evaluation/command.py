@@ -32,6 +32,9 @@ def evaluate(args: argparse.Namespace) -> int:
     jobs = with_clouds(jobs_for(chosen, methods, sizes),
                        lambda job: job.case in shown and job.sketch_size in (None, size), folder / "clouds")
     results = Results(folder / "results.csv", args.fresh)
+    earlier = sum(job.key in results for job in jobs)
+    if earlier:
+        notes.append(f"{earlier} of {len(jobs)} results are of an earlier run (--fresh measures them again)")
     with tqdm(total=len(jobs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar:
         notes += run(jobs, results, bar)
         bar.set_description("drawing")
@@ -56,7 +59,7 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
         found += cases.simulated(scene, sbrs, ppps, args.repeats, tolerance, args.surfaces, args.quick)
     kept, notes = cases.limited(found, args.max_photons)
     require(bool(kept), "--max-photons", args.max_photons, "enough for one setting")
-    return kept, notes
+    return kept, [*(note for case in kept for note in case.notes), *notes]
 
 
 def _shown_cases(chosen: list[cases.Case]) -> list[cases.Case]:

@@ -92,6 +92,7 @@ def test_the_same_command_goes_on_where_it_stopped(run, monkeypatch):
     assert run(*command)[0] == 130 and done == [3, "stopped"]
     code, printed, out = run(*command)
     assert code == 0 and done == [3, "stopped", 30] and len(rows_of(out)) == 2
+    assert "1 of 2 results are of an earlier run" in printed.err
     assert run(*command)[0] == 0 and done == [3, "stopped", 30]                 # nothing is left to do
     assert run(*command, "--fresh")[0] == 0 and done == [3, "stopped", 30, 3, 30]
 

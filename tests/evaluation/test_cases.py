@@ -67,3 +67,13 @@ def test_photons_near_a_depth_are_counted_around_the_end_of_the_period():
     sensor = SensorModel(1, 3, 100, 1e-10, [1.0])
     frame = PhotonEvents(np.array([0, 0, 0, 1, 1, 2], np.uint32), np.array([1, 97, 50, 20, 24, 5], np.uint16))
     assert photons_near(frame, np.array([[99.0, 20, np.nan]]), 3, sensor).tolist() == [[2, 1, 0]]
+
+
+def test_what_is_to_be_known_about_a_file_is_passed_on(layers):
+    sidecar = layers.with_name(layers.name + ".json")
+    sidecar.write_text('{"gate": [50, 100]}')
+    try:
+        case, = of_files([str(layers)])
+    finally:
+        sidecar.unlink()
+    assert len(case.notes) == 1 and case.notes[0].startswith("layers: ") and "outside the gate" in case.notes[0]
