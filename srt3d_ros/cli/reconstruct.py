@@ -6,26 +6,35 @@ import sys
 import time
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
+from srt3d_ros.core.peers.weighting import WEIGHTINGS
+from srt3d_ros.errors import require
 
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "reconstruct", help="reconstruct a photon file and save the point cloud",
-        description="Sketch the photons of a file, reconstruct them with SRT3D and save the cloud. A published .mat "
-                    "file may lack bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.")
+        description="Sketch the photons of a file, reconstruct them and save the cloud. A published .mat file may lack "
+                    "bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.",
+        epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
+               + " docs/algorithm.md says more.")
     parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
-    parser.add_argument("--frequencies", default="auto", metavar="auto|spread|consecutive|k1,k2,…",
+    parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
                         help="which they are: least expected error (auto), spread over what the IRF passes, 1 … M, "
-                             "or a list")
+                             "or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
-    parser.add_argument("--method", default="srt3d", choices=("srt3d",), help="how to reconstruct (srt3d)")
+    parser.add_argument("--method", default=DEFAULT_METHOD, choices=tuple(METHODS), metavar="NAME",
+                        help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
     parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"), help="where to compute (auto)")
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="probability that a pixel with background alone shows a point (1e-4)")
+                        help="probability that a pixel with background alone shows a point (srt3d: 1e-4; smle and "
+                             "xcorr: show a point wherever there are photons)")
+    parser.add_argument("--weighting", choices=WEIGHTINGS,
+                        help="W of the data term (smle: precision, srt3d-paper: identity; others have none)")
     parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
     sensor = parser.add_argument_group("what the file does not say")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
@@ -45,6 +54,7 @@ def _gate(text: str) -> tuple[int, int]:
     return first, count
 
 
+METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "weighting")
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
 
 
@@ -52,24 +62,30 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros import cloud_files
     from srt3d_ros.core.frequencies import choose
     from srt3d_ros.core.sketching import sketch_photons
-    from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, SRT3D
     from srt3d_ros.datasets import open_photons
 
     cloud_files.check(args.output)
     photons = open_photons(args.input, **{name: getattr(args, name) for name in OVERRIDES
                                           if getattr(args, name) is not None})
     sensor, frame = photons.sensor, photons.frame
-    frequencies = choose(args.frequencies, sensor, args.sketch_size)
-    rate = DEFAULT_FALSE_ALARM_RATE if args.false_alarm_rate is None else args.false_alarm_rate
-    srt3d = SRT3D(sensor, frequencies, surfaces=args.surfaces, false_alarm_rate=rate, device=args.device)
-    srt3d.warm_up()
-    sketch, sketch_ms = _timed(lambda: sketch_photons(frame, sensor, frequencies))
-    cloud, reconstruct_ms = _timed(lambda: srt3d(sketch))
+    method, frequencies = METHODS[args.method], ()
+    if method.needs == "sketch":
+        frequencies = choose(args.frequencies or method.frequencies, sensor, args.sketch_size)
+    for name in ("sketch_size", "frequencies"):
+        given = getattr(args, name)
+        require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
+    reconstructor = method.build(sensor, frequencies, **{name: getattr(args, name) for name in METHOD_OPTIONS
+                                                         if getattr(args, name) is not None})
+    reconstructor.warm_up()
+    seen, sketch_ms = frame, None
+    if method.needs == "sketch":
+        seen, sketch_ms = _timed(lambda: sketch_photons(frame, sensor, frequencies))
+    cloud, reconstruct_ms = _timed(lambda: reconstructor(seen))
     cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=sensor)
-    facts = {"method": args.method, "device": srt3d.device, "rows": sensor.rows, "cols": sensor.cols,
-             "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies),
-             "frequencies": list(frequencies), "surfaces": args.surfaces, "points": len(cloud),
-             "sketch_ms": round(sketch_ms, 3), "reconstruct_ms": round(reconstruct_ms, 3), "output": str(args.output)}
+    facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
+             "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,
+             "frequencies": list(frequencies), "surfaces": args.surfaces, "points": len(cloud), "sketch_ms": sketch_ms,
+             "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
     for note in photons.notes:          # only now: a mistake is one line
         print(f"srt3d: {note}", file=sys.stderr)
     print(json.dumps(facts) if args.json else _words(facts))
@@ -80,9 +96,11 @@ def _timed(compute):
     """What compute() returns, and the milliseconds it took."""
     started = time.perf_counter()
     result = compute()
-    return result, (time.perf_counter() - started) * 1e3
+    return result, round((time.perf_counter() - started) * 1e3, 3)
 
 
 def _words(facts: dict) -> str:
-    return ("{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins → sketch of {sketch_size} in "
-            "{sketch_ms:.1f} ms → {points:,} points in {reconstruct_ms:.1f} ms on {device}\n{output}").format(**facts)
+    words = "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins"
+    if facts["sketch_size"]:
+        words += " → sketch of {sketch_size} in {sketch_ms:.1f} ms"
+    return (words + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}").format(**facts)

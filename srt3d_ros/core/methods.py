@@ -7,7 +7,6 @@ from importlib import import_module
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.errors import require
 
 DEFAULT_METHOD = "srt3d"
@@ -46,7 +45,7 @@ class Method:
         """
         for option, value in options.items():
             known = ("surfaces", "device", *self.options)
-            require(option in known, option, value, f"no such option for {self.name}, which takes {', '.join(known)}")
+            require(option in known, option, value, f"nothing: {self.name} takes {', '.join(known)}")
         module, name = self.where.split(":")
         chosen = getattr(import_module(module), name)
         return chosen(sensor, frequencies, **options) if self.needs == "sketch" else chosen(sensor, **options)
@@ -55,13 +54,13 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("srt3d", "sketches pooled along surfaces", "sketch", "srt3d_ros.core.srt3d:SRT3D",
            options=("false_alarm_rate",)),
-    Method("srt3d-paper", "SRT3D as published: gradient steps on pixels' sketches, APSS denoiser", "sketch",
+    Method("srt3d-paper", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.peers.srt3d_paper:SRT3DPaper", "consecutive", ("weighting",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.peers.smle:SMLE",
            "consecutive", ("false_alarm_rate", "weighting")),
     Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.peers.xcorr:XCORR",
            options=("false_alarm_rate",)),
-    Method("rt3d", "RT3D: gradient steps on every time of arrival, APSS denoiser", "photons",
+    Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser", "photons",
            "srt3d_ros.core.peers.rt3d:RT3D"),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
@@ -75,6 +74,9 @@ def find(name: str) -> Method:
 
 def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
     """Reconstruct photons with the method of this name, by way of their sketch if it needs no more."""
+    # It imports torch, which a list of names does not need.
+    from srt3d_ros.core.sketching import sketch_photons
+
     method = find(name)
     reconstructor = method.build(sensor, frequencies, **options)
     return reconstructor(sketch_photons(frame, sensor, frequencies) if method.needs == "sketch" else frame)

@@ -8,8 +8,10 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.peers.weighting import WEIGHTINGS
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, DEVICES, MAX_SURFACES, SRT3D
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, DEVICES, MAX_SURFACES
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -18,11 +20,16 @@ from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
 
+AS_PUBLISHED = "auto"
 PARAMETERS = (
-    Parameter("method", "srt3d", "How to reconstruct.", choices=("srt3d",)),
+    Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
+        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but srt3d are published with the "
+        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS),
     Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "Share of the pixels without a surface that may show a "
-              "point.", low=1e-12, high=0.5, live=True),
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "srt3d, smle: share of the pixels without a surface that "
+              "may show a point.", low=1e-12, high=0.5, live=True),
+    Parameter("weighting", AS_PUBLISHED, "srt3d-paper, smle: weighting of the sketched data term; auto is what the "
+              "method is published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
@@ -43,7 +50,7 @@ class ReconstructorNode(PipelineNode):
         """Compile, then follow the sketches and their description."""
         self._sensor: SensorModel | None = None
         self._frequencies: tuple[int, ...] = ()
-        self._srt3d = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
+        self._reconstructor = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
         self.parameters.on_change = lambda: self.worker.call(self._rebuild)
         self._points = self.advertise(PointCloud2, "points")
         self._images = {name: self.advertise(Image, name) for name in ("depth", "intensity", "background")}
@@ -52,23 +59,26 @@ class ReconstructorNode(PipelineNode):
         self.subscribe_latched(String, "sketch/sensor", self._on_sensor)
         self.subscribe(PointCloud2, "sketch", self._on_sketch)
 
-    def _build(self, sensor: SensorModel, frequencies: tuple[int, ...]) -> SRT3D:
-        srt3d = SRT3D(sensor, frequencies, surfaces=self.parameters["surfaces"],
-                      false_alarm_rate=self.parameters["false_alarm_rate"], device=self.parameters["device"])
-        srt3d.warm_up()
-        return srt3d
+    def _build(self, sensor: SensorModel, frequencies: tuple[int, ...]):
+        method = METHODS[self.parameters["method"]]
+        options = {name: self.parameters[name] for name in ("surfaces", "device", *method.options)}
+        if options.get("weighting") == AS_PUBLISHED:
+            del options["weighting"]
+        reconstructor = method.build(sensor, frequencies, **options)
+        reconstructor.warm_up()
+        return reconstructor
 
     def _rebuild(self) -> None:
         if self._sensor is not None:
-            self._srt3d = self._build(self._sensor, self._frequencies)
+            self._reconstructor = self._build(self._sensor, self._frequencies)
 
     def _on_sensor(self, message: String) -> None:
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
         if frequencies != self._frequencies or not sensor.same_as(self._sensor):
-            self._srt3d = self._build(sensor, frequencies)
+            self._reconstructor = self._build(sensor, frequencies)
             self._sensor, self._frequencies = sensor, frequencies
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
-                              frequencies=" ".join(map(str, frequencies)), device=self._srt3d.device)
+                              frequencies=" ".join(map(str, frequencies)), device=self._reconstructor.device)
         self.release_frames()
 
     def _on_sketch(self, raw: bytes) -> None:
@@ -76,7 +86,7 @@ class ReconstructorNode(PipelineNode):
             raise Dropped("no_sensor", "nobody has described the sketch on `sketch/sensor` yet")
         header, sketch = sketch_message.decode_cdr(raw, self._frequencies, self._sensor)
         started = time.perf_counter()
-        cloud = self._srt3d(sketch)
+        cloud = self._reconstructor(sketch)
         self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
         frame_id = self.parameters["frame_id"] or header.frame_id
         data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"], self._sensor)
