@@ -65,7 +65,7 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         reference_intensity: the same shape, expected signal photons; gives `iae`.
         reference_background: float [rows, cols], expected background photons; gives `background_nmse`.
         counted: bool, the same shape as the depths: references that count. The others are neither missed nor found,
-            and points near them neither true nor false. All unless given.
+            and points of their pixels, which may or may not lie on them, are not false. All unless given.
 
     Raises:
         InvalidInput: a reference of another shape.
@@ -85,15 +85,15 @@ def shares_within(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins:
                   counted: np.ndarray | None = None) -> tuple[float, ...]:
     """Share of the points whose depth error is at most 1, 2, … times their own `depth_std_bins`.
 
-    The error is that from the nearest reference of the pixel, however far; points in pixels without a reference that
-    counts, or without a standard deviation, are left out. NaN if none is left.
+    The error is that from the nearest reference of the pixel, however far; points in pixels without a reference, or
+    with one that does not count, and points without a standard deviation are left out. NaN if none is left.
 
     Args:
         deviations: how many standard deviations, a sequence of numbers.
         reference_depth_bins, num_bins, counted: as for `evaluate`.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
-    judged = _counted(counted, reference, cloud).any(axis=0)[cloud.row, cloud.col] & (cloud.depth_std_bins > 0)
+    judged = _judged(_counted(counted, reference, cloud), reference, cloud) & (cloud.depth_std_bins > 0)
     error = np.abs(depth_errors(cloud, reference, num_bins)[judged]) / cloud.depth_std_bins[judged]
     return tuple(_mean(error <= limit) for limit in deviations)
 
@@ -151,7 +151,7 @@ class _Match:
         point: index of that point, -1 if none.
         matched: it counts, and a point lies within the tolerance.
         near: [S, N], the point lies within the tolerance of the reference.
-        judged: [N], a reference of the point's pixel counts.
+        judged: [N], the point's pixel has references, and all of them count.
     """
 
     counts: np.ndarray
@@ -174,7 +174,7 @@ def _match(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: 
     error = np.abs(_errors(cloud, reference, num_bins))
     nearest, point = _nearest(cloud, reference.shape, error)
     return _Match(counts, nearest, point, counts & (nearest <= tolerance_bins), error <= tolerance_bins,
-                  counts.any(axis=0)[cloud.row, cloud.col])
+                  _judged(counts, reference, cloud))
 
 
 def _intensity_error(cloud: PointCloud, match: _Match, reference_intensity: np.ndarray) -> float:
@@ -204,6 +204,12 @@ def _background_error(cloud: PointCloud, reference_background: np.ndarray) -> fl
 def _counted(counted: np.ndarray | None, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:
     known = np.isfinite(reference)
     return known if counted is None else known & (_as_surfaces("counted shape", counted, cloud) > 0)
+
+
+def _judged(counts: np.ndarray, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:
+    """Of each point: whether its pixel has references and all of them count."""
+    known = np.isfinite(reference)
+    return (known.any(axis=0) & (counts == known).all(axis=0))[cloud.row, cloud.col]
 
 
 def _mean(values: np.ndarray) -> float:

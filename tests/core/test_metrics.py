@@ -96,11 +96,12 @@ def test_references_that_do_not_count_are_neither_missed_nor_found_nor_make_poin
     reference[0], reference[1] = 10, 50
     counted = np.ones_like(reference, bool)
     counted[1, 0] = False
-    points = (0, 0, 51), (0, 1, 10), (0, 2, 80), (1, 0, 51)
+    points = (0, 0, 51), (0, 1, 10), (0, 2, 80), (1, 0, 51), (1, 1, 80)
     found = evaluate(cloud(*points), reference, 3, T, counted=counted)
     assert found.by_surface == (1 / 6, 1 / 3) and found.true_detections == 2 / 9
-    assert found.false_detections == 1 / 9                       # (0, 2, 80) alone
+    assert found.false_detections == 1 / 9                       # (1, 1, 80) alone
     assert found.dae_bins == pytest.approx((0 + 1) / 2)
+    assert found.within_1_std == 1 / 2                           # (1, 0, 51), but not (1, 1, 80)
 
 
 def test_a_pixel_in_which_nothing_counts_is_not_judged():
