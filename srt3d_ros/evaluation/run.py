@@ -134,13 +134,15 @@ def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
     """
     reference = np.array(observation.depth_bins, dtype=np.float64)
     counted, offsets = np.isfinite(reference), []
-    photons, within_bins = case.seen
     for surface in case.aligned:
-        near = photons_near(observation.frame, reference[surface], within_bins, case.sensor)
-        counted[surface] &= near >= photons
-        judged = np.where(counted[surface], reference[surface], np.nan)
-        offsets.append(median_offset(cloud, judged, within_bins, case.sensor.num_bins))
-        reference[surface] = (reference[surface] + offsets[-1]) % case.sensor.num_bins
+        offset = 0.0
+        for _ in range(2):              # once more around where it then lies
+            moved = (reference[surface] + offset) % case.sensor.num_bins
+            near = photons_near(observation.frame, moved, case.seen[1], case.sensor) >= case.seen[0]
+            offset += median_offset(cloud, np.where(near, moved, np.nan), case.seen[1], case.sensor.num_bins)
+        reference[surface] = (reference[surface] + offset) % case.sensor.num_bins
+        counted[surface] &= near
+        offsets.append(offset)
     return reference, counted, tuple(offsets)
 
 
