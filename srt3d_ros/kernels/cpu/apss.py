@@ -17,7 +17,7 @@ ENOUGH = 4                  # points of a 3 × 3 neighbourhood that make a surfa
 PROJECTIONS = 5             # of a point onto the surface that is fitted around it, at most
 STILL = F32(0.1)            # pixels: a projection that moves a point less is the last one
 SHARED = F32(0.1)           # how much of its intensity a point takes from its neighbours
-RIDGE = F32(1e-3)           # pixels²: keeps a plane finite where its support is a line
+RIDGE = F32(1e-3)           # pixels²: keeps slopes and curvature finite where the support is a line or a point
 
 
 @inline
@@ -128,7 +128,7 @@ def _sphere(at, found, x, y, z, nx, ny):
         wpn += f * (nx[p] * x[p] + ny[p] * y[p] + nz * e)
     w += TINY
     spread = wpp - (wx * wx + wy * wy + wz * wz) / w
-    q = HALF * (wpn - (wx * wu + wy * wv + wz * wn) / w) / max(spread, TINY)
+    q = HALF * (wpn - (wx * wu + wy * wv + wz * wn) / w) / (spread + RIDGE * w)
     lx, ly, lz = (wu - TWO * q * wx) / w, (wv - TWO * q * wy) / w, (wn - TWO * q * wz) / w
     c = -(lx * wx + ly * wy + lz * wz + q * wpp) / w
     # The root nearer to 0 of c + lz d + q d²; lz is positive unless the normals contradict each other.
