@@ -37,6 +37,8 @@ class Frame:
         greatest_response: of a photon to a matched filter.
         rarity: float32 [n], what mean responses of 0 … greatest_response are worth as evidence against "background
             alone", standard deviations per √photon.
+        clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
+            more; None if the background is even.
     """
 
     matched: np.ndarray
@@ -49,6 +51,7 @@ class Frame:
     intensity_moments: np.ndarray
     greatest_response: float
     rarity: np.ndarray
+    clutter: np.ndarray | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -69,6 +72,12 @@ class Frame:
     def resolution_bins(self) -> float:
         """Width of the matched filter's peak: depths that lie closer are hardly told apart."""
         return float(np.sqrt(self.total_energy / self.curvature))
+
+    def noise_ratio(self, depth_bins: np.ndarray) -> np.ndarray | float:
+        """By how much scores at these depths exceed standard deviations, since the background is denser there."""
+        if self.clutter is None:
+            return 1.0
+        return self.clutter[np.rint(depth_bins).astype(np.int64) % self.num_bins]
 
     @cached_property
     def padded(self) -> "Frame":
@@ -110,7 +119,8 @@ class Matcher:
         self._energy = energy.astype(np.float32)
         self._cycles = (omega / (2 * np.pi)).astype(np.float32)
         self._moments, self._intensity_moments = _score_moments(sensor, omega, energy)
-        self._rarity = _rarity(spectrum.mean(axis=0), self.frequencies)
+        self.spectrum = spectrum.mean(axis=0)
+        self._rarity = _rarity(self.spectrum, self.frequencies)
 
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""
@@ -118,11 +128,15 @@ class Matcher:
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", sketch.photons.shape, f"rows × cols = {shape}")
-        matched = (sketch.sums * self._equaliser).transpose(0, 2, 1)
-        matched = np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
+        matched = self.matched(sketch.sums)
         noise = sketch.photons.astype(np.float32) * self._used
         return Frame(matched, noise, self._exposure, self._energy, self._cycles, self.sensor.num_bins, self._moments,
                      self._intensity_moments, *self._rarity)
+
+    def matched(self, sums: np.ndarray) -> np.ndarray:
+        """`Frame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
+        matched = (sums * self._equaliser).transpose(0, 2, 1)
+        return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 
 def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

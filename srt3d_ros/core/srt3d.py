@@ -14,6 +14,7 @@ weights end at the finest relief; where they are few a point borrows from the wh
 import numpy as np
 
 from srt3d_ros.core import layout
+from srt3d_ros.core.background import Background
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.sensor import SensorModel
@@ -40,13 +41,15 @@ class SRT3D:
         false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours have
             a say.
         device: "cpu", or "auto" for the best there is.
+        background: how it spreads over the bins: as the "sensor" says, "flat", or an "estimate" from each frame.
 
     Raises:
         InvalidInput: for a parameter that cannot be used.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
-                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto"):
+                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
+                 background: str = "sensor"):
         require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
                 f"an integer from 1 to {MAX_SURFACES}")
         require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
@@ -55,10 +58,11 @@ class SRT3D:
         self.surfaces = surfaces
         self.false_alarm_rate = false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
+        self._background = Background(self._matcher, background)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
-        frame = self._matcher(sketch)
+        frame = self._background.remove(self._matcher(sketch), self.kernels)
         threshold = score_threshold(self.false_alarm_rate, frame)
         state = layout.no_surfaces(*frame.shape, self.surfaces)
         state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels)
@@ -67,6 +71,7 @@ class SRT3D:
         state = find_surfaces(frame, state, REST_SCALES, threshold, self.kernels)
         for window in WINDOWS[1:]:
             state = self._iterate(frame, state, window)
+        state[:, :, layout.SCORE] /= frame.noise_ratio(state[:, :, layout.DEPTH])
         return self._cloud(frame, state, threshold, sketch)
 
     def _iterate(self, frame: Frame, state: np.ndarray, window: float) -> np.ndarray:

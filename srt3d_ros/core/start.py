@@ -79,7 +79,7 @@ def _search(frame: Frame, view: np.ndarray, layer: int, open_pixels: np.ndarray,
         exposure = kernels.blur(exposure[:, None], weights, step)[:, 0]
     squash = 0.5 if sigma > 0 else 1.0
     depth, intensity = (found[:, 0] for found in kernels.match(matched, frame.energy, frame.cycles, frame.num_bins, 1))
-    score = significance(frame, intensity, noise, squash)
+    score = significance(frame, intensity, noise, squash) / frame.noise_ratio(depth)
     found = score > enough
     row, col = np.nonzero(open_pixels & found[np.ix_(np.arange(rows) // step, np.arange(cols) // step)])
     a, b = row // step, col // step

@@ -1,0 +1,177 @@
+"""The background's part of a sketch, where it does not spread evenly over the bins: known or estimated, and taken out.
+
+B background photons that spread over the bins like β(b) add B·β̂_l to the sums of a sketch, β̂_l = Σ_b β(b) exp(i ω_l b);
+evenly spread ones add nothing in expectation. Fog before the scene, a dead time, or a gate that opens slowly give such
+backgrounds. Their part is taken from the sums, so that every later step sees a background that is flat.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.frequencies import angular_frequencies
+from srt3d_ros.core.photons import PhotonFrame, PhotonGates
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.start import window_weights
+from srt3d_ros.errors import require
+
+BACKGROUNDS = ("sensor", "flat", "estimate")
+CELL, WINDOW = 4, 4.0       # pixels: size of the cells that are looked at together, σ of the window around each
+SURE = 7.0                  # standard deviations above which a cell's peak is a surface, not background
+ROUNDS = 4                  # of surfaces and background, each estimated from what the other leaves
+SHARPEST = 3                # surfaces that an even wall or two may add to the mean of all pixels
+COHERENT = 0.5              # share of the energy at high frequencies that one surface must explain
+HOT = 10.0                  # times the median of the pixels: a dark frame's pixels above it are not counted
+
+
+class Background:
+    """Takes the background's part out of frames.
+
+    Args:
+        matcher: of the frames.
+        kind: "sensor": spread as the sensor's background_shape says, evenly if it says nothing; "flat": evenly,
+            whatever it says; "estimate": as each frame itself shows.
+
+    Raises:
+        InvalidInput: for another kind.
+    """
+
+    def __init__(self, matcher: Matcher, kind: str = "sensor"):
+        require(kind in BACKGROUNDS, "background", kind, " or ".join(BACKGROUNDS))
+        self._omega = angular_frequencies(matcher.frequencies, matcher.sensor.num_bins)
+        shape = matcher.sensor.background_shape if kind == "sensor" else None
+        self._estimates = kind == "estimate"
+        self._matched = None if shape is None else _matched(matcher, shape, self._omega)
+        self._clutter = None if shape is None else _clutter(matcher, shape, self._omega)
+
+    def remove(self, frame: Frame, kernels) -> Frame:
+        """The frame with a background that is flat in expectation; the same one if it is so already."""
+        if self._matched is None and not self._estimates:
+            return frame
+        cells = _Cells.of(frame, kernels)
+        frame, matched = replace(frame, clutter=self._clutter), self._matched
+        if self._estimates:
+            matched = self._estimate(frame, cells, kernels)[None, :, None]
+        used = frame.exposure > 0
+        mean = (matched * used[:, None]).sum(axis=(0, 2)) / max(used.sum(), 1)
+        signal = np.zeros_like(cells.photons)
+        for _ in range(2):              # the second time without what the first took for background
+            _, signal = self._surfaces(frame, cells, mean, signal, kernels)
+        share = 1 - (signal / np.maximum(cells.photons, 1e-6))[:, 0]
+        rows, cols = (np.arange(size) // CELL for size in frame.shape)
+        background = frame.noise * share[np.ix_(rows, cols)]
+        return replace(frame, matched=frame.matched - background[:, None] * matched)
+
+    def _surfaces(self, frame: Frame, cells: "_Cells", mean: np.ndarray, signal: np.ndarray,
+                  kernels) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and photons of the surface of every cell, 0 photons where there is none for sure."""
+        rest = cells.matched - (cells.photons - signal) * mean[:, None]
+        depth, found = kernels.match(rest.astype(np.float32), frame.energy, frame.cycles, frame.num_bins, 1)
+        score = found * np.sqrt(2 * frame.total_energy / np.maximum(cells.noise, 1e-6)) / frame.noise_ratio(depth)
+        return depth, np.where(score > SURE, np.clip(found, 0, cells.photons), 0)
+
+    def _estimate(self, frame: Frame, cells: "_Cells", kernels) -> np.ndarray:
+        """What each background photon adds to `matched` on average, float [2m]: Σ (matched − surfaces) / Σ B of cells.
+
+        It begins with the mean of all photons, less what is too sharp to be background.
+        """
+        mean = _without_sharp(cells.matched.sum(axis=(0, 2)) / max(cells.photons.sum(), 1e-6), frame, self._omega)
+        signal = np.zeros_like(cells.photons)
+        for _ in range(ROUNDS):
+            depth, signal = self._surfaces(frame, cells, mean, signal, kernels)
+            surfaces = signal * _steered(frame.energy, self._omega, depth)
+            mean = (cells.matched - surfaces).sum(axis=(0, 2)) / max((cells.photons - signal).sum(), 1e-6)
+        return mean.astype(np.float32)
+
+
+def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
+    """background_shape of a sensor from photons recorded without the laser's echo: their histogram.
+
+    Each pixel's photons count from its delay; masked pixels and hot ones are left out. No smoothing is needed: a sketch
+    sees low frequencies alone, and N photons give each of these with a standard deviation of 1/√(2N).
+
+    Args:
+        frame: photons of this sensor.
+        sensor: gives pixels, T, delay and mask.
+
+    Returns:
+        float32 [T], sum 1.
+
+    Raises:
+        InvalidInput: photons outside the sensor, or none that count.
+    """
+    events = frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame
+    events.check(sensor)
+    counts = np.bincount(events.pixel, minlength=sensor.pixels)
+    used = counts <= HOT * max(np.median(counts), 1)
+    if sensor.mask is not None:
+        used &= sensor.mask.reshape(-1)
+    kept = used[events.pixel]
+    late = 0 if sensor.delay_bins is None else sensor.delay_bins.reshape(-1)[events.pixel[kept]]
+    bins = np.floor(events.toa[kept] - late + (0.5 if sensor.delay_bins is not None else 0)).astype(np.int64)
+    require(len(bins) > 0, "dark frame", "no photons", "photons in pixels that are not masked")
+    histogram = np.bincount(bins % sensor.num_bins, minlength=sensor.num_bins)
+    return (histogram / histogram.sum()).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Pools of a frame: matched [R, 2m, C], photons Σ w n and noise Σ w² n, both [R, 1, C]."""
+
+    matched: np.ndarray
+    photons: np.ndarray
+    noise: np.ndarray
+
+    @classmethod
+    def of(cls, frame: Frame, kernels) -> "_Cells":
+        weights, photons = window_weights(WINDOW, CELL), frame.noise[:, None]
+        return cls(kernels.blur(frame.matched, weights, CELL), kernels.blur(photons, weights, CELL),
+                   kernels.blur(photons, weights**2, CELL))
+
+
+def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """What a background photon adds to `Frame.matched` on average, float32 [rows or 1, 2m, cols or 1]."""
+    sums = np.exp(1j * np.outer(omega, np.arange(len(shape)))) @ shape
+    late = matcher.sensor.delay_bins
+    if late is not None:
+        sums = sums * np.exp(1j * omega * late[..., None])
+    return matcher.matched(np.atleast_3d(sums).reshape(*(late.shape if late is not None else (1, 1)), -1))
+
+
+def _clutter(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """`Frame.clutter`: √(variance of a background photon's response at each bin / that in an even background)."""
+    spectrum = matcher.spectrum
+    response = (np.exp(1j * np.outer(np.arange(len(shape)), omega)) @ np.conj(spectrum)).real
+    spread = np.fft.rfft(shape)
+    mean, square = (np.fft.irfft(np.conj(np.fft.rfft(values)) * spread, len(shape))
+                    for values in (response, response**2))
+    return np.sqrt(np.maximum((square - mean**2) / (np.square(np.abs(spectrum)).sum() / 2), 1)).astype(np.float32)
+
+
+def _without_sharp(mean: np.ndarray, frame: Frame, omega: np.ndarray) -> np.ndarray:
+    """The mean sketch of all photons without surfaces that many pixels see at one depth.
+
+    The upper half of the frequencies shows them: there a background that changes slowly has died away. Strongest first,
+    as long as one alone explains half of the energy there.
+    """
+    m = len(omega)
+    upper, energy = slice(m // 2, m), frame.energy.astype(np.float64)
+    depth = np.arange(0, frame.num_bins, np.pi / (4 * omega.max()))
+    steering = np.exp(1j * np.outer(depth, omega[upper]))
+    rest = mean[:m] + 1j * mean[m:]
+    total = energy[upper].sum()
+    for _ in range(SHARPEST):
+        response = (np.conj(steering) @ rest[upper]).real / total
+        top = response.argmax()
+        seen = (np.abs(rest[upper])**2 / np.maximum(energy[upper], 1e-12)).sum()
+        if response[top] <= 0.01 or response[top]**2 * total < COHERENT * seen:
+            break
+        rest = rest - response[top] * energy * np.exp(1j * omega * depth[top])
+    return np.concatenate([rest.real, rest.imag])
+
+
+def _steered(energy: np.ndarray, omega: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """What one signal photon from each depth, [R, 1, C], adds to `matched`, [R, 2m, C]."""
+    turned = energy[:, None] * np.exp(1j * omega[:, None] * depth)
+    return np.concatenate([turned.real, turned.imag], axis=1)
