@@ -25,7 +25,7 @@ class Metrics:
     Args:
         true_detections: share of the reference surfaces with a point within the tolerance.
         false_detections: points farther than the tolerance from every reference of their pixel, over the number of
-            reference surfaces; points in pixels without any reference are not judged.
+            reference surfaces; points in pixels without any reference are not judged, unless it is complete.
         dae_bins: mean absolute depth error over the matched reference surfaces, bins (DAE).
         points: points in the cloud.
         by_surface: true_detections of each reference surface alone.
@@ -54,7 +54,7 @@ def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarr
 
 def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
              reference_intensity: np.ndarray | None = None, reference_background: np.ndarray | None = None,
-             counted: np.ndarray | None = None) -> Metrics:
+             counted: np.ndarray | None = None, complete: bool = False) -> Metrics:
     """Compare a cloud with the truth.
 
     Args:
@@ -66,11 +66,12 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         reference_background: float [rows, cols], expected background photons; gives `background_nmse`.
         counted: bool, the same shape as the depths: references that count. The others are neither missed nor found,
             and points of their pixels, which may or may not lie on them, are not false. All unless given.
+        complete: pixels without a reference are known to see no surface, as in a simulation: points there are false.
 
     Raises:
         InvalidInput: a reference of another shape.
     """
-    match = _match(cloud, reference_depth_bins, tolerance_bins, num_bins, counted)
+    match = _match(cloud, reference_depth_bins, tolerance_bins, num_bins, counted, complete)
     total = max(int(match.counts.sum()), 1)
     within_1, within_2 = shares_within(cloud, reference_depth_bins, num_bins, (1, 2), counted)
     return Metrics(
@@ -151,7 +152,7 @@ class _Match:
         point: index of that point, -1 if none.
         matched: it counts, and a point lies within the tolerance.
         near: [S, N], the point lies within the tolerance of the reference.
-        judged: [N], the point's pixel has references, and all of them count.
+        judged: [N], the truth about the point's pixel is known: it may be false.
     """
 
     counts: np.ndarray
@@ -168,13 +169,13 @@ class _Match:
 
 
 def _match(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
-           counted: np.ndarray | None) -> _Match:
+           counted: np.ndarray | None, complete: bool) -> _Match:
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     counts = _counted(counted, reference, cloud)
     error = np.abs(_errors(cloud, reference, num_bins))
     nearest, point = _nearest(cloud, reference.shape, error)
     return _Match(counts, nearest, point, counts & (nearest <= tolerance_bins), error <= tolerance_bins,
-                  _judged(counts, reference, cloud))
+                  _judged(counts, reference, cloud, complete))
 
 
 def _intensity_error(cloud: PointCloud, match: _Match, reference_intensity: np.ndarray) -> float:
@@ -206,10 +207,10 @@ def _counted(counted: np.ndarray | None, reference: np.ndarray, cloud: PointClou
     return known if counted is None else known & (_as_surfaces("counted shape", counted, cloud) > 0)
 
 
-def _judged(counts: np.ndarray, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:
-    """Of each point: whether its pixel has references and all of them count."""
+def _judged(counts: np.ndarray, reference: np.ndarray, cloud: PointCloud, complete: bool = False) -> np.ndarray:
+    """Of each point: whether its pixel has references, or is known to have none, and all of them count."""
     known = np.isfinite(reference)
-    return (known.any(axis=0) & (counts == known).all(axis=0))[cloud.row, cloud.col]
+    return ((known.any(axis=0) | complete) & (counts == known).all(axis=0))[cloud.row, cloud.col]
 
 
 def _mean(values: np.ndarray) -> float:

@@ -30,12 +30,14 @@ class Observation:
         depth_bins: float [S, rows, cols], NaN = unknown or no surface; None if nothing is known.
         intensity: float [S, rows, cols], expected signal photons, or None.
         background: float [rows, cols], expected background photons, or None.
+        complete: pixels without a depth are known to see no surface; else nothing is known of them.
     """
 
     frame: PhotonEvents
     depth_bins: np.ndarray | None
     intensity: np.ndarray | None = None
     background: np.ndarray | None = None
+    complete: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
     def observe(sbr: float, ppp: float, seed: int) -> Observation:
         simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=seed)
         _, intensity, background = simulator.expected(0)
-        return Observation(*simulator.frame(0), intensity, background)
+        return Observation(*simulator.frame(0), intensity, background, complete=True)
 
     return [Case(name, sensor, lambda s=sbr, p=ppp, r=repeat: observe(s, p, r), count, within, ppp * sensor.pixels,
                  sbr, ppp, repeat)

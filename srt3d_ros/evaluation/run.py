@@ -116,7 +116,7 @@ def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
     num_bins = case.sensor.num_bins
     reference, counted, offsets = aligned_reference(cloud, case, observation)
     found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, observation.background,
-                     counted)
+                     counted, observation.complete)
     shares = shares_within(cloud, reference, num_bins, deviations(NOMINAL), counted)
     return {"true_detections_percent": 100 * found.true_detections,
             "true_detections_by_surface_percent": tuple(100 * share for share in found.by_surface),

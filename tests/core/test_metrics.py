@@ -43,6 +43,13 @@ def test_pixels_without_reference_are_not_judged():
     assert (found.true_detections, found.false_detections, found.points) == (1 / 2, 0, 2)
 
 
+def test_points_where_there_is_known_to_be_nothing_are_false():
+    points = cloud((0, 0, 10), (1, 1, 77, 2.0))
+    found = evaluate(points, [[10, NAN, 30], [NAN] * 3], 3, T, [[1.0, NAN, 1], [NAN] * 3], complete=True)
+    assert (found.true_detections, found.false_detections) == (1 / 2, 1 / 2) and found.iae == (1 + 2) / 2
+    assert found.within_1_std == 1                                              # its error is none
+
+
 def test_several_surfaces_are_each_counted():
     reference = np.full((2, 2, 3), NAN)
     reference[0] = 10

@@ -13,7 +13,7 @@ from srt3d_ros.evaluation.calibration import NOMINAL, deviations
 from srt3d_ros.evaluation.cases import of_files, simulated
 from srt3d_ros.evaluation.clouds import load_cloud, true_cloud
 from srt3d_ros.evaluation.results import Results, number
-from srt3d_ros.evaluation.run import aligned_reference, jobs_for, run, with_clouds
+from srt3d_ros.evaluation.run import aligned_reference, jobs_for, judge, run, with_clouds
 
 BAR = {"disable": True}
 SRT3D = METHODS["srt3d"]
@@ -48,6 +48,14 @@ def test_a_simulated_scene_is_judged_in_every_respect(scene_file, results):
     assert shares == sorted(shares) and len(shares) == len(NOMINAL)
     assert dict(zip(NOMINAL, shares))[0.6827] == pytest.approx(number(row, "within_1_std_percent"), abs=0.5)
     assert len(row["frequencies"].split(";")) == 10 and number(row, "reconstruct_ms") > 0
+
+
+def test_points_in_empty_pixels_of_a_scene_are_false_and_those_of_files_are_not(scene_file, layers):
+    for case, false in ((simulated(str(scene_file), [10], [3])[0], 1.0), (of_files([str(layers)])[0], 0.0)):
+        observation = case.observe()
+        cloud = true_cloud(observation, case.sensor)
+        observation.depth_bins[:, :, ::2] = np.nan          # half the pixels
+        assert judge(cloud, case, observation)["false_detections_percent"] == pytest.approx(100 * false)
 
 
 def test_what_is_done_is_not_done_again(scene_file, results):
