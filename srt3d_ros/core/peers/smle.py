@@ -25,7 +25,7 @@ class SMLE(SketchedPeer):
     Args:
         sensor, frequencies, surfaces, device: as of SketchedPeer.
         weighting: "precision", the estimator of the paper, or "identity".
-        false_alarm_rate: points of less evidence are left out; None: none are.
+        false_alarm_rate: points of less evidence in the matched filter are left out; None: none are.
     """
 
     name = "smle"
@@ -37,9 +37,9 @@ class SMLE(SketchedPeer):
     def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         """Maximum likelihood depths and intensities, [rows, K, cols]."""
         depth, intensity = matched_filter(frame, self.surfaces, self.kernels)
-        for _ in range(STEPS):
-            self.kernels.pixelwise(frame, self.steps.table, RATE, 0.0, depth, intensity)
         if self.false_alarm_rate is not None:
             score = significance(frame, intensity * frame.exposure[:, None], frame.noise[:, None], 1.0)
             intensity[score <= score_threshold(self.false_alarm_rate, frame)] = 0
+        for _ in range(STEPS):
+            self.kernels.pixelwise(frame, self.steps.table, RATE, 0.0, depth, intensity)
         return depth, intensity

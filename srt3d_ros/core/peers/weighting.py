@@ -55,7 +55,7 @@ def weighted_steps(sensor: SensorModel, frequencies, weighting: str) -> Weighted
     zero = np.zeros_like(energy)
     derivatives = np.stack([np.concatenate([zero, angular_frequencies(frequencies, sensor.num_bins) * energy]),
                             np.concatenate([energy, zero])], axis=1)                             # U, [2m, 2]
-    covariance = np.stack([_covariance(sensor, frequencies, share) for share in np.linspace(0, 1, LEVELS)])
+    covariance = _covariances(sensor, frequencies)
     if weighting == "identity":
         weights = np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
     else:
@@ -67,33 +67,31 @@ def weighted_steps(sensor: SensorModel, frequencies, weighting: str) -> Weighted
                          variance.astype(np.float32))
 
 
-def _covariance(sensor: SensorModel, frequencies, share: float) -> np.ndarray:
-    """Σ of one photon's matched sketch, turned back by its surface's depth; [2m, 2m], real parts first.
+def _covariances(sensor: SensorModel, frequencies) -> np.ndarray:
+    """Σ of one photon's matched sketch, turned back by its surface's depth, for LEVELS shares of signal.
 
     A photon is signal with probability α, else uniform over the bins, so E exp(i ω x) = α ĥ(ω) for ω ≠ 0 and 1 for 0;
-    products of cosines and sines are sums of those at ω_l ± ω_n.
+    products of cosines and sines are sums of those at ω_l ± ω_n. Of sensors with an IRF per pixel the mean IRF counts.
+
+    Returns:
+        float64 [LEVELS, 2m, 2m], real parts first.
     """
+    if sensor.irf.ndim > 1:
+        sensor = sensor.replace(irf=sensor.irf.mean(axis=0))
     k = np.asarray(frequencies)
-    spectrum = _mean_spectrum(sensor, k)
-    plus, minus = (_characteristic(sensor, ks, share) for ks in (k[:, None] + k, k[:, None] - k))
+    spectrum = irf_spectrum(sensor, k)
+    share = np.linspace(0, 1, LEVELS)[:, None, None]
+    plus, minus = (np.where(pairs % sensor.num_bins == 0, 1,
+                            share * irf_spectrum(sensor, pairs.ravel()).reshape(pairs.shape))
+                   for pairs in (k[:, None] + k, k[:, None] - k))
     # Of u = conj(ĥ) exp(i ω x): E u_l u_n and E u_l conj(u_n).
     plus = plus * np.conj(np.outer(spectrum, spectrum))
     minus = minus * np.outer(np.conj(spectrum), spectrum)
-    mean = share * np.abs(spectrum)**2
-    real = (minus + plus).real / 2 - np.outer(mean, mean)
+    energy = np.abs(spectrum)**2
+    real = (minus + plus).real / 2 - share**2 * np.outer(energy, energy)
     imaginary = (minus - plus).real / 2
     mixed = (plus - minus).imag / 2                     # E Re u_l · Im u_n
-    covariance = np.block([[real, mixed], [mixed.T, imaginary]])
+    covariance = np.block([[real, mixed], [mixed.swapaxes(1, 2), imaginary]])
     scale = np.tile(np.abs(spectrum), 2) + 1e-6         # as for the sketch itself, else weak frequencies drown
-    return covariance + np.diag(scale**2) * max(RIDGE * np.mean(np.diag(covariance) / scale**2), RIDGE**2)
-
-
-def _characteristic(sensor: SensorModel, k: np.ndarray, share: float) -> np.ndarray:
-    """E exp(2πi k x / T) of a photon counted from its surface, for an array of integers k."""
-    values = share * _mean_spectrum(sensor, k.ravel()).reshape(k.shape)
-    return np.where(k % sensor.num_bins == 0, 1, values)
-
-
-def _mean_spectrum(sensor: SensorModel, k: np.ndarray) -> np.ndarray:
-    """ĥ; of sensors with an IRF per pixel that of the mean IRF."""
-    return np.atleast_2d(irf_spectrum(sensor, k)).mean(axis=0)
+    mean = np.diagonal(covariance, axis1=1, axis2=2) @ (1 / scale**2) / len(scale)
+    return covariance + np.maximum(RIDGE * mean, RIDGE**2)[:, None, None] * np.diag(scale**2)

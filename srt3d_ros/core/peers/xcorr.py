@@ -146,7 +146,8 @@ def _chance(near: torch.Tensor, counts: torch.Tensor, window: tuple[int, int], n
     probability |window| / T. The Poisson distribution bounds that tail of the binomial one.
     """
     expected = (counts - 1).clamp(min=0).float() * ((window[1] - window[0]) / num_bins)
-    return (counts * torch.special.gammainc((near - 1).clamp(min=0).float().clamp(min=1e-6), expected)).clamp(max=1)
+    others = torch.special.gammainc((near - 1).clamp(min=1).float(), expected)          # P(Poisson ≥ N − 1)
+    return torch.where(near > 1, counts * others, 1.0).clamp(max=1)
 
 
 def _window(irf: np.ndarray, share: float) -> tuple[int, int]:

@@ -1,0 +1,122 @@
+"""SRT3D as published and RT3D: what the denoiser adds, and how good both are."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.metrics import Metrics, evaluate
+from srt3d_ros.core.peers.plug_and_play import depth_scale_bins, usual_intensity
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import open_photons
+
+from .scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
+
+REGULARISED = ("srt3d-paper", "rt3d")
+regularised = pytest.mark.parametrize("name", REGULARISED)
+
+
+def blob(rows=48, cols=48) -> np.ndarray:
+    """A round thing before a tilted wall."""
+    y, x = np.mgrid[-1:1:rows * 1j, -1:1:cols * 1j]
+    ball = 200 - 60 * np.sqrt(np.maximum(0.5 - x**2 - y**2, 0))
+    return np.where(x**2 + y**2 < 0.5, ball, 330 + 10 * x)
+
+
+@pytest.mark.parametrize(("name", "pixelwise", "ppp", "sbr", "least", "most", "error"), [
+    ("srt3d-paper", "smle", 4, 5, 0.97, 0.02, 1.1), ("srt3d-paper", "smle", 40, 5, 0.985, 0.015, 0.7),
+    ("rt3d", "xcorr", 4, 5, 0.97, 0.02, 0.75), ("rt3d", "xcorr", 40, 5, 0.985, 0.015, 0.5)])
+def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp, sbr, least, most, error):
+    depth = blob()
+    frame, sensor = simulate(depth, sbr, ppp), make_sensor(*depth.shape)
+    found, alone = (evaluate(run(method, frame, sensor), depth, 10, T) for method in (name, pixelwise))
+    assert found.true_detections >= least and found.false_detections <= most and found.dae_bins <= error, found
+    assert found.dae_bins < alone.dae_bins and found.true_detections > alone.true_detections - 0.015
+
+
+@regularised
+def test_empty_pixels_are_filled_from_their_neighbours(name):
+    depth = ramp(40, 40, 200, 0.4, 0.3)
+    frame = simulate(depth, sbr=10, ppp=10)
+    empty = np.random.default_rng(1).random(1600) < 0.3
+    seen = PhotonEvents(frame.pixel[~empty[frame.pixel]], frame.toa[~empty[frame.pixel]])
+    cloud = run(name, seen, make_sensor(40, 40))
+    assert len(cloud) > 0.995 * 1600 and np.abs(errors(cloud, depth)).max() < 8
+
+
+@regularised
+def test_background_alone_shows_next_to_nothing(name):
+    sensor = make_sensor(48, 48)
+    assert len(run(name, background_alone(sensor, 5, seed=2), sensor)) < 0.1 * sensor.pixels
+
+
+@regularised
+def test_a_single_layer_stays_single(name):
+    depth = ramp(24, 40, 150, 0.3, 0.1)
+    cloud = run(name, simulate(depth, sbr=20, ppp=50), make_sensor(24, 40), surfaces=3)
+    assert evaluate(cloud, depth, 10, T).false_detections < 0.1 and (cloud.surface == 0).sum() == depth.size
+
+
+def test_precision_is_more_exact_than_identity():
+    depth = blob()
+    sensor = make_sensor(*depth.shape, irf=TAILED)
+    frame = simulate(depth, 50, 20, sensor)
+    identity, precision = (evaluate(run("srt3d-paper", frame, sensor, weighting=w), depth, 10, T)
+                           for w in ("identity", "precision"))
+    assert precision.dae_bins < 0.9 * identity.dae_bins and precision.true_detections > 0.98
+
+
+def test_depth_counts_by_the_distance_of_neighbouring_rays_within_what_the_peak_allows():
+    sensor = SensorModel(40, 40, 600, 20e-12, np.ones(3), toa_offset_bins=400)
+    depth, lit = np.full((40, 1, 40), 100, np.float32), np.ones((40, 1, 40), np.float32)
+    pitch_bins = 500 * np.tan(np.radians(15)) / 20                      # 30° over 40 pixels at 500 bins
+    assert depth_scale_bins(sensor, depth, lit, peak_bins=40) == pytest.approx(6 * pitch_bins, rel=0.1)
+    assert depth_scale_bins(sensor, depth, lit, peak_bins=4) == 8
+    assert depth_scale_bins(sensor, depth, lit, peak_bins=400) == 200
+    assert depth_scale_bins(sensor, depth, 0 * lit, peak_bins=4) == 2
+
+
+def test_the_usual_intensity_is_that_of_the_strongest_points_of_pixels_in_use():
+    intensity = np.array([[[4.0, 8, 99], [1, 0, 0]]], np.float32)               # [1, K = 2, 3]
+    assert usual_intensity(intensity, np.array([[1.0, 2, 0]])) == 6
+    assert usual_intensity(intensity, np.zeros((1, 3))) == 0
+
+
+# ---- On measured photons: TD at least, FD and DAE at most; m = 10, τ = 10 bins
+
+MEASURED = {
+    ("rt3d", "polystyrene_head_142_1ppp"): (0.95, 0.03, 1.3),
+    ("rt3d", "polystyrene_head_142_10ppp"): (0.995, 0.01, 0.5),
+    ("srt3d-paper", "polystyrene_head_142_1ppp"): (0.9, 0.03, 2.0),
+    ("srt3d-paper", "polystyrene_head_142_10ppp"): (0.99, 0.01, 0.8),
+    ("srt3d-paper", "polystyrene_head_142_full"): (0.995, 0.01, 0.45),
+    ("srt3d-paper", "art_real_unif_ppp5_sbr1"): (0.87, 0.03, 2.0),
+    ("srt3d-paper", "art_real_unif_ppp5_sbr10"): (0.98, 0.015, 1.4)}
+
+
+def measured(folder, name: str, method: str) -> tuple[Metrics, object]:
+    photons = open_photons(folder / "photons" / f"{name}.npz")
+    cloud = run(method, photons.frame, photons.sensor)
+    return evaluate(cloud, photons.reference_depth_bins, 10, photons.sensor.num_bins), photons
+
+
+@pytest.mark.parametrize(("method", "name"), MEASURED)
+def test_quality_on_measured_photons(shared_data, method, name):
+    found, _ = measured(shared_data, name, method)
+    true, false, error = MEASURED[method, name]
+    assert found.true_detections >= true and found.false_detections <= false and found.dae_bins <= error, found
+
+
+@pytest.mark.parametrize("sbr", ["1", "10"])
+def test_rt3d_is_as_good_as_its_authors_program_on_the_same_photons(shared_data, sbr):
+    name = f"art_real_unif_ppp5_sbr{sbr}"
+    found, photons = measured(shared_data, name, "rt3d")
+    with np.load(shared_data / "photons" / f"{name}.npz") as file:
+        theirs = np.abs(file["rt3d_depth_bins"] - photons.reference_depth_bins[0])
+    assert found.true_detections >= (theirs <= 10).mean() and found.false_detections <= (theirs > 10).mean()
+    assert found.dae_bins <= 1.05 * theirs[theirs <= 10].mean()
+
+
+def test_frequencies_that_the_irf_does_not_pass_are_refused():
+    with pytest.raises(ValueError, match=r"^frequencies is \[.*\]: expected some that the sensor's IRF passes"):
+        Matcher(make_sensor(4, 5).replace(irf=np.ones(T), irf_ref=None), (1, 2, 3))

@@ -1,0 +1,72 @@
+"""Sketched maximum likelihood pixel by pixel: the minimum it finds, and how exact it is."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.frequencies import angular_frequencies, consecutive, irf_spectrum
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.sketching import sketch_photons
+
+from .scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
+
+
+def test_identity_finds_the_minimum_of_the_data_term():
+    sensor = make_sensor(5, 6)
+    frame = simulate(ramp(5, 6, T - 10, 7.3, 0.7) % T, sbr=2, ppp=40)
+    sketch = sketch_photons(frame, sensor, consecutive(10))
+    t = np.linspace(0, T, 20_000, endpoint=False)
+    spectrum = irf_spectrum(sensor, sketch.frequencies)
+    expected = spectrum * np.exp(1j * np.outer(t, angular_frequencies(sketch.frequencies, T)))      # [grid, m]
+    cloud = run("smle", frame, sensor, weighting="identity")
+    for p, z in enumerate(sketch.z.reshape(30, -1)):
+        share = np.clip((z @ np.conj(expected).T).real / (np.abs(spectrum)**2).sum(), 0, None)
+        best = (np.abs(z - share[:, None] * expected)**2).sum(axis=1).argmin()
+        assert abs(circular_difference(cloud.depth_bins[p], t[best], T)) < 0.05
+        assert cloud.intensity[p] == pytest.approx(share[best] * sketch.photons.ravel()[p], rel=0.01)
+
+
+def test_precision_ends_where_its_gradient_vanishes():
+    """Uᵀ Σ⁻¹ (z − Ψ) = 0 with Σ from a sum over all bins, at the depth and share that were found."""
+    sensor = make_sensor(3, 4)
+    frame = simulate(ramp(3, 4, 200, 20, 7), sbr=2, ppp=400)
+    k = consecutive(6)
+    sketch = sketch_photons(frame, sensor, k)
+    cloud = run("smle", frame, sensor, 6)
+    omega, spectrum = angular_frequencies(k, T), irf_spectrum(sensor, k)
+    phases = np.exp(1j * np.outer(np.arange(T), omega))
+    parts = np.concatenate([phases.real, phases.imag], axis=1)
+    for p, z in enumerate(sketch.z.reshape(12, -1)):
+        t, share = float(cloud.depth_bins[p]), cloud.intensity[p] / sketch.photons.ravel()[p]
+        places = (np.arange(T) - t + sensor.irf_ref) % T
+        density = np.interp(places, np.arange(len(sensor.irf)), sensor.irf, right=0)
+        density = share * density / density.sum() + (1 - share) / T
+        weights = np.linalg.inv((density[:, None] * parts).T @ parts - np.outer(density @ parts, density @ parts))
+        model = spectrum * np.exp(1j * omega * t)
+        gap = z - share * model
+        slopes = np.stack([np.r_[d.real, d.imag] for d in (1j * omega * share * model, model)], axis=1)
+        left = np.linalg.solve(slopes.T @ weights @ slopes, slopes.T @ weights @ np.r_[gap.real, gap.imag])
+        assert abs(left[0]) < 0.05 and abs(left[1]) < 0.01           # what a full step would still change
+
+
+@pytest.mark.parametrize(("weighting", "sbr"), [("identity", 10), ("precision", 10), ("precision", 1)])
+def test_errors_are_as_large_as_their_standard_deviations_say(weighting, sbr):
+    depth = ramp(40, 40, 200.3, 0.3, 0.2)
+    cloud = run("smle", simulate(depth, sbr, ppp=300), make_sensor(40, 40), weighting=weighting)
+    assert 0.85 < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < 1.15
+
+
+def test_precision_is_more_exact_than_identity():
+    depth = ramp(40, 40, 200.3, 0.3, 0.2)
+    sensor = make_sensor(40, 40, irf=TAILED)
+    frame = simulate(depth, sbr=50, ppp=100, sensor=sensor)
+    identity, precision = (np.abs(errors(run("smle", frame, sensor, weighting=w), depth)).mean()
+                           for w in ("identity", "precision"))
+    assert precision < 0.9 * identity
+
+
+@pytest.mark.parametrize("ppp", [0.3, 5, 50])
+def test_background_alone_shows_no_more_points_than_the_rate_allows(ppp):
+    sensor = make_sensor(64, 64)
+    frame = background_alone(sensor, ppp, seed=1)
+    assert len(run("smle", frame, sensor)) == len(np.unique(frame.pixel))      # as in the paper, unless asked
+    assert len(run("smle", frame, sensor, false_alarm_rate=0.01)) <= 0.03 * sensor.pixels

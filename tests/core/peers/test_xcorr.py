@@ -1,0 +1,71 @@
+"""The matched filter on full histograms against a plain one, and its false alarms."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.peers import xcorr
+from srt3d_ros.core.peers.toa import by_pixel
+
+from .scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
+
+
+def plain_filter(counts: np.ndarray, irf: np.ndarray, ref: int) -> float:
+    """arg max_t Σ_b y_b log(1 + h(b − t) / (0.01 max h)), with a parabola through the peak."""
+    response = np.zeros(len(counts))
+    for t in range(len(counts)):
+        for b in np.flatnonzero(counts):
+            place = (b - t + ref) % len(counts)
+            response[t] += counts[b] * np.log1p(irf[place] / (0.01 * irf.max())) if place < len(irf) else 0
+    top = int(response.argmax())
+    before, peak, after = response[top - 1], response[top], response[(top + 1) % len(counts)]
+    bend = before - 2 * peak + after
+    return top + np.clip((before - after) / 2 / bend if bend < 0 else 0, -0.5, 0.5)
+
+
+def test_depths_are_those_of_a_plain_filter():
+    sensor = make_sensor(5, 6)
+    frame = simulate(ramp(5, 6, T - 10, 3.3, 0.7) % T, sbr=3, ppp=25)
+    cloud = run("xcorr", frame, sensor)
+    irf = sensor.irf.astype(float)
+    for p in range(30):
+        counts = np.bincount(frame.toa[frame.pixel == p], minlength=T)
+        expected = plain_filter(counts, irf, sensor.irf_ref)
+        assert abs(circular_difference(cloud.image("depth_bins").ravel()[p], expected, T)) < 0.01
+
+
+def test_the_size_of_the_batches_does_not_matter(monkeypatch):
+    sensor = make_sensor(7, 9)
+    photons = by_pixel(simulate(ramp(7, 9, 200, 3, 1), sbr=2, ppp=25), sensor)
+    whole = xcorr.correlate(photons, sensor, 2)
+    monkeypatch.setattr(xcorr, "CELLS", 4 * T)
+    parts = xcorr.correlate(photons, sensor, 2)
+    for field in ("depth", "intensity", "background", "false_alarm"):
+        np.testing.assert_allclose(getattr(parts, field), getattr(whole, field), rtol=1e-5)
+
+
+def test_every_pixel_that_saw_a_photon_shows_a_point():
+    sensor = make_sensor(20, 20)
+    frame = simulate(ramp(20, 20, 200, 1, 1), sbr=50, ppp=1)
+    cloud = run("xcorr", frame, sensor)
+    assert len(cloud) == len(np.unique(frame.pixel)) < 400
+
+
+@pytest.mark.parametrize("ppp", [0.3, 3, 30])
+@pytest.mark.parametrize("rate", [1e-2, 1e-1])
+def test_background_alone_shows_no_more_points_than_the_rate_allows(rate, ppp):
+    sensor = make_sensor(64, 64)
+    points = sum(len(run("xcorr", background_alone(sensor, ppp, seed), sensor, false_alarm_rate=rate))
+                 for seed in range(3))
+    assert points <= 1.2 * rate * 3 * sensor.pixels
+
+
+def test_a_clear_surface_passes_the_test_for_false_alarms():
+    sensor = make_sensor(20, 20)
+    assert len(run("xcorr", simulate(ramp(20, 20, 200, 1, 1), 1, 40), sensor, false_alarm_rate=1e-3)) > 395
+
+
+def test_errors_are_nearly_as_large_as_their_standard_deviations_say():
+    depth = ramp(40, 40, 200.3, 0.3, 0.2)
+    cloud = run("xcorr", simulate(depth, sbr=10, ppp=200), make_sensor(40, 40))
+    assert 0.9 < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < 1.5
