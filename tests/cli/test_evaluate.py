@@ -1,6 +1,7 @@
 """`srt3d evaluate`: from files or scenes to a table, a CSV and figures; goes on; a mistake is one line."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -157,3 +158,19 @@ def test_results_of_something_else_are_refused(run, tmp_path):
     (tmp_path / "out" / "results.csv").write_text("a,b\n1,2\n")
     code, printed, _ = run("layers.npz")
     assert code == 2 and printed.err.count("\n") == 1 and "results.csv is a table with other columns" in printed.err
+
+
+def test_the_page_about_it_names_options_that_exist_and_figures_that_are_there(repository):
+    text = (repository / "docs" / "evaluation.md").read_text(encoding="utf-8")
+    known = {word for action in evaluate_parser()._actions for word in action.option_strings}
+    assert set(re.findall(r"--[a-z][a-z-]+", text)) <= known
+    for figure in re.findall(r"\]\((images/[^)]+)\)", text):
+        assert (repository / "docs" / figure).is_file(), figure
+    for method in METHODS:
+        assert f"`{method}`" in text, method
+
+
+def evaluate_parser():
+    """The parser of `srt3d evaluate`."""
+    top = main.parser(("evaluate",))
+    return next(iter(top._subparsers._group_actions)).choices["evaluate"]
