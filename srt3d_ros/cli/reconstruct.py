@@ -5,6 +5,7 @@ import json
 import sys
 import time
 
+from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.peers.weighting import WEIGHTINGS
@@ -35,6 +36,9 @@ def add_parser(subparsers) -> None:
                              "xcorr: show a point wherever there are photons)")
     parser.add_argument("--weighting", choices=WEIGHTINGS,
                         help="W of the data term (smle: precision, srt3d-paper: identity; others have none)")
+    parser.add_argument("--background", choices=BACKGROUNDS,
+                        help="how it spreads over the bins (srt3d): as the file says, evenly if it says nothing "
+                             "(sensor); evenly (flat); as the frame itself shows (estimate)")
     parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
     sensor = parser.add_argument_group("what the file does not say")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
@@ -43,6 +47,8 @@ def add_parser(subparsers) -> None:
     sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
     sensor.add_argument("--gate", type=_gate, metavar="FIRST,COUNT", help="keep only COUNT bins from FIRST on")
     sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
+    sensor.add_argument("--dark", metavar="FILE",
+                        help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
 
 
@@ -54,7 +60,7 @@ def _gate(text: str) -> tuple[int, int]:
     return first, count
 
 
-METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "weighting")
+METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting")
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
 
 
@@ -65,10 +71,15 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.datasets import open_photons
 
     cloud_files.check(args.output)
-    photons = open_photons(args.input, **{name: getattr(args, name) for name in OVERRIDES
-                                          if getattr(args, name) is not None})
-    sensor, frame = photons.sensor, photons.frame
+    overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
+    photons = open_photons(args.input, **overrides)
     method, frequencies = METHODS[args.method], ()
+    sensor, frame = photons.sensor, photons.frame
+    if args.dark is not None:
+        require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")
+        require(args.background in (None, "sensor"), "background", args.background, "sensor, with a dark frame")
+        known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
+        sensor = _with_dark_frame(sensor, open_photons(args.dark, **(known | overrides)))
     if method.needs == "sketch":
         frequencies = choose(args.frequencies or method.frequencies, sensor, args.sketch_size)
     for name in ("sketch_size", "frequencies"):
@@ -90,6 +101,16 @@ def run(args: argparse.Namespace) -> int:
         print(f"srt3d: {note}", file=sys.stderr)
     print(json.dumps(facts) if args.json else _words(facts))
     return 0
+
+
+def _with_dark_frame(sensor, dark):
+    """The sensor with the background of a dark frame that it recorded."""
+    from srt3d_ros.core.background import dark_shape
+
+    for name in ("rows", "cols", "num_bins"):
+        found, wanted = getattr(dark.sensor, name), getattr(sensor, name)
+        require(found == wanted, f"dark frame {name}", found, f"{wanted}, as in the input")
+    return sensor.replace(background_shape=dark_shape(dark.frame, sensor))
 
 
 def _timed(compute):

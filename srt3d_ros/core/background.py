@@ -17,10 +17,12 @@ from srt3d_ros.core.start import window_weights
 from srt3d_ros.errors import require
 
 BACKGROUNDS = ("sensor", "flat", "estimate")
-CELL, WINDOW = 4, 4.0       # pixels: size of the cells that are looked at together, σ of the window around each
+CELL = 4                    # pixels: size of the cells that are looked at together
+POOL = (window_weights(4.0, CELL), CELL)
 SURE = 7.0                  # standard deviations above which a cell's peak is a surface, not background
 ROUNDS = 4                  # of surfaces and background, each estimated from what the other leaves
 SHARPEST = 3                # surfaces that an even wall or two may add to the mean of all pixels
+MUCH_LESS = 0.8             # of what one estimate leaves unexplained, to prefer the other
 COHERENT = 0.5              # share of the energy at high frequencies that one surface must explain
 HOT = 10.0                  # times the median of the pixels: a dark frame's pixels above it are not counted
 
@@ -53,36 +55,38 @@ class Background:
         frame, matched = replace(frame, clutter=self._clutter), self._matched
         if self._estimates:
             matched = self._estimate(frame, cells, kernels)[None, :, None]
-        used = frame.exposure > 0
-        mean = (matched * used[:, None]).sum(axis=(0, 2)) / max(used.sum(), 1)
+        common = matched.shape[0] == matched.shape[2] == 1
+        every = cells.photons * matched if common else kernels.blur(frame.noise[:, None] * matched, *POOL)
         signal = np.zeros_like(cells.photons)
         for _ in range(2):              # the second time without what the first took for background
-            _, signal = self._surfaces(frame, cells, mean, signal, kernels)
+            _, signal = _surfaces(frame, cells, every, signal, kernels)
         share = 1 - (signal / np.maximum(cells.photons, 1e-6))[:, 0]
         rows, cols = (np.arange(size) // CELL for size in frame.shape)
         background = frame.noise * share[np.ix_(rows, cols)]
         return replace(frame, matched=frame.matched - background[:, None] * matched)
 
-    def _surfaces(self, frame: Frame, cells: "_Cells", mean: np.ndarray, signal: np.ndarray,
-                  kernels) -> tuple[np.ndarray, np.ndarray]:
-        """Depth and photons of the surface of every cell, 0 photons where there is none for sure."""
-        rest = cells.matched - (cells.photons - signal) * mean[:, None]
-        depth, found = kernels.match(rest.astype(np.float32), frame.energy, frame.cycles, frame.num_bins, 1)
-        score = found * np.sqrt(2 * frame.total_energy / np.maximum(cells.noise, 1e-6)) / frame.noise_ratio(depth)
-        return depth, np.where(score > SURE, np.clip(found, 0, cells.photons), 0)
-
     def _estimate(self, frame: Frame, cells: "_Cells", kernels) -> np.ndarray:
-        """What each background photon adds to `matched` on average, float [2m]: Σ (matched − surfaces) / Σ B of cells.
+        """What each background photon adds to `matched` on average, float32 [2m]: Σ (matched − surfaces) / Σ B.
 
-        It begins with the mean of all photons, less what is too sharp to be background.
+        It begins with the mean of all photons: once less what is too sharp to be background, for a wall that fills the
+        view would be in it, and once with that, for the edge of a gate may be sharp. The one that leaves much less
+        unexplained is right.
         """
-        mean = _without_sharp(cells.matched.sum(axis=(0, 2)) / max(cells.photons.sum(), 1e-6), frame, self._omega)
+        every = cells.matched.sum(axis=(0, 2)) / max(cells.photons.sum(), 1e-6)
+        (mean, rest), (other, other_rest) = (self._alternate(frame, cells, start, kernels) for start in (
+            _without_sharp(every, frame, self._omega), every))
+        return (other if other_rest < MUCH_LESS * rest else mean).astype(np.float32)
+
+    def _alternate(self, frame: Frame, cells: "_Cells", mean: np.ndarray, kernels) -> tuple[np.ndarray, float]:
+        """Surfaces and background in turn; what a background photon adds, and Σ |rest|² over its variance."""
         signal = np.zeros_like(cells.photons)
         for _ in range(ROUNDS):
-            depth, signal = self._surfaces(frame, cells, mean, signal, kernels)
-            surfaces = signal * _steered(frame.energy, self._omega, depth)
-            mean = (cells.matched - surfaces).sum(axis=(0, 2)) / max((cells.photons - signal).sum(), 1e-6)
-        return mean.astype(np.float32)
+            depth, signal = _surfaces(frame, cells, cells.photons * mean[:, None], signal, kernels)
+            rest = cells.matched - signal * _steered(frame.energy, self._omega, depth)
+            mean = rest.sum(axis=(0, 2)) / max((cells.photons - signal).sum(), 1e-6)
+        rest = rest - (cells.photons - signal) * mean[:, None]
+        variance = np.maximum(np.tile(frame.energy, 2)[:, None] * cells.noise, 1e-6)
+        return mean, float((rest**2 / variance).sum())
 
 
 def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
@@ -125,9 +129,23 @@ class _Cells:
 
     @classmethod
     def of(cls, frame: Frame, kernels) -> "_Cells":
-        weights, photons = window_weights(WINDOW, CELL), frame.noise[:, None]
-        return cls(kernels.blur(frame.matched, weights, CELL), kernels.blur(photons, weights, CELL),
-                   kernels.blur(photons, weights**2, CELL))
+        photons, (weights, step) = frame.noise[:, None], POOL
+        return cls(kernels.blur(frame.matched, weights, step), kernels.blur(photons, weights, step),
+                   kernels.blur(photons, weights**2, step))
+
+
+def _surfaces(frame: Frame, cells: _Cells, every: np.ndarray, signal: np.ndarray,
+              kernels) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and photons of the surface of every cell, 0 photons where there is none for sure.
+
+    Args:
+        every: what the photons of each cell would add to `matched` if they all were background.
+        signal: photons that are not, as far as known.
+    """
+    rest = cells.matched - (1 - signal / np.maximum(cells.photons, 1e-6)) * every
+    depth, found = kernels.match(rest.astype(np.float32), frame.energy, frame.cycles, frame.num_bins, 1)
+    score = found * np.sqrt(2 * frame.total_energy / np.maximum(cells.noise, 1e-6)) / frame.noise_ratio(depth)
+    return depth, np.where(score > SURE, np.clip(found, 0, cells.photons), 0)
 
 
 def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:

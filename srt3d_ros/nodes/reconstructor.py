@@ -7,6 +7,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
+from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.peers.weighting import WEIGHTINGS
@@ -28,6 +29,8 @@ PARAMETERS = (
     Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "srt3d, smle: share of the pixels without a surface that "
               "may show a point.", low=1e-12, high=0.5, live=True),
+    Parameter("background", BACKGROUNDS[0], "srt3d: how the background spreads over the bins: as the sensor's "
+              "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS),
     Parameter("weighting", AS_PUBLISHED, "srt3d-paper, smle: weighting of the sketched data term; auto is what the "
               "method is published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),

@@ -10,6 +10,7 @@ import pytest
 
 from srt3d_ros.cli import main
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.srt3d import SRT3D
@@ -103,6 +104,24 @@ def test_surfaces_and_false_alarm_rate_reach_the_method(run, monkeypatch):
         "surfaces": 2, "false_alarm_rate": 0.03, "device": "cpu"}
 
 
+def test_a_dark_frame_tells_the_background(run, tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr(SRT3D, "__init__", recording(SRT3D.__init__, seen))
+    toa = np.repeat(np.arange(300), np.arange(300)).astype(np.uint16)           # a ramp
+    npz.save(tmp_path / "dark.npz", SENSOR, PhotonEvents(np.arange(len(toa), dtype=np.uint32) % 240, toa))
+    code, _, out = run("--dark", str(tmp_path / "dark.npz"))
+    assert code == 0 and len(np.load(out)["row"]) == 240
+    run("--background", "estimate")
+    assert seen["background"] == "estimate"
+
+
+def test_a_dark_frame_of_another_sensor_is_refused(photons, tmp_path, capsys):
+    dark, out = str(tmp_path / "dark.npz"), str(tmp_path / "a.npz")
+    npz.save(dark, SENSOR.replace(rows=20, cols=12), PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
+    assert main.main(["reconstruct", str(photons[0]), "-o", out, "--dark", dark]) == 2
+    assert capsys.readouterr().err == "srt3d: error: dark frame rows is 20: expected 12, as in the input\n"
+
+
 def recording(function, seen: dict):
     """The function, which notes the keywords of its first call."""
     def wrapped(*args, **keywords):
@@ -161,6 +180,10 @@ BAD = {
     "missing IRF": (["FILE", "-o", "a.npz", "--irf", "absent.npy"], "irf is absent.npy"),
     "bin width 0": (["FILE", "-o", "a.npz", "--bin-width-s", "0"], "bin_width_s is 0"),
     "too few bins for the photons": (["FILE", "-o", "a.npz", "--num-bins", "100"], "toa is"),
+    "other background": (["FILE", "-o", "a.npz", "--background", "dark"], "--background"),
+    "missing dark frame": (["FILE", "-o", "a.npz", "--dark", "absent.npz"], "absent.npz"),
+    "dark frame and flat": (["FILE", "-o", "a.npz", "--dark", "FILE", "--background", "flat"], "background is flat"),
+    "dark frame of another method": (["FILE", "-o", "a.npz", "--dark", "FILE", "--method", "xcorr"], "dark is"),
     "control characters": (["\x1b[2Jno\nfile.npz", "-o", "a.npz"], "\\x1b[2Jno file.npz"),
 }
 

@@ -1,0 +1,160 @@
+"""Backgrounds that are not flat in time: taken out exactly in expectation, and well enough with noise."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.background import Background, dark_shape
+from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.metrics import circular_difference, evaluate
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.srt3d import SRT3D
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels import cpu
+
+T = 600
+IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)
+BINS = np.arange(T)
+SHAPES = {"ramp": 0.1 + BINS / T, "fog": np.exp(-BINS / 60) + 0.02, "lump": 0.1 + 5 * BINS / 60 * np.exp(-BINS / 60)}
+Y, X = np.mgrid[:48, :48]
+DEPTH = np.where(np.hypot(X - 24, Y - 24) < 16, 330 - 0.08 * ((X - 24)**2 + (Y - 24)**2), 450.0)     # a ball, a wall
+
+
+def make_sensor(rows=48, cols=48, irf=IRF, **changes) -> SensorModel:
+    return SensorModel(rows, cols, T, 16e-12, irf, **changes)
+
+
+def simulate(sensor: SensorModel, depth_bins=DEPTH, sbr=0.3, ppp=20.0, seed=0) -> PhotonEvents:
+    return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
+
+
+def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor"):
+    frequencies = choose("auto", sensor)
+    return SRT3D(sensor, frequencies, background=background)(sketch_photons(frame, sensor, frequencies))
+
+
+def background_alone(sensor: SensorModel, ppp: float) -> PhotonEvents:
+    rng = np.random.default_rng(0)
+    count = rng.poisson(ppp * sensor.pixels)
+    cumulative = np.cumsum(sensor.background_shape, dtype=np.float64)
+    toa = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right").astype(np.uint16)
+    return PhotonEvents(np.sort(rng.integers(0, sensor.pixels, count)).astype(np.uint32), toa)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("changes", [{}, {"delay_bins": X[:8, :12] * 3.0}, {"irf": np.stack([np.roll(
+    np.pad(IRF, 10), shift % 9) for shift in range(96)]), "irf_ref": 25}], ids=["plain", "delay", "IRF per pixel"])
+def test_nothing_is_left_of_the_expected_background(shape, changes):
+    sensor = make_sensor(8, 12, background_shape=SHAPES[shape], **changes)
+    frequencies = choose("auto", sensor)
+    late = np.zeros((8, 12)) if sensor.delay_bins is None else sensor.delay_bins
+    omega = 2 * np.pi * np.array(frequencies) / T
+    one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
+    sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
+    matcher = Matcher(sensor, frequencies)
+    frame = matcher(Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32)))
+    left = Background(matcher).remove(frame, cpu).matched
+    assert np.abs(frame.matched).max() > 5 and np.abs(left).max() < 1e-3
+
+
+def test_a_sensor_that_says_nothing_has_a_flat_background():
+    sensor = make_sensor(8, 12)
+    matcher = Matcher(sensor, (1, 2, 5))
+    frame = matcher(Sketch((1, 2, 5), np.ones((8, 12, 3), np.complex64), np.full((8, 12), 5, np.uint32)))
+    assert Background(matcher).remove(frame, cpu) is frame and Background(matcher, "flat").remove(frame, cpu) is frame
+    shaped = Matcher(sensor.replace(background_shape=SHAPES["fog"]), (1, 2, 5))
+    assert Background(shaped, "flat").remove(frame, cpu) is frame
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("sbr", [0.1, 0.3, 3.0])
+def test_a_known_background_does_no_harm(shape, sbr):
+    sensor = make_sensor(background_shape=SHAPES[shape])
+    ppp = 5 * (1 + 1 / sbr)
+    found = evaluate(reconstruct(simulate(sensor, sbr=sbr, ppp=ppp), sensor), DEPTH, 10, T)
+    even = evaluate(reconstruct(simulate(make_sensor(), sbr=sbr, ppp=ppp), make_sensor()), DEPTH, 10, T)
+    assert found.true_detections > even.true_detections - 0.04
+    assert found.false_detections < even.false_detections + 0.04 and found.dae_bins < 1.4 * even.dae_bins
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("depth_bins", [DEPTH, np.full((48, 48), 250.0), 150 + 0.7 * X],
+                         ids=["ball and wall", "a wall alone", "a tilted wall"])
+def test_a_background_that_nobody_knows_is_estimated(shape, depth_bins):
+    sensor = make_sensor(background_shape=SHAPES[shape])
+    frame = simulate(sensor, depth_bins)
+    found, flat = (evaluate(reconstruct(frame, make_sensor(), how), depth_bins, 10, T) for how in ("estimate", "flat"))
+    assert found.true_detections > 0.97 and found.false_detections < 0.03
+    assert found.true_detections >= flat.true_detections - 0.01
+
+
+@pytest.mark.parametrize(("depth_bins", "sbr"), [(DEPTH, 0.3), (DEPTH, 10.0), (np.full((48, 48), 250.0), 0.3)],
+                         ids=["ball and wall", "the same, bright", "a wall alone"])
+def test_estimating_a_flat_background_costs_little(depth_bins, sbr):
+    frame = simulate(make_sensor(), depth_bins, sbr)
+    found, flat = (evaluate(reconstruct(frame, make_sensor(), how), depth_bins, 10, T) for how in ("estimate", "flat"))
+    assert found.true_detections > flat.true_detections - 0.01 and found.dae_bins < 1.5 * flat.dae_bins + 0.05
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("ppp", [0.3, 5, 50])
+def test_background_alone_shows_few_points_also_where_it_is_dense(shape, ppp):
+    sensor = make_sensor(background_shape=SHAPES[shape])
+    assert len(reconstruct(background_alone(sensor, ppp), sensor)) <= 48        # three windows' false alarms
+    assert len(reconstruct(background_alone(sensor, 50), sensor, "flat")) > 1000
+
+
+@pytest.mark.parametrize("background", ["sensor", "flat", "estimate"])
+def test_a_hot_pixel_does_not_harm_its_neighbours(background):
+    sensor = make_sensor(background_shape=SHAPES["ramp"] if background == "sensor" else None)
+    frame = simulate(sensor, sbr=3, ppp=20)
+    rng = np.random.default_rng(1)
+    hot = rng.choice(sensor.pixels, 12, replace=False)
+    shouts = np.repeat(hot, 2000).astype(np.uint32)                             # 100 times the others
+    pixel = np.append(frame.pixel, shouts)
+    toa = np.append(frame.toa, rng.integers(0, T, len(shouts)).astype(np.uint16))
+    mask = ~np.isin(np.arange(sensor.pixels), hot).reshape(48, 48)
+    for known in (True, False):
+        cloud = reconstruct(PhotonEvents(pixel, toa), sensor.replace(mask=mask if known else None), background)
+        beside = mask[cloud.row, cloud.col]
+        error = circular_difference(cloud.depth_bins, DEPTH[cloud.row, cloud.col], T)
+        assert beside.sum() > 0.98 * mask.sum() and (np.abs(error[beside]) > 10).mean() < 0.02
+        assert beside.all() or not known
+
+
+def test_the_shape_of_a_dark_frame_is_its_histogram_at_no_delay():
+    sensor = make_sensor(2, 2, delay_bins=[[0, 10.4], [0, 0]], mask=[[True, True], [False, True]])
+    pixel = np.array([0, 1, 1, 2, 3], np.uint32)
+    toa = np.array([5, 15, 3, 77, 599], np.uint16)
+    shape = dark_shape(PhotonEvents(pixel, toa), sensor)
+    expected = np.zeros(T)
+    expected[[5, T - 7, 599]] = 0.5, 0.25, 0.25
+    np.testing.assert_allclose(shape, expected)
+
+
+def test_a_dark_frame_leaves_hot_pixels_out():
+    sensor = make_sensor()
+    quiet = background_alone(sensor.replace(background_shape=SHAPES["fog"]), 20)
+    toa = np.append(quiet.toa, np.full(50_000, 300, np.uint16))
+    shape = dark_shape(PhotonEvents(np.append(quiet.pixel, np.full(50_000, 9, np.uint32)), toa), sensor)
+    assert shape[300] < 0.001
+    assert shape[:60].sum() == pytest.approx(SHAPES["fog"][:60].sum() / SHAPES["fog"].sum(), rel=0.02)
+
+
+def test_a_dark_frame_may_come_as_gates():
+    sensor = make_sensor(gates=GateWords())
+    events = background_alone(sensor.replace(background_shape=SHAPES["ramp"]), 3)
+    gates = PhotonGates.from_events(events, sensor)
+    np.testing.assert_array_equal(dark_shape(gates, sensor), dark_shape(events, sensor))
+
+
+def test_what_cannot_be_used_is_named():
+    with pytest.raises(InvalidInput, match="^background is dark: expected sensor or flat or estimate"):
+        SRT3D(make_sensor(), (1, 2, 3), background="dark")
+    with pytest.raises(InvalidInput, match="^dark frame is no photons"):
+        dark_shape(PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16)), make_sensor())
