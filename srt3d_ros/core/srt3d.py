@@ -19,15 +19,23 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
-from srt3d_ros.core.start import REST_SCALES, SURE, SURE_SCALES, find_surfaces, score_threshold, window_weights
+from srt3d_ros.core.start import (
+    REST_SCALES,
+    SURE,
+    SURE_SCALES,
+    continuation_threshold,
+    find_surfaces,
+    score_threshold,
+    window_weights,
+)
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
 WINDOWS = (2.0, 2.5, 2.5)           # σ of the pooling window in each iteration, pixels
-SPREAD = 3                          # pixels by which surfaces may grow in each
-WEAK = 4.0                          # standard deviations under which a point is searched for anew
+SPREAD = 4                          # pixels by which surfaces may grow in each
+WEAK = 5.0                          # standard deviations under which a point is searched for anew
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
 
 
@@ -63,7 +71,7 @@ class SRT3D:
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         frame = self._background.remove(self._matcher(sketch), self.kernels)
-        threshold = score_threshold(self.false_alarm_rate, frame)
+        threshold = score_threshold(self.false_alarm_rate, frame, REST_SCALES[-1])
         state = layout.no_surfaces(*frame.shape, self.surfaces)
         state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels)
         state = self._iterate(frame, state, WINDOWS[0])
@@ -72,7 +80,7 @@ class SRT3D:
         for window in WINDOWS[1:]:
             state = self._iterate(frame, state, window)
         state[:, :, layout.SCORE] /= frame.noise_ratio(state[:, :, layout.DEPTH])
-        return self._cloud(frame, state, threshold, sketch)
+        return self._cloud(frame, state, continuation_threshold(self.false_alarm_rate), sketch)
 
     def _iterate(self, frame: Frame, state: np.ndarray, window: float) -> np.ndarray:
         """Let surfaces compete and spread, then step down the gradient of the data pooled over the window."""
@@ -88,11 +96,11 @@ class SRT3D:
         sums = rng.normal(size=(8, 8, len(frequencies), 2)).astype(np.float32).view(np.complex64)[..., 0]
         SRT3D(small, frequencies, self.surfaces)(Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
 
-    def _cloud(self, frame: Frame, state: np.ndarray, threshold: float, sketch: Sketch) -> PointCloud:
-        """Points with enough evidence, the strongest of a pixel first."""
+    def _cloud(self, frame: Frame, state: np.ndarray, least: float, sketch: Sketch) -> PointCloud:
+        """Points whose score is above `least`, the strongest of a pixel first."""
         intensity = self._intensity(frame, state)
         view = layout.crop(state, *frame.shape)                                       # [rows, K, FIELDS, cols]
-        kept = (view[:, :, layout.INTENSITY] > 0) & (view[:, :, layout.SCORE] > threshold)
+        kept = (view[:, :, layout.INTENSITY] > 0) & (view[:, :, layout.SCORE] > least)
         intensity = np.where(kept, intensity, 0)
         order = np.argsort(-intensity, axis=1, kind="stable")
         row, rank, col = np.nonzero(np.take_along_axis(kept, order, axis=1))

@@ -10,7 +10,8 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Frame
 
 # σ of the pooling windows and size of their cells, pixels.
-SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))
+SINGLE = (0.0, 1)
+SURE_SCALES = (SINGLE, (1.0, 1), (2.0, 2))
 REST_SCALES = ((3.0, 2), (6.0, 4))
 SURE = 7.0                      # standard deviations that leave no doubt
 SMALLEST = 1e-300               # probability that floats still tell from 0
@@ -25,21 +26,33 @@ def window_weights(sigma: float, step: int) -> np.ndarray:
     return np.exp(-x**2 / (2 * sigma**2)).astype(np.float32)
 
 
-def score_threshold(false_alarm_rate: float, frame: Frame) -> float:
-    """The score that background alone reaches anywhere in T with this probability, in one pixel.
+def score_threshold(false_alarm_rate: float, frame: Frame, scale=SINGLE) -> float:
+    """The score at a scale with which background alone shows a point in this share of the pixels.
 
     A matched filter over frequencies up to k_max has about 2 k_max independent depths; each exceeds z with probability
-    Q(z), so Q(z) = P / (2 k_max).
+    Q(z). One that does fills its cell, and from there spreads over the πσ² pixels of its window: so with cells of s²
+    pixels Q(z) = P / (2 k_max) · s² / πσ².
     """
-    depths = 2 * float(frame.cycles.max()) * frame.num_bins
-    return -NormalDist().inv_cdf(max(false_alarm_rate / max(depths, 1.0), SMALLEST))
+    sigma, step = scale
+    depths = max(2 * float(frame.cycles.max()) * frame.num_bins, 1.0)
+    share = step**2 / max(math.pi * sigma**2, step**2)
+    return -NormalDist().inv_cdf(max(false_alarm_rate / depths * share, SMALLEST))
+
+
+def continuation_threshold(false_alarm_rate: float) -> float:
+    """The score that is enough where the neighbours have a surface.
+
+    The depth is known there, so nothing is searched for; and that the surface goes on is as likely beforehand as half
+    the evidence: Q(z) = √P.
+    """
+    return -NormalDist().inv_cdf(math.sqrt(false_alarm_rate))
 
 
 def find_surfaces(frame: Frame, state: np.ndarray, scales, enough: float, kernels) -> np.ndarray:
     """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
     A scale pools the pixels that finer ones, or an earlier search, left open. At the last scale less is enough. Further
-    surfaces are searched for in the same way, in what those found before leave unexplained.
+    surfaces are searched for in what those found before leave unexplained; only sure ones count.
 
     Args:
         frame: the frame.
@@ -53,16 +66,25 @@ def find_surfaces(frame: Frame, state: np.ndarray, scales, enough: float, kernel
     """
     view = layout.crop(state, *frame.shape)                                     # [rows, K, FIELDS, cols]
     for layer in range(state.shape[1]):
-        seen = frame
+        seen, open_pixels = frame, (frame.exposure > 0) & (view[:, layer, layout.INTENSITY] == 0)
         if layer > 0:
-            seen = replace(frame, matched=layout.crop(kernels.explain(frame.padded, state)[layer], *frame.shape))
-        open_pixels = (frame.exposure > 0) & (view[:, layer, layout.INTENSITY] == 0)
-        if layer > 0:
-            open_pixels &= view[:, 0, layout.INTENSITY] > 0
+            seen = _unexplained(frame, state, layer, kernels)
+            open_pixels &= view[:, layer - 1, layout.INTENSITY] > 0
         for scale in scales:
-            least = enough if scale == scales[-1] else max(SURE, enough)
+            least = enough if scale == scales[-1] and layer == 0 else max(SURE, enough)
             _search(seen, view, layer, open_pixels, scale, least, kernels)
     return state
+
+
+def _unexplained(frame: Frame, state: np.ndarray, layer: int, kernels) -> Frame:
+    """The frame without the surfaces that are known, each as strong as its own pixel shows it.
+
+    With the intensity of its pool instead, too much would be taken from some pixels; then the matched filter responds
+    where a surface would give the opposite, half a period away.
+    """
+    known = state.copy()
+    known[:, :, layout.INTENSITY] = np.maximum(kernels.own_intensity(frame.padded, state), 0)
+    return replace(frame, matched=layout.crop(kernels.explain(frame.padded, known)[layer], *frame.shape))
 
 
 def _search(frame: Frame, view: np.ndarray, layer: int, open_pixels: np.ndarray, scale, enough: float, kernels) -> None:

@@ -220,7 +220,7 @@ def _finish(s, state, point, out, wide, radius, moments, total, curvature, perio
         out[point + STD * wide + x] = std if signal > ZERO else period
         score = s[VALUE + x] / np.sqrt(HALF * noise * total + TINY)
         # A point found in a wider window than this one keeps the evidence that was found there.
-        wider = F32(2) * state[point + WINDOW * wide + x] > radius
+        wider = F32(1.5) * state[point + WINDOW * wide + x] > radius
         score = max(score, state[point + SCORE * wide + x]) if wider else score
         out[point + SCORE * wide + x] = score if seen else ZERO
         out[point + WINDOW * wide + x] = state[point + WINDOW * wide + x]

@@ -6,7 +6,8 @@ from numba import prange
 from srt3d_ros.core.layout import DEPTH, INTENSITY
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos
 
-LIKENESS = F32(3)            # neighbours' intensities may differ by this factor and still be one surface's
+LIKENESS = F32(2)            # neighbours' intensities may differ by this factor and still be one surface's
+DEAD = F32(-1)               # nats that a pixel without any photon speaks against a surface, at most: it may be dead
 
 
 @inline
@@ -23,6 +24,7 @@ def nats(response, photons, expected, total, greatest, worth, moments):
         expected: signal photons that the surface should give, to within the factor LIKENESS.
         total, greatest, worth, moments: the Frame's total_energy, greatest_response, rarity and intensity_moments.
     """
+    dead = photons <= ZERO
     response, photons = max(response, ZERO), max(photons, HALF)
     steps = len(worth) - 1
     at = min(response / (photons * greatest), ONE) * F32(steps)
@@ -32,7 +34,8 @@ def nats(response, photons, expected, total, greatest, worth, moments):
     likely = min(max(seen, expected / LIKENESS), expected * LIKENESS)
     deviance = likely - seen + (seen * np.log(seen / likely) if seen > ZERO else ZERO)
     signal, background = likely * moments[0], max(photons - likely, ZERO) * moments[1]
-    return HALF * photons * rare * rare - deviance * signal / (signal + background)
+    gain = HALF * photons * rare * rare - deviance * signal / (signal + background)
+    return max(gain, DEAD) if dead else gain
 
 
 @inline

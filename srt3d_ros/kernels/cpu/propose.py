@@ -3,16 +3,19 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
+from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import evidence, nats
 
 REACH = 2                    # pixels: of the neighbourhood that votes
-BELIEF = F32(0.3)            # nats that a neighbour's vote is worth before its own photons are asked
-VOTES = (F32(-0.5), F32(1))  # nats that it is worth at least and at most
+BELIEF = F32(0.45)           # nats that a neighbour's vote is worth before its own photons are asked
+VOTES = (F32(0), F32(0.7))  # nats that it is worth at least and at most
+BLANK = F32(0.2)            # nats that a neighbour with photons, but no surface, speaks against a new one
 ENOUGH = 3                   # neighbours that must agree on a new surface
 CREATE = F32(0.6)            # nats in favour of a new surface
+SAME = F32(0.7)              # agreement of candidates that need no judgement of their own
 ALONE = F32(0.5)             # nats that a neighbour with fewer surfaces speaks against a further one
+RESOLVED = 0.7               # widths of the matched filter within which depths are one surface, for sure
 FILL_WINDOW = F32(2)         # pixels: window of a point that an empty pixel got from its neighbours
 NEVER = F32(-1e30)
 NEAR = tuple(F32(np.exp(-d / (2 * 1.2**2))) for d in range(2 * REACH**2 + 1))     # a vote's weight by squared distance
@@ -32,13 +35,18 @@ def _surfaces(state, i, j):
 
 
 @inline
-def _candidates(i, j, reach, state, own, gate, blur2, values, info):
-    """Collect the surfaces of a neighbourhood, carried to pixel (i, j) along their planes; returns how many."""
-    found = 0
+def _candidates(i, j, reach, state, own, noise, gate, blur2, values, info):
+    """Collect the surfaces of a neighbourhood, carried to pixel (i, j) along their planes.
+
+    Returns how many there are, and the weight of the pixels around that see photons, but no surface.
+    """
+    found, blank = 0, ZERO
     for di in range(-reach, reach + 1):
         for dj in range(-reach, reach + 1):
             a, b = i + di, j + dj
             count = _surfaces(state, a, b)
+            if count == 0 and noise[a, b] > ZERO and (di != 0 or dj != 0):
+                blank += NEAR[di * di + dj * dj]
             for k in range(state.shape[1]):
                 if state[a, k, INTENSITY, b] > ZERO:
                     rise = state[a, k, SLOPE_COL, b] * F32(dj) + state[a, k, SLOPE_ROW, b] * F32(di)
@@ -51,7 +59,7 @@ def _candidates(i, j, reach, state, own, gate, blur2, values, info):
                     info[found, COUNT], info[found, FREE] = count, 1
                     info[found, OWN] = 1 if di == 0 and dj == 0 else 0
                     found += 1
-    return found
+    return found, blank
 
 
 @inline
@@ -62,13 +70,17 @@ def _agreement(q, c, values, period):
 
 
 @inline
-def _differ(found, values, period):
-    """Whether the candidates are not all one surface."""
-    differ = False
+def _settled(found, had, values, info, period):
+    """Whether all candidates belong to the pixel's own surfaces, and none of its neighbours has fewer."""
+    settled = had > 0
     for q in range(found):
-        close, _ = _agreement(q, 0, values, period)
-        differ = differ or close <= ZERO
-    return differ
+        known = info[q, OWN] == 1
+        for c in range(found):
+            if info[c, OWN] == 1 and not known:
+                close, _ = _agreement(q, c, values, period)
+                known = close > ZERO
+        settled = settled and known and info[q, COUNT] >= had
+    return settled
 
 
 @inline
@@ -104,10 +116,20 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, c
     """The free candidate with the most evidence, above `least`, or −1: own photons and the neighbours' votes.
 
     Only candidates of the 3 × 3 neighbourhood are chosen from: farther ones vote.
+
+    Returns the candidate, the evidence of the pixel's own photons, the depth, which candidate is the pixel's own or −1,
+    and the pixel's photons from there.
     """
-    best, evidence, own, at, mine, m = -1, least, ZERO, ZERO, -1, len(cycles)
+    best, evidence, own, at, mine, share, m = -1, least, ZERO, ZERO, -1, ZERO, len(cycles)
     for c in range(found):
         if info[c, FREE] == 0 or abs(info[c, ROW] - i) > 1 or abs(info[c, COL] - j) > 1:
+            continue
+        judged = False                              # as one with a candidate before
+        for q in range(c):
+            if info[q, FREE] == 1 and abs(info[q, ROW] - i) <= 1 and abs(info[q, COL] - j) <= 1:
+                close, _ = _agreement(q, c, values, period)
+                judged = judged or close > SAME
+        if judged:
             continue
         votes, where, intensity, count, its = _support(c, k, found, values, info, state, period)
         response = ZERO
@@ -117,7 +139,8 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, c
         photonic = nats(response, photons, intensity * exposure, total, greatest, worth, moments)
         if photonic + votes > evidence and (its >= 0 or count >= ENOUGH):
             best, evidence, own, at, mine = c, photonic + votes, photonic, where, its
-    return best, own, at, mine
+            share = max(response, ZERO) / total
+    return best, own, at, mine, share
 
 
 @inline
@@ -139,14 +162,13 @@ def _join(c, found, at, state, values, info, period, record):
 
 
 @inline
-def _explain(rest, record, exposure, energy, cycles):
-    """Take a surface's share out of a pixel's sketch."""
+def _explain(rest, at, photons, energy, cycles):
+    """Take the photons from a surface out of a pixel's sketch."""
     m = len(energy)
     for l in range(m):
-        sine, cosine = sincos(cycles[l] * record[DEPTH])
-        known = record[INTENSITY] * exposure * energy[l]
-        rest[l] -= known * cosine
-        rest[m + l] -= known * sine
+        sine, cosine = sincos(cycles[l] * at)
+        rest[l] -= photons * energy[l] * cosine
+        rest[m + l] -= photons * energy[l] * sine
 
 
 @parallel
@@ -166,16 +188,17 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
             had = _surfaces(before, i, j)
             if exposure[i, j] <= ZERO or (fill and had > 0):
                 continue
-            found = _candidates(i, j, 1, before, own_before, gate, blur2, values, info)
-            if found < ENOUGH if had == 0 else had == 1 and not _differ(found, values, period):
+            found, _ = _candidates(i, j, 1, before, own_before, noise, gate, blur2, values, info)
+            if found < ENOUGH if had == 0 else _settled(found, had, values, info, period):
                 continue
-            found = _candidates(i, j, REACH, before, own_before, gate, blur2, values, info)
+            found, blank = _candidates(i, j, REACH, before, own_before, noise, gate, blur2, values, info)
             rest[:] = matched[i, :, j]
             photons = noise[i, j]
             for k in range(surfaces):
                 least = CREATE if k > 0 or had == 0 else NEVER
-                c, own, at, mine = _best(k, least, i, j, found, values, info, before, rest, photons, exposure[i, j],
-                                         cycles, period, total, greatest, worth, moments)
+                least += BLANK * blank if had == 0 else ZERO
+                c, own, at, mine, share = _best(k, least, i, j, found, values, info, before, rest, photons,
+                                                exposure[i, j], cycles, period, total, greatest, worth, moments)
                 if c < 0:
                     after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
                     continue
@@ -185,9 +208,10 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
                     record[WINDOW] = max(record[WINDOW], window)
                 else:
                     record[WINDOW] = window if had > 0 else max(window, FILL_WINDOW)
+                    record[SCORE] = ZERO                            # for its pool to say
                 after[i, k, :, j], own_after[i, k, j] = record, own
-                photons -= record[INTENSITY] * exposure[i, j]
-                _explain(rest, record, exposure[i, j], energy, cycles)
+                photons -= share
+                _explain(rest, record[DEPTH], share, energy, cycles)
 
 
 def propose(data, state, window, gate, spread):
@@ -210,9 +234,11 @@ def propose(data, state, window, gate, spread):
         The next state.
     """
     # Depths nearer than the sketch can resolve are one surface, whatever their standard deviations.
-    blur2 = (TWO * F32(data.resolution_bins))**2
+    blur2 = F32(RESOLVED * data.resolution_bins)**2
     own = evidence(data, state)
     for step in range(1 + spread):
+        if step > 0 and not ((state[:, :, INTENSITY] <= ZERO).all(axis=1) & (data.exposure > ZERO)).any():
+            break
         after, own_after = np.zeros_like(state), np.zeros_like(own)
         _propose(data.matched, data.noise, data.exposure, data.energy, data.cycles, data.num_bins,
                  F32(data.greatest_response), data.rarity, data.intensity_moments, F32(gate), blur2, F32(window),
