@@ -50,7 +50,13 @@ def _gather(i, j, depth, intensity, normal, scale, period, x, y, z, r, nx, ny):
 @inline
 def _cluster(found, z, member, count, mean):
     """Join points whose depths agree into surfaces; returns how many surfaces there are."""
-    surfaces = 0
+    surfaces, least, most, total = 0, ZERO, ZERO, ZERO
+    for p in range(found):
+        least, most, total = min(least, z[p]), max(most, z[p]), total + z[p]
+        member[p] = 0
+    if most - least < SAME_SURFACE:                 # all are one surface, as nearly everywhere
+        count[0], mean[0] = found, total / F32(max(found, 1))
+        return min(found, 1)
     for p in range(found):
         joined = -1
         for c in range(surfaces):
