@@ -13,7 +13,8 @@ class PointCloud:
         row, col: uint16 [N].
         depth_bins: float32 [N], the bin on which irf[irf_ref] sits, in [0, T).
         intensity: float32 [N], expected signal photons of that return in the frame.
-        depth_std_bins: float32 [N], standard deviation of `depth_bins`, from the Fisher information.
+        depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and where photons are pooled also
+            what the surface does within the pool.
         xyz: float32 [N, 3], metres, sensor's frame.
         surface: uint8 [N], 0 for the strongest point of its pixel, 1 for the next, …
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.

@@ -108,10 +108,12 @@ class SRT3D:
         row, rank, col = row[by_pixel], rank[by_pixel], col[by_pixel]
         layer = order[row, rank, col]
         depth = view[row, layer, layout.DEPTH, col] % frame.num_bins        # rounding may have made it T
+        relief = self.kernels.relief(state, WINDOWS[-1], layout.MARGIN, SAME_SURFACE**2, frame.num_bins)
+        std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
         seen = (intensity * frame.exposure[:, None]).sum(axis=1)
         background = np.maximum(sketch.photons - seen, 0).astype(np.float32)
         return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity[row, layer, col],
-                          view[row, layer, layout.STD, col], self.sensor.xyz(row, col, depth), rank.astype(np.uint8),
+                          std[row, layer, col], self.sensor.xyz(row, col, depth), rank.astype(np.uint8),
                           background, sketch.stamp_ns)
 
     def _intensity(self, frame: Frame, state: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from srt3d_ros.kernels.cpu.intensity import own_intensity
 from srt3d_ros.kernels.cpu.pixelwise import pixelwise
 from srt3d_ros.kernels.cpu.poisson import poisson
 from srt3d_ros.kernels.cpu.propose import propose
+from srt3d_ros.kernels.cpu.relief import relief
 from srt3d_ros.kernels.cpu.sketch import sketch_continuous, sketch_gates, sketch_unsorted
 from srt3d_ros.kernels.cpu.start import blur, match
 
 __all__ = ["apss", "blur", "descend", "evidence", "explain", "match", "own_intensity", "pixelwise", "poisson",
-           "propose", "sketch_continuous", "sketch_gates", "sketch_unsorted"]
+           "propose", "relief", "sketch_continuous", "sketch_gates", "sketch_unsorted"]
