@@ -118,8 +118,8 @@ class Matcher:
         self._exposure = self._used if sensor.gain is None else self._used * sensor.gain
         self._energy = energy.astype(np.float32)
         self._cycles = (omega / (2 * np.pi)).astype(np.float32)
-        self._moments, self._intensity_moments = _score_moments(sensor, omega, energy)
         self.spectrum = spectrum.mean(axis=0)
+        self._moments, self._intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._rarity = _rarity(self.spectrum, self.frequencies)
 
     def __call__(self, sketch: Sketch) -> Frame:
@@ -139,19 +139,27 @@ class Matcher:
         return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 
-def _score_moments(sensor: SensorModel, omega: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
+                  energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Variances that a signal photon and a background photon add to the scores for depth and for intensity.
 
-    The scores are Σ_l ω_l Im and Σ_l Re of conj(ĥ_l) exp(i ω_l b) for a photon b bins from its surface: the gradients
-    of the data term in t and r. Their mean square over the IRF, and over all bins, is the variance that a Poisson
-    number of photons has for each one expected; the sandwich formula makes the estimates' variances of it, whatever the
-    distribution of the photons over the bins.
+    The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, f_l the filters
+    (conj(ĥ_l) of a matched filter): the gradients of the data term in t and r. Their mean square over the IRF, and over
+    all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
+    estimates' variances of it, whatever the distribution of the photons over the bins.
+
+    Args:
+        sensor: gives the IRF; of an IRF per pixel the mean counts.
+        omega: float64 [m], ω_l.
+        filters: complex [m], f_l.
+        energy: float64 [m], |f_l|².
+
+    Returns:
+        For depth and for intensity, float32 [2]: of a signal photon, of a background photon.
     """
     irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
     bins = np.arange(len(irf)) - sensor.irf_ref
-    response = np.exp(1j * np.outer(bins, omega))
-    # The IRF's own spectrum; for one IRF it is exact, for an IRF per pixel that of the mean.
-    response = response * np.conj(irf @ response)
+    response = np.exp(1j * np.outer(bins, omega)) * filters
     moments = []
     for score, background in (((response * omega).imag.sum(axis=1), (omega**2 * energy).sum() / 2),
                               (response.real.sum(axis=1), energy.sum() / 2)):

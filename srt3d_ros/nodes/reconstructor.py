@@ -31,8 +31,8 @@ PARAMETERS = (
               "may show a point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "srt3d: how the background spreads over the bins: as the sensor's "
               "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS),
-    Parameter("weighting", AS_PUBLISHED, "srt3d-paper, smle: weighting of the sketched data term; auto is what the "
-              "method is published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
+    Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for srt3d and what the "
+              "others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
