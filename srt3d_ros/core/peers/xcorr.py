@@ -20,6 +20,7 @@ from srt3d_ros.core.sensor import SensorModel
 
 CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array
 FLOOR = 0.01            # ε, of the IRF's peak: against h itself, this finds more surfaces at any SBR from 0.1 to 50
+TIE = 1e-4              # peaks that differ less are equal, but for the rounding of the FFT
 BODY = 0.9              # share of the IRF in the window that signal photons are counted in
 WHOLE = 0.99            # share of the IRF in the window that is taken out for the next surface
 
@@ -101,9 +102,10 @@ class _Filters:
     def __init__(self, sensor: SensorModel):
         self.num_bins, self.ref = sensor.num_bins, sensor.irf_ref
         irf = np.atleast_2d(sensor.irf)
-        placed = np.zeros((len(irf), sensor.num_bins), np.float32)
-        placed[:, :irf.shape[1]] = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))     # 0 outside the IRF
-        self.spectrum = torch.fft.rfft(torch.from_numpy(np.roll(placed, -sensor.irf_ref, axis=1))).conj()
+        self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
+        self.size = _fast_length(sensor.num_bins + self.overlap)
+        weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))                      # 0 outside the IRF
+        self.spectrum = torch.fft.rfft(torch.from_numpy(weights), n=self.size).conj()
         self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
 
     def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
@@ -113,11 +115,11 @@ class _Filters:
         pixel = torch.from_numpy(np.repeat(np.arange(last - first), photons.counts[first:last]))
         found = []
         for _ in range(surfaces):
-            depth, top = self._highest(pixel, bins, slice(first, last))
-            place = (bins - top[pixel] + self.ref) % self.num_bins                  # of each photon in the IRF
+            begin, shift = self._highest(pixel, bins, slice(first, last))
+            place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
             body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
             near, left = (torch.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
-            found.append((depth, near, _chance(near, left, self.body, self.num_bins)))
+            found.append((begin + self.ref + shift, near, _chance(near, left, self.body, self.num_bins)))
             pixel, bins = pixel[~whole], bins[~whole]
         outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
         background = torch.bincount(pixel, minlength=last - first) / outside
@@ -126,17 +128,34 @@ class _Filters:
         return depth, (near - background * width).clamp(min=0) / BODY, chance, background
 
     def _highest(self, pixel: torch.Tensor, bins: torch.Tensor, pixels: slice):
-        """The depth of the highest peak of each pixel's histogram, and its bin."""
-        size = pixels.stop - pixels.start
-        histogram = torch.bincount(pixel * self.num_bins + bins, minlength=size * self.num_bins)
+        """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        count, num_bins = pixels.stop - pixels.start, self.num_bins
+        histogram = torch.zeros(count * self.size)
+        histogram.scatter_add_(0, pixel * self.size + bins, torch.ones(len(bins)))
+        histogram = histogram.reshape(count, self.size)
+        histogram[:, num_bins:num_bins + self.overlap] = histogram[:, :self.overlap]
         spectrum = self.spectrum if len(self.spectrum) == 1 else self.spectrum[pixels]
-        spectrum = torch.fft.rfft(histogram.reshape(size, self.num_bins).float()) * spectrum
-        response = torch.fft.irfft(spectrum, n=self.num_bins)
-        peak, top = response.max(dim=1)
-        before, after = (response.gather(1, ((top + step) % self.num_bins)[:, None])[:, 0] for step in (-1, 1))
+        response = torch.fft.irfft(torch.fft.rfft(histogram) * spectrum, n=self.size)[:, :num_bins]
+        # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
+        high = response >= (1 - TIE) * response.amax(dim=1, keepdim=True)
+        first, last = high.byte().argmax(dim=1), num_bins - 1 - high.flip(1).byte().argmax(dim=1)
+        begin = torch.where(torch.arange(count) % 2 == 0, first, last)
+        before, peak, after = (response.gather(1, ((begin + step) % num_bins)[:, None])[:, 0] for step in (-1, 0, 1))
         bend = before - 2 * peak + after
-        shift = torch.where(bend < 0, (before - after) / (2 * bend), 0.0).clamp(-0.5, 0.5)
-        return top + shift, top
+        shift = torch.where(bend < 0, (before - after) / (2 * bend), 0.0)
+        return begin, shift.clamp(-0.5, 0.5)
+
+
+def _fast_length(least: int) -> int:
+    """The smallest number from `least` on without prime factors above 5: FFTs of others take several times as long."""
+    while True:
+        rest = least
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return least
+        least += 1
 
 
 def _chance(near: torch.Tensor, counts: torch.Tensor, window: tuple[int, int], num_bins: int) -> torch.Tensor:

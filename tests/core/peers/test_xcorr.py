@@ -6,6 +6,7 @@ import pytest
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.peers import xcorr
 from srt3d_ros.core.peers.toa import by_pixel
+from srt3d_ros.core.photons import PhotonEvents
 
 from .scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
 
@@ -69,3 +70,10 @@ def test_errors_are_nearly_as_large_as_their_standard_deviations_say():
     depth = ramp(40, 40, 200.3, 0.3, 0.2)
     cloud = run("xcorr", simulate(depth, sbr=10, ppp=200), make_sensor(40, 40))
     assert 0.9 < np.sqrt(((errors(cloud, depth) / cloud.depth_std_bins)**2).mean()) < 1.5
+
+
+def test_of_two_lone_photons_either_is_chosen_as_often():
+    sensor = make_sensor(40, 40)
+    toa = np.tile([100, 300], 1600).astype(np.uint16)
+    cloud = run("xcorr", PhotonEvents(np.arange(1600, dtype=np.uint32).repeat(2), toa), sensor)
+    assert len(cloud) == 1600 and 0.45 < (cloud.depth_bins < 200).mean() < 0.55
