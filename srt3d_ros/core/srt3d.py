@@ -35,7 +35,7 @@ from srt3d_ros.errors import InvalidInput, require
 DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
-WINDOWS = (2.0, 2.5, 2.5)           # σ of the pooling window in each iteration, pixels
+WINDOWS = ((2.0, 3), (2.5, 3), (2.5, 4))    # σ and radius of the pooling window in each iteration, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
 WEAK = 5.0                          # standard deviations under which a point is searched for anew
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
@@ -90,13 +90,14 @@ class SRT3D:
         state[:, :, layout.SCORE] /= frame.noise_ratio(state[:, :, layout.DEPTH])
         return self._cloud(frame, state, continuation_threshold(self.false_alarm_rate), sketch)
 
-    def _iterate(self, frame: Frame, state: np.ndarray, window: float, precision: Precision | None = None):
+    def _iterate(self, frame: Frame, state: np.ndarray, window, precision: Precision | None = None) -> np.ndarray:
         """Let surfaces compete and spread, then step down the gradient of the data pooled over the window."""
-        state = self.kernels.propose(frame.padded, state, window, SAME_SURFACE**2, SPREAD)
+        sigma, radius = window
+        state = self.kernels.propose(frame.padded, state, sigma, SAME_SURFACE**2, SPREAD)
         if precision:
             signal = (layout.crop(state, *frame.shape)[:, :, layout.INTENSITY] * frame.exposure[:, None]).sum()
             frame = precision(frame, min(signal / max(frame.noise.sum(), 1), 1))
-        return self.kernels.descend(frame.padded, state, min(round(2 * window), layout.MARGIN), SAME_SURFACE**2)
+        return self.kernels.descend(frame.padded, state, radius, SAME_SURFACE**2)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
@@ -119,7 +120,7 @@ class SRT3D:
         row, rank, col = row[by_pixel], rank[by_pixel], col[by_pixel]
         layer = order[row, rank, col]
         depth = view[row, layer, layout.DEPTH, col] % frame.num_bins        # rounding may have made it T
-        relief = self.kernels.relief(state, WINDOWS[-1], layout.MARGIN, SAME_SURFACE**2, frame.num_bins)
+        relief = self.kernels.relief(state, *WINDOWS[-1], SAME_SURFACE**2, frame.num_bins)
         std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
         seen = (intensity * frame.exposure[:, None]).sum(axis=1)
         background = np.maximum(sketch.photons - seen, 0).astype(np.float32)

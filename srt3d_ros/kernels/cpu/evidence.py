@@ -39,17 +39,20 @@ def nats(response, photons, expected, total, greatest, worth, moments):
 
 
 @inline
-def own_response(matched, exposure, energy, cycles, state, i, k, j):
-    """Response of pixel (i, j) to the matched filter of its surface k, its other surfaces taken out."""
-    m, response = len(energy), ZERO
+def own_response(matched, exposure, energy, cycles, state, i, k, response):
+    """Response of the pixels of row i to the matched filters of their surfaces k, their other surfaces taken out."""
+    m, wide = len(energy), len(response)
+    response[:] = ZERO
     for l in range(m):
-        sine, cosine = sincos(cycles[l] * state[i, k, DEPTH, j])
-        response += matched[i, l, j] * cosine + matched[i, m + l, j] * sine
-        for o in range(state.shape[1]):
-            if o != k and state[i, o, INTENSITY, j] > ZERO:
-                _, apart = sincos(cycles[l] * (state[i, o, DEPTH, j] - state[i, k, DEPTH, j]))
-                response -= state[i, o, INTENSITY, j] * exposure[i, j] * energy[l] * apart
-    return response
+        for j in range(wide):
+            sine, cosine = sincos(cycles[l] * state[i, k, DEPTH, j])
+            response[j] += matched[i, l, j] * cosine + matched[i, m + l, j] * sine
+    for o in range(state.shape[1]):
+        if o != k:
+            for l in range(m):
+                for j in range(wide):
+                    _, apart = sincos(cycles[l] * (state[i, o, DEPTH, j] - state[i, k, DEPTH, j]))
+                    response[j] -= state[i, o, INTENSITY, j] * exposure[i, j] * energy[l] * apart
 
 
 @parallel
@@ -57,16 +60,17 @@ def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments
     tall, surfaces, _, wide = state.shape
     total = energy.sum()
     for i in prange(tall):
+        response = np.empty(wide, np.float32)
         for k in range(surfaces):
+            own_response(matched, exposure, energy, cycles, state, i, k, response)
             for j in range(wide):
                 out[i, k, j] = ZERO
                 if state[i, k, INTENSITY, j] > ZERO and exposure[i, j] > ZERO:
                     photons = noise[i, j]
                     for o in range(surfaces):
                         photons -= state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
-                    response = own_response(matched, exposure, energy, cycles, state, i, k, j)
-                    out[i, k, j] = nats(response, photons, state[i, k, INTENSITY, j] * exposure[i, j], total, greatest,
-                                        worth, moments)
+                    out[i, k, j] = nats(response[j], photons, state[i, k, INTENSITY, j] * exposure[i, j], total,
+                                        greatest, worth, moments)
 
 
 def evidence(data, state):

@@ -13,12 +13,12 @@ def _own_intensity(matched, exposure, energy, cycles, state, out):
     tall, surfaces, _, wide = state.shape
     total = energy.sum()
     for i in prange(tall):
+        response = np.empty(wide, np.float32)
         for k in range(surfaces):
+            own_response(matched, exposure, energy, cycles, state, i, k, response)
             for j in range(wide):
-                out[i, k, j] = ZERO
-                if state[i, k, INTENSITY, j] > ZERO:
-                    response = own_response(matched, exposure, energy, cycles, state, i, k, j)
-                    out[i, k, j] = response / (total * max(exposure[i, j], TINY))
+                share = response[j] / (total * max(exposure[i, j], TINY))
+                out[i, k, j] = share if state[i, k, INTENSITY, j] > ZERO else ZERO
 
 
 def own_intensity(data, state):

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, parallel, sincos, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import evidence, nats
 
 REACH = 2                    # pixels: of the neighbourhood that votes
@@ -35,14 +35,42 @@ def _surfaces(state, i, j):
 
 
 @inline
-def _candidates(i, j, reach, state, own, noise, gate, blur2, values, info):
-    """Collect the surfaces of a neighbourhood, carried to pixel (i, j) along their planes.
+def _settled(i, j, had, state, gate, blur2, period):
+    """Whether nothing is to be decided at pixel (i, j).
+
+    Where it has surfaces, all of the 3 × 3 neighbourhood belong to them, and no neighbour has fewer; where it has none,
+    hardly any neighbour has one.
+    """
+    found, settled = 0, True
+    for di in range(-1, 2):
+        for dj in range(-1, 2):
+            a, b, count = i + di, j + dj, 0
+            for q in range(state.shape[1]):
+                if state[a, q, INTENSITY, b] > ZERO:
+                    count += 1
+                    rise = state[a, q, SLOPE_COL, b] * F32(dj) + state[a, q, SLOPE_ROW, b] * F32(di)
+                    noisy = state[a, q, STD, b] * state[a, q, STD, b]
+                    known = False
+                    for k in range(state.shape[1]):
+                        if state[i, k, INTENSITY, j] > ZERO:
+                            e = wrap(state[a, q, DEPTH, b] - rise - state[i, k, DEPTH, j], period)
+                            apart = gate * (noisy + state[i, k, STD, j] * state[i, k, STD, j]) + TWO * blur2
+                            known = known or e * e < apart
+                    settled = settled and (known or had == 0)
+            found += count
+            settled = settled and (count == 0 or count >= had)
+    return settled if had > 0 else found < ENOUGH
+
+
+@inline
+def _candidates(i, j, state, own, noise, gate, blur2, values, info):
+    """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
 
     Returns how many there are, and the weight of the pixels around that see photons, but no surface.
     """
     found, blank = 0, ZERO
-    for di in range(-reach, reach + 1):
-        for dj in range(-reach, reach + 1):
+    for di in range(-REACH, REACH + 1):
+        for dj in range(-REACH, REACH + 1):
             a, b = i + di, j + dj
             count = _surfaces(state, a, b)
             if count == 0 and noise[a, b] > ZERO and (di != 0 or dj != 0):
@@ -67,20 +95,6 @@ def _agreement(q, c, values, period):
     """How far two candidates are one surface, 0 … 1, and their difference in depth."""
     e = wrap(values[q, AT] - values[c, AT], period)
     return max(ONE - e * e / (values[q, VARIANCE] + values[c, VARIANCE]), ZERO), e
-
-
-@inline
-def _settled(found, had, values, info, period):
-    """Whether all candidates belong to the pixel's own surfaces, and none of its neighbours has fewer."""
-    settled = had > 0
-    for q in range(found):
-        known = info[q, OWN] == 1
-        for c in range(found):
-            if info[c, OWN] == 1 and not known:
-                close, _ = _agreement(q, c, values, period)
-                known = close > ZERO
-        settled = settled and known and info[q, COUNT] >= had
-    return settled
 
 
 @inline
@@ -188,10 +202,9 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
             had = _surfaces(before, i, j)
             if exposure[i, j] <= ZERO or (fill and had > 0):
                 continue
-            found, _ = _candidates(i, j, 1, before, own_before, noise, gate, blur2, values, info)
-            if found < ENOUGH if had == 0 else _settled(found, had, values, info, period):
+            if _settled(i, j, had, before, gate, blur2, period):
                 continue
-            found, blank = _candidates(i, j, REACH, before, own_before, noise, gate, blur2, values, info)
+            found, blank = _candidates(i, j, before, own_before, noise, gate, blur2, values, info)
             rest[:] = matched[i, :, j]
             photons = noise[i, j]
             for k in range(surfaces):
