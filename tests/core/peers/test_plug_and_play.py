@@ -1,13 +1,17 @@
 """SRT3D as published and RT3D: what the denoiser adds, and how good both are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.peers.plug_and_play import depth_scale_bins, usual_intensity
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import open_photons
 
 from .scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
@@ -47,7 +51,20 @@ def test_empty_pixels_are_filled_from_their_neighbours(name):
 @regularised
 def test_background_alone_shows_next_to_nothing(name):
     sensor = make_sensor(48, 48)
-    assert len(run(name, background_alone(sensor, 5, seed=2), sensor)) < 0.1 * sensor.pixels
+    frame = background_alone(sensor, 5, seed=2)
+    cloud = run(name, frame, sensor)
+    assert len(cloud) < 0.1 * sensor.pixels
+    assert cloud.background.sum() == pytest.approx(frame.photons, rel=0.03)        # what the start took for signal too
+
+
+def test_the_papers_numbers_of_steps_and_denoisings_are_run():
+    sensor, calls = make_sensor(8, 8), []
+    method = METHODS["srt3d-paper"].build(sensor, (1, 2, 3))
+    method.kernels = SimpleNamespace(match=method.kernels.match, **{
+        name: lambda *args, name=name, kernel=getattr(method.kernels, name): calls.append(name) or kernel(*args)
+        for name in ("pixelwise", "apss")})
+    method(sketch_photons(simulate(np.full((8, 8), 200.0), 10, 20), sensor, (1, 2, 3)))
+    assert calls == 5 * ["pixelwise"] + 25 * ["apss", "pixelwise"] + ["apss", "pixelwise"]
 
 
 @regularised
