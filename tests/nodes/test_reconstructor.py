@@ -89,6 +89,24 @@ def test_bad_sketches_are_counted_and_survived(graph, sensor, sketch, send):
     assert "Traceback" not in process.text
 
 
+@pytest.mark.parametrize("parameters", [{"method": "smle"}, {"method": "srt3d-paper", "weighting": "precision"}])
+def test_other_methods_on_sketches_can_be_chosen(graph, sensor, sketch, send, parameters):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor", lossless=True, **parameters).ready()
+    send(sketch_message.encode_cdr(sketch, "spad"))
+    graph.wait(lambda: clouds, "a cloud")
+    ranges = np.linalg.norm(points_message.decode(clouds[0])[1]["xyz"], axis=1)
+    assert len(ranges) > 0.8 * sensor.pixels
+    assert abs(np.median(ranges) - sensor.range_m(50)) < sensor.range_m(1) - sensor.range_m(0)
+
+
+@pytest.mark.parametrize("name, value", [("method", "rt3d"), ("weighting", "half")])
+def test_what_a_sketch_is_not_enough_for_is_one_line_and_exit_code_2(graph, name, value):
+    process = graph.start("reconstructor", **{name: value})
+    assert process.code() == 2
+    assert len(process.lines) == 1 and process.text.startswith(f"{name} is {value}: expected ")
+
+
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has CUDA")
 def test_cuda_where_there_is_none_is_one_line_and_exit_code_2(graph):
     process = graph.start("reconstructor", device="cuda")
