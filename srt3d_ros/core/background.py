@@ -23,6 +23,7 @@ SURE = 7.0                  # standard deviations above which a cell's peak is a
 ROUNDS = 4                  # of surfaces and background, each estimated from what the other leaves
 SHARPEST = 3                # surfaces that an even wall or two may add to the mean of all pixels
 MUCH_LESS = 0.8             # of what one estimate leaves unexplained, to prefer the other
+UNEXPLAINED = 0.3           # share of the signal that may pass for background: bright frames keep a flat one
 COHERENT = 0.5              # share of the energy at high frequencies that one surface must explain
 HOT = 10.0                  # times the median of the pixels: a dark frame's pixels above it are not counted
 
@@ -69,24 +70,30 @@ class Background:
         """What each background photon adds to `matched` on average, float32 [2m]: Σ (matched − surfaces) / Σ B.
 
         It begins with the mean of all photons: once less what is too sharp to be background, for a wall that fills the
-        view would be in it, and once with that, for the edge of a gate may be sharp. The one that leaves much less
-        unexplained is right.
+        view would be in it, and once with that, for the edge of a gate may be sharp. The second is right if it leaves
+        much less unexplained and has not taken all surfaces for background.
         """
         every = cells.matched.sum(axis=(0, 2)) / max(cells.photons.sum(), 1e-6)
-        (mean, rest), (other, other_rest) = (self._alternate(frame, cells, start, kernels) for start in (
+        (mean, rest, _), (other, other_rest, seen) = (self._alternate(frame, cells, start, kernels) for start in (
             _without_sharp(every, frame, self._omega), every))
-        return (other if other_rest < MUCH_LESS * rest else mean).astype(np.float32)
+        return (other if other_rest < MUCH_LESS * rest and seen > 0.5 else mean).astype(np.float32)
 
-    def _alternate(self, frame: Frame, cells: "_Cells", mean: np.ndarray, kernels) -> tuple[np.ndarray, float]:
-        """Surfaces and background in turn; what a background photon adds, and Σ |rest|² over its variance."""
+    def _alternate(self, frame: Frame, cells: "_Cells", mean: np.ndarray, kernels) -> tuple[np.ndarray, float, float]:
+        """Surfaces and background in turn.
+
+        Returns:
+            What a background photon adds; Σ |rest|² over its variance; the share of cells with a surface.
+        """
         signal = np.zeros_like(cells.photons)
+        variance = np.maximum(np.tile(frame.energy, 2)[:, None] * cells.noise, 1e-6)
         for _ in range(ROUNDS):
             depth, signal = _surfaces(frame, cells, cells.photons * mean[:, None], signal, kernels)
             rest = cells.matched - signal * _steered(frame.energy, self._omega, depth)
-            mean = rest.sum(axis=(0, 2)) / max((cells.photons - signal).sum(), 1e-6)
-        rest = rest - (cells.photons - signal) * mean[:, None]
-        variance = np.maximum(np.tile(frame.energy, 2)[:, None] * cells.noise, 1e-6)
-        return mean, float((rest**2 / variance).sum())
+            background = cells.photons - signal
+            mean = rest.sum(axis=(0, 2)) / max(background.sum(), 1e-6)
+        unexplained = float(((rest - background * mean[:, None])**2 / variance).sum())
+        mean = mean / (1 + (UNEXPLAINED * signal.sum() / max(background.sum(), 1e-6))**2)
+        return mean, unexplained, float((signal > 0).mean())
 
 
 def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
@@ -143,9 +150,23 @@ def _surfaces(frame: Frame, cells: _Cells, every: np.ndarray, signal: np.ndarray
         signal: photons that are not, as far as known.
     """
     rest = cells.matched - (1 - signal / np.maximum(cells.photons, 1e-6)) * every
-    depth, found = kernels.match(rest.astype(np.float32), frame.energy, frame.cycles, frame.num_bins, 1)
+    depth, _ = kernels.match(rest.astype(np.float32), frame.energy, frame.cycles, frame.num_bins, 1)
+    depth, found = _sharpened(frame, rest, depth)
     score = found * np.sqrt(2 * frame.total_energy / np.maximum(cells.noise, 1e-6)) / frame.noise_ratio(depth)
     return depth, np.where(score > SURE, np.clip(found, 0, cells.photons), 0)
+
+
+def _sharpened(frame: Frame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depths after two Newton steps, and their intensities: what the filter's grid leaves over would be background."""
+    m = len(frame.energy)
+    omega = 2 * np.pi * frame.cycles[:, None]
+    for last in (False, False, True):
+        along = (rest[:, :m] + 1j * rest[:, m:]) * np.exp(-1j * omega * depth)
+        if not last:
+            bend = (omega**2 * along.real).sum(axis=1, keepdims=True)
+            step = (omega * along.imag).sum(axis=1, keepdims=True) / np.maximum(bend, 1e-6)
+            depth = depth + np.clip(step, -frame.resolution_bins, frame.resolution_bins)
+    return depth, along.real.sum(axis=1, keepdims=True) / frame.total_energy
 
 
 def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
