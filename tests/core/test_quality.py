@@ -1,0 +1,81 @@
+"""How good SRT3D is with its defaults and m = 10, on measured and on simulated photons: what this project promises."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.srt3d import SRT3D
+from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets.irf import spad
+from srt3d_ros.datasets.scene import StaticScene, default_sensor
+from srt3d_ros.datasets.simulator import Simulator
+
+MEASURED = {        # tolerance τ, bins; then TD at least, FD and DAE (bins) at most
+    "polystyrene_head_142_1ppp": (10, 0.992, 0.010, 0.85), "polystyrene_head_142_10ppp": (10, 0.996, 0.005, 0.42),
+    "polystyrene_head_142_full": (10, 0.998, 0.003, 0.22), "art_real_unif_ppp5_sbr10": (10, 0.996, 0.005, 0.50),
+    "art_real_unif_ppp5_sbr1": (10, 0.988, 0.013, 0.75), "art_real_unif_ppp5_sbr0.1": (10, 0.84, 0.105, 2.45),
+    "mannequin_face_340": (40, 0.987, 0.013, 2.10)}
+
+SIMULATED = {       # SBR, ppp: TD at least, FD at most, DAE at most, mm; the moving head, τ = 40 mm
+    (10, 1): (0.99, 0.015, 1.3), (1, 1): (0.97, 0.025, 2.0), (0.1, 10): (0.945, 0.035, 2.7),
+    (1, 10): (0.997, 0.005, 0.9)}
+
+
+def reconstruct(frame, sensor, **options):
+    frequencies = choose("auto", sensor, 10)
+    return SRT3D(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_on_measured_photons(shared_data, name):
+    photons = open_photons(shared_data / "photons" / f"{name}.npz")
+    tolerance, true, false, error = MEASURED[name]
+    cloud = reconstruct(photons.frame, photons.sensor)
+    found = evaluate(cloud, photons.reference_depth_bins, tolerance, photons.sensor.num_bins)
+    assert found.true_detections >= true and found.false_detections <= false and found.dae_bins <= error, found
+
+
+@pytest.mark.parametrize(("sbr", "ppp"), SIMULATED)
+def test_on_simulated_photons_and_errors_are_as_large_as_is_said(sbr, ppp):
+    sensor = default_sensor()
+    frame, depth = Simulator(sbr=sbr, ppp=ppp, seed=2).frame(0)
+    found = evaluate(reconstruct(frame, sensor), depth, 40e-3 / sensor.bin_width_m, sensor.num_bins)
+    true, false, error_mm = SIMULATED[sbr, ppp]
+    assert found.true_detections >= true and found.false_detections <= false
+    assert found.dae_bins * sensor.bin_width_m * 1e3 <= error_mm
+    assert 0.60 <= found.within_1_std <= 0.76 and 0.90 <= found.within_2_std <= 0.98, found
+
+
+def test_two_surfaces_are_kept_where_there_are_two_and_edges_show_no_double_points(shared_data):
+    photons = open_photons(shared_data / "photons" / "art_real_unif_ppp5_sbr10.npz")
+    one, two = (reconstruct(photons.frame, photons.sensor, surfaces=surfaces) for surfaces in (1, 2))
+    assert len(two) - (two.surface == 0).sum() < 0.003 * len(one)
+    photons = open_photons(shared_data / "photons" / "two_layer_100.npz")
+    cloud = reconstruct(photons.frame, photons.sensor, surfaces=2)
+    assert (cloud.surface == 1).sum() > 0.95 * photons.sensor.pixels
+    found = evaluate(cloud, photons.reference_depth_bins, 40, photons.sensor.num_bins)
+    assert found.by_surface[0] > 0.93
+
+
+def islands(rows: int, cols: int) -> np.ndarray:
+    """Ranges (m) of three discs before the empty sky, NaN between them."""
+    row, col = np.mgrid[:rows, :cols]
+    range_m = np.full((rows, cols), np.nan, np.float32)
+    for centre, radius, distance in (((20, 20), 12, 2.0), ((20, 60), 8, 2.3), ((45, 40), 10, 1.8)):
+        range_m[np.hypot(row - centre[0], col - centre[1]) < radius] = distance
+    return range_m
+
+
+@pytest.mark.parametrize(("sbr", "ppp", "share"), [(1, 2, 0.08), (10, 2, 0.05), (10, 20, 0.01), (1, 50, 0.01)])
+def test_surfaces_end_at_their_silhouettes(sbr, ppp, share):
+    bin_width_s = 50e-12
+    sensor = SensorModel(60, 80, 800, bin_width_s, spad(bin_width_s), projection=Pinhole.from_fov(60, 80))
+    frame, depth = Simulator(StaticScene(islands(60, 80)), sensor, sbr=sbr, ppp=ppp, seed=1).frame(0)
+    cloud = reconstruct(frame, sensor)
+    empty = np.isnan(depth[0])
+    seen = np.isfinite(cloud.image("depth_bins"))
+    assert seen[~empty].mean() > 0.98 and seen[empty].mean() < share
