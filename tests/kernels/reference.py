@@ -6,9 +6,14 @@ complex numbers z_l here, of which the kernels keep real and imaginary parts apa
 
 import numpy as np
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.core.layout import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.descend import FIT_RADIUS, FITS, RIDGE, STD_FLOOR
-from srt3d_ros.kernels.cpu.propose import ENOUGH, FILL_WINDOW, PRIOR
+
+from .reference_arithmetic import angular, pixel_z, response_of, unexplained, wrap
+from .reference_propose import evidence, propose
+
+__all__ = ["blur", "descend", "evidence", "explain", "match", "own_intensity", "propose", "relief", "sketch_continuous",
+           "sketch_gates", "sketch_unsorted"]
 
 SLOPES = [SLOPE_COL, SLOPE_ROW]
 
@@ -60,7 +65,7 @@ def match(matched, energy, cycles, num_bins, surfaces):
     t = np.arange(cells) * num_bins / cells
     depth, intensity = (np.zeros((rows, surfaces, cols)) for _ in range(2))
     for i, j in np.ndindex(rows, cols):
-        rest = _z(matched, i, j)
+        rest = pixel_z(matched, i, j)
         for k in range(surfaces):
             response = (rest * np.exp(-1j * np.outer(t, omega))).real.sum(axis=1)
             top = int(response.argmax())
@@ -76,82 +81,11 @@ def match(matched, energy, cycles, num_bins, surfaces):
 
 # ---- Iterations ----------------------------------------------------------------------------------------------------
 
-def propose(data, state, window, gate):
-    state = state.astype(np.float64)
-    after = state.copy()
-    inside = slice(MARGIN, -MARGIN)
-    after[inside, :, WINDOW, inside] = np.maximum(after[inside, :, WINDOW, inside], window)
-    for i, j in np.argwhere(data.exposure > 0):
-        candidates = _carried(i, j, state, data, gate)
-        own = sum(c["own"] for c in candidates)
-        differ = any(_apart(c, candidates[0], data) > 1 for c in candidates)
-        if (own and not differ) or (not own and len(candidates) < ENOUGH):
-            continue
-        rest = _z(data.matched, i, j)
-        for k in range(state.shape[1]):
-            chosen = _strongest(candidates, 1 if k == 0 else ENOUGH, rest, data.noise[i, j], data)
-            if chosen is None:
-                after[i, k, INTENSITY, j] = 0
-                continue
-            record = _joined(chosen, candidates, data)
-            if chosen["mine"]:
-                record = chosen["mine"]["record"].copy()
-                record[WINDOW] = max(record[WINDOW], window)
-            else:
-                record[WINDOW] = window if own else max(window, FILL_WINDOW)
-            after[i, k, :, j] = record
-            rest = rest - data.exposure[i, j] * _expected(record, data)
-    return after
-
-
-def _carried(i, j, state, data, gate) -> list[dict]:
-    """The surfaces of the 3 × 3 neighbourhood, carried to pixel (i, j) along their planes."""
-    out = []
-    for di, dj in np.ndindex(3, 3):
-        di, dj = di - 1, dj - 1
-        for record in state[i + di, :, :, j + dj]:
-            if record[INTENSITY] > 0:
-                out.append({"record": record, "t": record[DEPTH] - record[SLOPE_COL] * dj - record[SLOPE_ROW] * di,
-                            "v": gate * record[STD]**2 + (2 * data.resolution_bins)**2, "free": True,
-                            "w": np.exp(-(di**2 + dj**2) / (2 * 1.2**2)), "own": di == 0 and dj == 0})
-    return out
-
-
-def _apart(one, other, data) -> float:
-    """Squared distance of two candidates in units of what makes them two surfaces."""
-    return _wrap(one["t"] - other["t"], data.num_bins)**2 / (one["v"] + other["v"])
-
-
-def _strongest(candidates, enough, rest, noise, data) -> dict | None:
-    """The free candidate with the most evidence: what the pixel's own photons gain, plus the neighbours' votes."""
-    best = None
-    for c in (c for c in candidates if c["free"]):
-        agree = [q for q in candidates if q["free"] and _apart(q, c, data) < 1]
-        votes = np.array([q["w"] * (1 - _apart(q, c, data)) for q in agree])
-        shift = sum(vote * _wrap(q["t"] - c["t"], data.num_bins) for vote, q in zip(votes, agree)) / votes.sum()
-        mine = next((q for q in reversed(agree) if q["own"]), None)
-        at = mine["t"] if mine else c["t"] + shift
-        value = max((rest * np.exp(-1j * _omega(data) * at)).real.sum(), 0)
-        evidence = value**2 / (data.total_energy * max(noise, 1)) + PRIOR * votes.sum()
-        if len(agree) >= enough and (best is None or evidence > best["evidence"]):
-            best = {"evidence": evidence, "at": at, "mine": mine, "agree": agree, "votes": votes}
-    return best
-
-
-def _joined(chosen, candidates, data) -> np.ndarray:
-    """The mean of the candidates that agree, which are spent."""
-    for q in chosen["agree"]:
-        q["free"] = False
-    record = sum(vote * q["record"] for vote, q in zip(chosen["votes"], chosen["agree"])) / chosen["votes"].sum()
-    record[DEPTH] = chosen["at"] % data.num_bins
-    return record
-
-
 def descend(data, state, radius, gate, steps=3):
     state = state.astype(np.float64)
     surfaces = state.shape[1]
     after = np.zeros_like(state)
-    rest = _unexplained(data, state)
+    rest = unexplained(data, state)
     for i, j in np.argwhere((state[:, :, INTENSITY] > 0).any(axis=1)):
         window = np.s_[i - radius:i + radius + 1, :, :, j - radius:j + radius + 1]
         around = state[window].transpose(0, 3, 1, 2)                      # [rows, cols, K, FIELDS]
@@ -181,7 +115,7 @@ def _weighed(point, around, gate, data) -> tuple:
     dy, dx = _offsets(around)
     near = np.exp(-(dx**2 + dy**2) / (2 * max(point[WINDOW], 0.1)**2))
     plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
-    e = _wrap(depth - plane[..., None], data.num_bins)
+    e = wrap(depth - plane[..., None], data.num_bins)
     close = np.maximum(1 - e**2 / (gate * point[STD]**2 + gate * std**2 + 1e-12), 0)
     nearest = seen & (np.abs(e) <= np.where(seen, np.abs(e), np.inf).min(axis=2, keepdims=True))
     return np.where(nearest, near[..., None] * close**2, 0), np.where(seen.any(axis=2), 0, near), e
@@ -208,7 +142,7 @@ def _climbed(point, around, sketches, noise, exposure, radius, gate, steps, data
     dy, dx = _offsets(around)
     plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
     w[..., 0] += blank                                  # a pixel without surfaces shows all it has
-    omega, total = _omega(data), data.total_energy
+    omega, total = angular(data), data.total_energy
     pooled = np.einsum("abk,abkl,abl->l", w, sketches, np.exp(-1j * plane[..., None] * omega))
     noise_sum = (w**2 * noise[..., None]).sum()
     photons, exposure_sum = (w * noise[..., None]).sum(), (w * exposure[..., None]).sum()
@@ -231,50 +165,43 @@ def _climbed(point, around, sketches, noise, exposure, radius, gate, steps, data
     if signal > 0:
         out[STD] = min(np.sqrt(variance) / max(signal * data.curvature, 1e-12), data.num_bins)
     score = value / np.sqrt(noise_sum * total / 2 + 1e-12)
-    out[SCORE] = max(score, point[SCORE]) if 2 * point[WINDOW] > radius else score
+    out[SCORE] = max(score, point[SCORE]) if 1.5 * point[WINDOW] > radius else score
     return out
+
+
+def explain(data, state):
+    z = unexplained(data, state)
+    return np.concatenate([z.real, z.imag], axis=3).transpose(2, 0, 3, 1)
 
 
 def own_intensity(data, state):
     state = state.astype(np.float64)
-    rest = _unexplained(data, state)
+    rest = unexplained(data, state)
     out = np.zeros((state.shape[0], state.shape[1], state.shape[3]))
     for i, k, j in np.argwhere(state[:, :, INTENSITY] > 0):
-        value = (rest[i, j, k] * np.exp(-1j * _omega(data) * state[i, k, DEPTH, j])).real.sum()
+        value = response_of(rest[i, j, k], state[i, k, DEPTH, j], data)
         out[i, k, j] = value / (data.total_energy * max(data.exposure[i, j], 1e-12))
     return out
 
 
-def _unexplained(data, state) -> np.ndarray:
-    """What each surface of a pixel sees of its photons: all but what the other surfaces explain, [rows, cols, K, m]."""
-    tall, surfaces, _, wide = state.shape
-    out = np.zeros((tall, wide, surfaces, len(data.energy)), complex)
-    for i, j in np.ndindex(tall, wide):
-        explained = [data.exposure[i, j] * _expected(record, data) for record in state[i, :, :, j]]
-        for k in range(surfaces):
-            out[i, j, k] = _z(data.matched, i, j) - sum(explained[o] for o in range(surfaces) if o != k)
+def relief(state, window, radius, gate, num_bins):
+    state = state.astype(np.float64)
+    out = np.zeros((state.shape[0], state.shape[1], state.shape[3]))
+    for i, k, j in np.argwhere(state[:, :, INTENSITY] > 0):
+        point = state[i, k, :, j]
+        around = state[i - radius:i + radius + 1, :, :, j - radius:j + radius + 1].transpose(0, 3, 1, 2)
+        dy, dx = _offsets(around)
+        near = np.exp(-(dx**2 + dy**2) / (2 * window**2))
+        near[radius, radius] = 0
+        plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
+        e = wrap(around[..., DEPTH] - plane[..., None], num_bins)
+        close = np.maximum(1 - e**2 / (gate * (around[..., STD]**2 + point[STD]**2) + 1e-12), 0)
+        w = near[..., None] * close**2 * (around[..., INTENSITY] > 0)
+        out[i, k, j] = np.sqrt((w * e**2).sum() / (w.sum() + 1e-12))
     return out
-
-
-def _expected(record, data) -> np.ndarray:
-    """What a surface adds to a pixel of exposure 1: r |ĥ|² exp(i ω t)."""
-    return record[INTENSITY] * data.energy * np.exp(1j * _omega(data) * record[DEPTH])
-
-
-def _z(matched, i, j) -> np.ndarray:
-    m = matched.shape[1] // 2
-    return matched[i, :m, j].astype(np.float64) + 1j * matched[i, m:, j]
-
-
-def _omega(data) -> np.ndarray:
-    return 2 * np.pi * data.cycles.astype(np.float64)
 
 
 def _offsets(around) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of a window's pixels from its centre."""
     radius = around.shape[0] // 2
     return np.mgrid[-radius:radius + 1, -radius:radius + 1].astype(np.float64)
-
-
-def _wrap(difference, period):
-    return difference - period * np.rint(difference / period)

@@ -1,103 +1,36 @@
-"""The CPU kernels against the plain reference, step by step and for whole reconstructions; and that they repeat.
-
-Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, which is
-what whole reconstructions differ by. Single steps start here from states that photons partly contradict, where a point
-hangs on small differences: 5e-4 bins and 5e-4 of the other values leave them ten times what most of them need. A
-comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more.
-"""
+"""The CPU kernels against the plain reference, step by step and for whole reconstructions; and that they repeat."""
 
 import numba
 import numpy as np
 import pytest
 
 from srt3d_ros.core import layout
-from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import phase_table
-from srt3d_ros.core.srt3d import SAME_SURFACE, SRT3D
+from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.core.start import window_weights
 from srt3d_ros.kernels import cpu
 
 from . import reference
-
-T = 300
-GATE = SAME_SURFACE**2
-DEPTH_TOLERANCE = 5e-4          # bins, and bins per pixel
-RELATIVE = 5e-4
-SHARE_AT_TIES = 1 / 100
-SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
-STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
-
-
-def make_sensor(rows: int, cols: int, seed: int) -> SensorModel:
-    """A sensor with an uneven gain and some masked pixels."""
-    rng = np.random.default_rng(seed)
-    return SensorModel(rows, cols, T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2),
-                       gain=rng.uniform(0.5, 1.5, (rows, cols)), mask=rng.random((rows, cols)) > 0.05)
-
-
-def make_sketch(sensor: SensorModel, seed: int) -> Sketch:
-    """Two layers that cross the end of the period, lit patchily, with the noise of photons."""
-    rng = np.random.default_rng(seed)
-    frequencies = choose("auto", sensor, 7)
-    omega = angular_frequencies(frequencies, T)
-    y, x = np.mgrid[:sensor.rows, :sensor.cols]
-    layers = np.where(x < sensor.cols * 0.6, 290 + 0.6 * x - 0.4 * y, np.nan), np.full(x.shape, 80.0) - 1.5 * y
-    photons = rng.poisson(20 * sensor.gain)
-    sums = rng.normal(size=(*x.shape, len(omega), 2)).view(complex)[..., 0] * np.sqrt(photons / 2)[..., None]
-    for depth in layers:
-        lit = np.where(np.isnan(depth), 0, rng.poisson(30 * sensor.gain) * (rng.random(x.shape) > 0.2))
-        phase = np.exp(1j * omega * np.nan_to_num(depth)[..., None])
-        sums += lit[..., None] * irf_spectrum(sensor, frequencies) * phase
-        photons = photons + lit
-    return Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32))
-
-
-def make_frame(shape: tuple[int, int], seed: int) -> Frame:
-    sensor = make_sensor(*shape, seed)
-    sketch = make_sketch(sensor, seed)
-    return Matcher(sensor, sketch.frequencies)(sketch)
-
-
-def make_state(frame: Frame, surfaces: int, seed: int) -> np.ndarray:
-    """Points near the layers of `make_sketch`, some astray, some missing, with depths that wrap around."""
-    rng = np.random.default_rng(seed + 100)
-    rows, cols = frame.shape
-    state = layout.no_surfaces(rows, cols, surfaces)
-    view = layout.crop(state, rows, cols)
-    y, x = np.mgrid[:rows, :cols]
-    near, far, size = 290 + 0.6 * x - 0.4 * y, 80 - 1.5 * y, (rows, cols)
-    for k in range(surfaces):
-        depth = np.where(rng.random(size) < 0.5, near, far) if surfaces == 1 else (near, far)[k]
-        depth = np.where(rng.random(size) < 0.1, rng.uniform(0, T, size), depth)
-        there = (rng.random(size) < 0.8) & (frame.exposure > 0)
-        values = {layout.DEPTH: (depth + rng.normal(0, 1, size)) % T, layout.SLOPE_COL: rng.normal(0.3, 0.5, size),
-                  layout.SLOPE_ROW: rng.normal(-0.5, 0.5, size), layout.INTENSITY: rng.uniform(1, 60, size),
-                  layout.STD: rng.uniform(0.1, 2, size), layout.WINDOW: rng.choice([0.7, 1, 2, 4], size),
-                  layout.SCORE: rng.uniform(2, 30, size)}
-        for field, value in values.items():
-            view[:, k, field] = np.where(there, value, 0)
-    return state
-
-
-def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int]):
-    """But for ties both have the same points, and all fields of each agree."""
-    fast, slow = (layout.crop(a, *shape).astype(np.float64) for a in (fast, slow))
-    here, there = (a[:, :, layout.INTENSITY] > 0 for a in (fast, slow))
-    wrong = here != there
-    for field in range(layout.FIELDS):
-        one, other = fast[:, :, field], slow[:, :, field]
-        if field == layout.DEPTH:
-            close = np.abs(circular_difference(one, other, T)) <= DEPTH_TOLERANCE
-        elif field in (layout.SLOPE_COL, layout.SLOPE_ROW):
-            close = np.abs(one - other) <= DEPTH_TOLERANCE
-        else:
-            close = np.abs(one - other) <= RELATIVE * np.abs(other) + 1e-6
-        wrong |= here & there & ~close
-    assert here.sum() > 100 and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
+from .frames import (
+    DEPTH_TOLERANCE,
+    FAINT,
+    GATE,
+    RELATIVE,
+    SHAPES,
+    SHARE_AT_TIES,
+    STATES,
+    T,
+    assert_states_agree,
+    make_frame,
+    make_sensor,
+    make_sketch,
+    make_state,
+)
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, (1, 1), (1, 9), (9, 1), (5, 7)])
@@ -133,16 +66,6 @@ def test_match_finds_the_highest_peak_wherever_it_lies():
     np.testing.assert_allclose(intensity, 40, rtol=0.03)
 
 
-@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES)
-def test_propose(shape, surfaces, seed):
-    frame = make_frame(shape, seed)
-    state = make_state(frame, surfaces, seed)
-    before = state.copy()
-    fast = cpu.propose(frame.padded, state, 1.5, GATE)
-    assert np.array_equal(state, before)
-    assert_states_agree(fast, reference.propose(frame.padded, state, 1.5, GATE), shape)
-
-
 @pytest.mark.parametrize("radius", [1, 3, layout.MARGIN])
 @pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::3])
 def test_descend(shape, surfaces, seed, radius):
@@ -162,20 +85,38 @@ def test_own_intensity(shape, surfaces, seed):
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
 
 
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), [*STATES[::2], ((6, 40), 4, 3)])
+def test_explain(shape, surfaces, seed):
+    frame = make_frame(shape, seed)
+    state = make_state(frame, surfaces, seed)
+    fast, slow = cpu.explain(frame.padded, state), reference.explain(frame.padded, state)
+    np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
+    assert surfaces == 1 or all(not np.allclose(fast[k], frame.padded.matched) for k in range(surfaces))
+
+
+@pytest.mark.parametrize("radius", [2, layout.MARGIN])
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::3])
+def test_relief(shape, surfaces, seed, radius):
+    state = make_state(make_frame(shape, seed), surfaces, seed)
+    fast = cpu.relief(state, 2.5, radius, GATE, T)
+    np.testing.assert_allclose(fast, reference.relief(state, 2.5, radius, GATE, T), rtol=RELATIVE, atol=1e-4)
+    assert (fast > 0.1).sum() > 100 and (fast[state[:, :, layout.INTENSITY] == 0] == 0).all()
+
+
 def test_nothing_appears_outside_the_image_or_in_masked_pixels():
     frame = make_frame((9, 33), seed=1)
     state = make_state(frame, 2, seed=1)
-    for after in (cpu.propose(frame.padded, state, 2.0, GATE), cpu.descend(frame.padded, state, 3, GATE)):
+    for after in (cpu.propose(frame.padded, state, 2.0, GATE, 2), cpu.descend(frame.padded, state, 3, GATE)):
         points = after[:, :, layout.INTENSITY] > 0
         assert not points[frame.padded.exposure[:, None].repeat(2, axis=1) == 0].any()
         assert np.isfinite(after).all()
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("surfaces", [1, 2])
-def test_whole_reconstructions_agree(shape, surfaces):
+@pytest.mark.parametrize(("surfaces", "light"), [(1, 1), (1, FAINT), (2, 1), (2, 0.1)])
+def test_whole_reconstructions_agree(shape, surfaces, light):
     sensor = make_sensor(*shape, seed=5)
-    sketch = make_sketch(sensor, seed=5)
+    sketch = make_sketch(sensor, 5, light)
     srt3d = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)
     fast = srt3d(sketch)
     srt3d.kernels = reference
@@ -188,7 +129,7 @@ def test_whole_reconstructions_agree(shape, surfaces):
         for field in ("intensity", "depth_std_bins"):
             one, other = (cloud.image(field, k) for cloud in (fast, slow))
             agree &= np.abs(one - other) <= RELATIVE * other
-        assert there.sum() > 100 and (differ | (there & ~agree)).sum() <= there.sum() * SHARE_AT_TIES
+        assert there.sum() > 80 and (differ | (there & ~agree)).sum() <= there.sum() * SHARE_AT_TIES
     np.testing.assert_allclose(fast.background, slow.background, atol=1e-3 * sketch.photons.max())
 
 

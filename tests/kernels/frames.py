@@ -1,0 +1,107 @@
+"""Frames and states on which the kernels are held against the reference, and when results agree.
+
+Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, which is
+what whole reconstructions differ by. Single steps start here from states that photons partly contradict, where a point
+hangs on small differences: 5e-4 bins and 5e-4 of the other values leave them ten times what most of them need. A
+comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more.
+"""
+
+import numpy as np
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.srt3d import SAME_SURFACE
+
+T = 300
+GATE = SAME_SURFACE**2
+DEPTH_TOLERANCE = 5e-4          # bins, and bins per pixel
+RELATIVE = 5e-4
+SHARE_AT_TIES = 1 / 100
+SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
+FAINT = 1 / 20                  # light with which votes matter as much as a pixel's own photons
+STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
+
+
+def make_sensor(rows: int, cols: int, seed: int) -> SensorModel:
+    """A sensor with an uneven gain and some masked pixels."""
+    rng = np.random.default_rng(seed)
+    return SensorModel(rows, cols, T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2),
+                       gain=rng.uniform(0.5, 1.5, (rows, cols)), mask=rng.random((rows, cols)) > 0.05)
+
+
+def make_sketch(sensor: SensorModel, seed: int, light: float = 1.0) -> Sketch:
+    """Two layers that cross the end of the period, lit patchily, with the noise of photons; some pixels are dead.
+
+    Of `light` 1 there are 20 background photons a pixel and 30 of each surface.
+    """
+    rng = np.random.default_rng(seed)
+    frequencies = choose("auto", sensor, 7)
+    omega = angular_frequencies(frequencies, T)
+    y, x = np.mgrid[:sensor.rows, :sensor.cols]
+    near, far = layers(x, y)
+    photons = rng.poisson(20 * light * sensor.gain)
+    sums = rng.normal(size=(*x.shape, len(omega), 2)).view(complex)[..., 0] * np.sqrt(photons / 2)[..., None]
+    for depth, shown in ((near, x < sensor.cols * 0.6), (far, True)):
+        lit = rng.poisson(30 * light * sensor.gain) * (rng.random(x.shape) > 0.2) * shown
+        phase = np.exp(1j * omega * depth[..., None])
+        sums += lit[..., None] * irf_spectrum(sensor, frequencies) * phase
+        photons = photons + lit
+    dead = rng.random(x.shape) < 0.1
+    sums[dead], photons[dead] = 0, 0
+    return Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32))
+
+
+def layers(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depths of the near and the far layer, bins; the near one beyond the end of the period."""
+    return 290 + 0.6 * x - 0.4 * y, 80 - 1.5 * y
+
+
+def make_frame(shape: tuple[int, int], seed: int, light: float = 1.0) -> Frame:
+    sensor = make_sensor(*shape, seed)
+    sketch = make_sketch(sensor, seed, light)
+    return Matcher(sensor, sketch.frequencies)(sketch)
+
+
+def make_state(frame: Frame, surfaces: int, seed: int, light: float = 1.0) -> np.ndarray:
+    """Points near the layers of `make_sketch`, some astray, some missing, some without a depth; and a hole in them."""
+    rng = np.random.default_rng(seed + 100)
+    rows, cols = frame.shape
+    state = layout.no_surfaces(rows, cols, surfaces)
+    view = layout.crop(state, rows, cols)
+    y, x = np.mgrid[:rows, :cols]
+    near, far = layers(x, y)
+    size = (rows, cols)
+    hole = (np.abs(x - 0.5 * cols) < 4) & (y > 1)
+    for k in range(surfaces):
+        depth = np.where(rng.random(size) < 0.5, near, far) if surfaces == 1 else (near, far, near + 30, far - 40)[k]
+        depth = np.where(rng.random(size) < 0.1, rng.uniform(0, T, size), depth)
+        there = (rng.random(size) < (0.8, 0.8, 0.3, 0.3)[k]) & (frame.exposure > 0) & ~hole
+        std = np.where(rng.random(size) < 0.02, T, rng.uniform(0.1, 2, size))       # T: the photons contradict it
+        values = {layout.DEPTH: (depth + rng.normal(0, 1, size)) % T, layout.SLOPE_COL: rng.normal(0.3, 0.5, size),
+                  layout.SLOPE_ROW: rng.normal(-0.5, 0.5, size), layout.INTENSITY: light * rng.uniform(1, 60, size),
+                  layout.STD: std, layout.WINDOW: rng.choice([0.7, 1, 2, 2.5, 4], size),
+                  layout.SCORE: rng.uniform(2, 30, size)}
+        for field, value in values.items():
+            view[:, k, field] = np.where(there, value, 0)
+    return state
+
+
+def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int]):
+    """But for ties both have the same points, and all fields of each agree."""
+    fast, slow = (layout.crop(a, *shape).astype(np.float64) for a in (fast, slow))
+    here, there = (a[:, :, layout.INTENSITY] > 0 for a in (fast, slow))
+    wrong = here != there
+    for field in range(layout.FIELDS):
+        one, other = fast[:, :, field], slow[:, :, field]
+        if field == layout.DEPTH:
+            close = np.abs(circular_difference(one, other, T)) <= DEPTH_TOLERANCE
+        elif field in (layout.SLOPE_COL, layout.SLOPE_ROW):
+            close = np.abs(one - other) <= DEPTH_TOLERANCE
+        else:
+            close = np.abs(one - other) <= RELATIVE * np.abs(other) + 1e-6
+        wrong |= here & there & ~close
+    assert here.sum() > 100 and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
