@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.peers.correlation import correlate
 from srt3d_ros.core.peers.fisher import DepthInformation, irf_slope
 from srt3d_ros.core.peers.layers import kernels_of, to_cloud
 from srt3d_ros.core.peers.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.peers.toa import PixelToa, by_pixel, exposure
-from srt3d_ros.core.peers.xcorr import correlate
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.start import window_weights

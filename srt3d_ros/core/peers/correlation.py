@@ -1,0 +1,137 @@
+"""Cross-correlation of every pixel's histogram with the IRF's logarithm: XCORR, and the start of RT3D.
+
+t̂ = arg max_t Σ_b y_b log(h(b − t) + ε): maximum likelihood for one surface over a faint background, by FFT over the T
+bins, with a parabola through the peak; further surfaces one by one, after the photons under the IRF of those before are
+taken out. Signal is what a window around the peak holds above the background outside.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from srt3d_ros.core.peers.toa import PixelToa, exposure
+from srt3d_ros.core.sensor import SensorModel
+
+CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array
+FLOOR = 0.01            # ε, of the IRF's peak: against h itself, this finds more surfaces at any SBR from 0.1 to 50
+TIE = 1e-4              # peaks that differ less are equal, but for the rounding of the FFT
+BODY = 0.9              # share of the IRF in the window that signal photons are counted in
+WHOLE = 0.99            # share of the IRF in the window that is taken out for the next surface
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """What the matched filter finds.
+
+    Args:
+        depth: float32 [rows, K, cols], bins, in [0, T); the pixels' delays are taken out.
+        intensity: float32 [rows, K, cols], expected signal photons; 0 = none.
+        background: float32 [rows, cols], expected background photons per bin; both at a gain of 1.
+        false_alarm: float32 [rows, K, cols], probability that background alone gathers as many photons.
+    """
+
+    depth: np.ndarray
+    intensity: np.ndarray
+    background: np.ndarray
+    false_alarm: np.ndarray
+
+
+def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
+    """The K highest peaks of every pixel's histogram, correlated with the IRF."""
+    rows, cols = sensor.rows, sensor.cols
+    filters = _Filters(sensor)
+    several = max(CELLS // sensor.num_bins, 1)
+    parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
+             for first in range(0, sensor.pixels, several)]
+    depth, signal, chance = (torch.cat([part[n] for part in parts], dim=1).numpy() for n in range(3))     # [K, pixels]
+    background = torch.cat([part[3] for part in parts]).numpy()
+    if sensor.delay_bins is not None:
+        depth = depth - sensor.delay_bins.ravel()
+    seen = np.maximum(exposure(sensor).ravel(), 1e-6)
+    depth, signal, chance = (values.reshape(surfaces, rows, cols).swapaxes(0, 1)
+                             for values in (depth % sensor.num_bins, signal / seen, chance))
+    return Peaks(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(signal, np.float32),
+                 (background / seen).reshape(rows, cols), chance)
+
+
+class _Filters:
+    """The IRF's logarithm and windows, and what is done with them to some pixels' histograms."""
+
+    def __init__(self, sensor: SensorModel):
+        self.num_bins, self.ref = sensor.num_bins, sensor.irf_ref
+        irf = np.atleast_2d(sensor.irf)
+        self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
+        self.size = _fast_length(sensor.num_bins + self.overlap)
+        self.weights = torch.from_numpy(np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True))))     # 0 outside it
+        self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
+
+    def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
+        """Depth, signal photons and probability of a false alarm, [K, pixels], and background per bin [pixels]."""
+        toa = photons.toa[photons.starts[first]:photons.starts[last]]
+        bins = torch.from_numpy(np.rint(toa).astype(np.int64) % self.num_bins)
+        pixel = torch.from_numpy(np.repeat(np.arange(last - first), photons.counts[first:last]))
+        found = []
+        for _ in range(surfaces):
+            begin, shift = self._highest(pixel, bins, slice(first, last))
+            place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
+            body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
+            near, left = (torch.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
+            found.append((begin + self.ref + shift, near, _chance(near, left, self.body, self.num_bins)))
+            pixel, bins = pixel[~whole], bins[~whole]
+        outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
+        background = torch.bincount(pixel, minlength=last - first) / outside
+        depth, near, chance = (torch.stack(values) for values in zip(*found))
+        width = self.body[1] - self.body[0]
+        return depth, (near - background * width).clamp(min=0) / BODY, chance, background
+
+    def _highest(self, pixel: torch.Tensor, bins: torch.Tensor, pixels: slice):
+        """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        count, num_bins = pixels.stop - pixels.start, self.num_bins
+        histogram = torch.zeros(count * self.size)
+        histogram.scatter_add_(0, pixel * self.size + bins, torch.ones(len(bins)))
+        histogram = histogram.reshape(count, self.size)
+        histogram[:, num_bins:num_bins + self.overlap] = histogram[:, :self.overlap]
+        weights = self.weights if len(self.weights) == 1 else self.weights[pixels]
+        spectrum = torch.fft.rfft(histogram) * torch.fft.rfft(weights, n=self.size).conj()
+        response = torch.fft.irfft(spectrum, n=self.size)[:, :num_bins]
+        # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
+        high = response >= (1 - TIE) * response.amax(dim=1, keepdim=True)
+        first, last = high.byte().argmax(dim=1), num_bins - 1 - high.flip(1).byte().argmax(dim=1)
+        begin = torch.where(torch.arange(count) % 2 == 0, first, last)
+        before, peak, after = (response.gather(1, ((begin + step) % num_bins)[:, None])[:, 0] for step in (-1, 0, 1))
+        bend = before - 2 * peak + after
+        shift = torch.where(bend < 0, (before - after) / (2 * bend), 0.0)
+        return begin, shift.clamp(-0.5, 0.5)
+
+
+def _fast_length(least: int) -> int:
+    """The smallest number from `least` on without prime factors above 5: FFTs of others take several times as long."""
+    while True:
+        rest = least
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return least
+        least += 1
+
+
+def _chance(near: torch.Tensor, counts: torch.Tensor, window: tuple[int, int], num_bins: int) -> torch.Tensor:
+    """Bound on the probability that some window holds as many of the photons, if they fall anywhere.
+
+    Each of the n photons may be the first of the window; then N − 1 others must fall in, of n − 1 that do so with
+    probability |window| / T. The Poisson distribution bounds that tail of the binomial one.
+    """
+    expected = (counts - 1).clamp(min=0).float() * ((window[1] - window[0]) / num_bins)
+    others = torch.special.gammainc((near - 1).clamp(min=1).float(), expected)          # P(Poisson ≥ N − 1)
+    return torch.where(near > 1, counts * others, 1.0).clamp(max=1)
+
+
+def _window(irf: np.ndarray, share: float) -> tuple[int, int]:
+    """The shortest stretch of the IRF that holds this share of it: first entry, and one past the last."""
+    total = np.concatenate([[0], np.cumsum(irf, dtype=np.float64)])
+    last = np.searchsorted(total, total + share * total[-1] * (1 - 1e-9))
+    length = np.where(last < len(total), last - np.arange(len(total)), len(total))
+    first = int(length.argmin())
+    return first, first + int(length[first])
