@@ -43,6 +43,11 @@ class Pinhole:
         y = (np.arange(rows) - self.cy) / self.fy
         return _unit(np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols)), np.ones((rows, cols)))
 
+    def upsampled(self, factor: int) -> "Pinhole":
+        """The same camera with `factor` × `factor` finer pixels in the place of each."""
+        first = _first_centre(factor)
+        return Pinhole(self.fx * factor, self.fy * factor, (self.cx - first) * factor, (self.cy - first) * factor)
+
 
 @dataclass(frozen=True)
 class AngularScan:
@@ -70,8 +75,20 @@ class AngularScan:
         z = np.broadcast_to(np.sin(elevation), (rows, cols))
         return _unit(np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), z)
 
+    def upsampled(self, factor: int) -> "AngularScan":
+        """The same scan in steps `factor` times finer."""
+        first = _first_centre(factor)
+        return AngularScan(self.azimuth_start_rad + first * self.azimuth_step_rad, self.azimuth_step_rad / factor,
+                           self.elevation_start_rad + first * self.elevation_step_rad,
+                           self.elevation_step_rad / factor)
+
 
 Projection = Pinhole | AngularScan
+
+
+def _first_centre(factor: int) -> float:
+    """Where the centre of pixel 0 of a grid `factor` times finer lies on the coarse one; pixel i lies i / factor on."""
+    return 0.5 / factor - 0.5
 
 
 def _unit(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
 MAX_BINS = 65_535
+MAX_UPSAMPLING = 4
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,27 @@ class SensorModel:
     def replace(self, **changes) -> "SensorModel":
         """A copy with some fields changed, checked again."""
         return replace(self, **changes)
+
+    def upsampled(self, factor: int) -> "SensorModel":
+        """A sensor that sees the same with `factor` × `factor` finer pixels, all alike, in the place of each.
+
+        Raises:
+            InvalidInput: `factor` is not an integer from 1 to 4, or these would be more pixels than a sensor may have.
+        """
+        require(type(factor) is int and 1 <= factor <= MAX_UPSAMPLING, "upsampling", factor,
+                f"an integer from 1 to {MAX_UPSAMPLING}")
+        if factor == 1:
+            return self
+
+        def finer(values: np.ndarray | None) -> np.ndarray | None:
+            return None if values is None else values.repeat(factor, axis=0).repeat(factor, axis=1)
+
+        irf = self.irf
+        if irf.ndim == 2:
+            irf = finer(irf.reshape(self.rows, self.cols, -1)).reshape(-1, irf.shape[1])
+        return self.replace(rows=self.rows * factor, cols=self.cols * factor, irf=irf, gain=finer(self.gain),
+                            delay_bins=finer(self.delay_bins), mask=finer(self.mask),
+                            projection=self.projection.upsampled(factor))
 
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""

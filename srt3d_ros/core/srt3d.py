@@ -17,7 +17,6 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.background import Background
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
-from srt3d_ros.core.peers.weighting import WEIGHTINGS
 from srt3d_ros.core.precision import Precision
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
@@ -30,12 +29,14 @@ from srt3d_ros.core.start import (
     score_threshold,
     window_weights,
 )
+from srt3d_ros.core.upsampling import refine
+from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
-WINDOWS = ((2.0, 3), (2.5, 3), (2.5, 4))    # σ and radius of the pooling window in each iteration, pixels
+WINDOWS = ((2.0, 3), (3.0, 5), (4.0, 6))    # σ and radius of the pooling window in each iteration, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
 WEAK = 5.0                          # standard deviations under which a point is searched for anew
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
@@ -55,6 +56,8 @@ class SRT3D:
         weighting: W of the data term in the last iteration, "identity" or "precision": with the inverse covariance of
             the sketch depths are a few percent better where signal is plenty and the IRF exact, and worse where it is
             not.
+        upsampling: u, 1 … 4: the cloud has u × u finer pixels in the place of each, see `upsampling.refine`; they are
+            those of `self.sensor`, and intensity and background are photons of one of them.
 
     Raises:
         InvalidInput: for a parameter that cannot be used.
@@ -62,12 +65,12 @@ class SRT3D:
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
-                 background: str = "sensor", weighting: str = "identity"):
+                 background: str = "sensor", weighting: str = "identity", upsampling: int = 1):
         require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
                 f"an integer from 1 to {MAX_SURFACES}")
         require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
         self.device, self.kernels = kernels_for(device)
-        self.sensor = sensor
+        self.sensor, self.upsampling = sensor.upsampled(upsampling), upsampling
         self.surfaces = surfaces
         self.false_alarm_rate = false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
@@ -124,9 +127,13 @@ class SRT3D:
         std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
         seen = (intensity * frame.exposure[:, None]).sum(axis=1)
         background = np.maximum(sketch.photons - seen, 0).astype(np.float32)
-        return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity[row, layer, col],
-                          std[row, layer, col], self.sensor.xyz(row, col, depth), rank.astype(np.uint8),
-                          background, sketch.stamp_ns)
+        cloud = PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity[row, layer, col],
+                           std[row, layer, col], self._matcher.sensor.xyz(row, col, depth), rank.astype(np.uint8),
+                           background, sketch.stamp_ns)
+        if self.upsampling == 1:
+            return cloud
+        slopes = (view[row, layer, field, col] for field in (layout.SLOPE_ROW, layout.SLOPE_COL))
+        return refine(cloud, self.upsampling, self.sensor, *slopes)
 
     def _intensity(self, frame: Frame, state: np.ndarray) -> np.ndarray:
         """Intensity of each pixel between its pool's and its own: the own one counts as far as pixels truly differ.

@@ -30,7 +30,7 @@ def test_every_method_finds_a_wall(name):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@pytest.mark.parametrize("option", ["false_alarm_rate", "weighting", "sharpness"])
+@pytest.mark.parametrize("option", ["false_alarm_rate", "weighting", "upsampling", "sharpness"])
 def test_options_that_a_method_does_not_take_are_named(name, option):
     method = METHODS[name]
     if option in method.options:

@@ -65,3 +65,20 @@ def test_scan_refuses_what_is_not_finite(name):
 def test_impossible_fields_of_view_are_refused(fov_deg):
     with pytest.raises(InvalidInput, match="^fov_deg is"):
         Pinhole.from_fov(10, 10, fov_deg)
+
+
+def coordinates(lens, rows: int, cols: int) -> np.ndarray:
+    """What is even over the pixels, [rows, cols, 2]: x/z and y/z of a camera, the angles of a scan."""
+    x, y, z = np.moveaxis(lens.rays(rows, cols).astype(np.float64), -1, 0)
+    pair = (x / z, y / z) if lens.kind == "pinhole" else (np.arctan2(y, x), np.arcsin(z))
+    return np.stack(pair, axis=-1)
+
+
+@pytest.mark.parametrize("lens", [Pinhole(30, 40, 3.2, 1.1), AngularScan(0.5, -0.25, -0.2, 0.1)])
+@pytest.mark.parametrize("factor", [1, 2, 3, 4])
+def test_finer_pixels_fill_the_place_of_each(lens, factor):
+    coarse, finer = coordinates(lens, 4, 7), coordinates(lens.upsampled(factor), 4 * factor, 7 * factor)
+    np.testing.assert_allclose(finer.reshape(4, factor, 7, factor, 2).mean(axis=(1, 3)), coarse, atol=1e-6)
+    for axis in (0, 1):
+        step, whole = np.diff(finer, axis=axis), np.diff(coarse, axis=axis)
+        np.testing.assert_allclose(step, np.broadcast_to(whole[:1, :1] / factor, step.shape), atol=1e-6)

@@ -160,3 +160,21 @@ def test_same_as_sees_a_difference_in_every_field(field):
 
 def test_same_as_nothing_is_false():
     assert not make().same_as(None)
+
+
+def test_finer_pixels_have_the_calibration_of_theirs():
+    maps = {"gain": [[1, 2, 3], [4, 5, 6]], "delay_bins": [[0, 1, 0], [2, 0, 3]], "mask": [[1, 1, 0], [0, 1, 1]]}
+    irf = np.arange(1.0, 25).reshape(6, 4)
+    sensor = SensorModel(2, 3, 50, 1e-10, irf, **maps)
+    finer = sensor.upsampled(2)
+    assert (finer.rows, finer.cols, finer.irf_ref, finer.num_bins) == (4, 6, sensor.irf_ref, 50)
+    for row, col in np.ndindex(4, 6):
+        for name in maps:
+            assert getattr(finer, name)[row, col] == getattr(sensor, name)[row // 2, col // 2]
+        np.testing.assert_array_equal(finer.irf[row * 6 + col], sensor.irf[row // 2 * 3 + col // 2])
+    assert sensor.upsampled(1).same_as(sensor)
+
+
+def test_no_more_finer_pixels_than_a_sensor_may_have():
+    with pytest.raises(InvalidInput, match="^rows × cols is 8192 × 8192: expected at most"):
+        SensorModel(2048, 2048, 50, 1e-10, [1.0]).upsampled(4)
