@@ -31,6 +31,9 @@ def add_parser(subparsers) -> None:
     simulated.add_argument("--ppp", type=_numbers, metavar="N,…",
                            help="mean photons per pixel (1,3,10,30,100,300,1000)")
     simulated.add_argument("--repeats", type=int, default=1, metavar="N", help="draws of each setting, averaged (1)")
+    simulated.add_argument("--upsampling", type=int, default=1, metavar="U",
+                           help="clouds and truth on U × U finer pixels in the place of each, at most 4; methods "
+                                "without upsampling repeat their points (1)")
     simulated.add_argument("--max-photons", type=float, default=6e7, metavar="N",
                            help="leave out settings of more photons, for memory's sake (6e7)")
     files = parser.add_argument_group("photon files")

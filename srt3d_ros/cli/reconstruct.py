@@ -8,7 +8,7 @@ import time
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
-from srt3d_ros.core.peers.weighting import WEIGHTINGS
+from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
 
@@ -39,6 +39,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins (srt3d): as the file says, evenly if it says nothing "
                              "(sensor); evenly (flat); as the frame itself shows (estimate)")
+    parser.add_argument("--upsampling", type=int, metavar="U",
+                        help="finer pixels of the cloud along the side of each pixel, at most 4 (srt3d: 1)")
     parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
     sensor = parser.add_argument_group("what the file does not say")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
@@ -60,7 +62,7 @@ def _gate(text: str) -> tuple[int, int]:
     return first, count
 
 
-METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting")
+METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
 
 
@@ -92,10 +94,11 @@ def run(args: argparse.Namespace) -> int:
     if method.needs == "sketch":
         seen, sketch_ms = _timed(lambda: sketch_photons(frame, sensor, frequencies))
     cloud, reconstruct_ms = _timed(lambda: reconstructor(seen))
-    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=sensor)
+    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
     facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
              "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,
-             "frequencies": list(frequencies), "surfaces": args.surfaces, "points": len(cloud), "sketch_ms": sketch_ms,
+             "frequencies": list(frequencies), "surfaces": args.surfaces,
+             "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
              "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
     for note in photons.notes:          # only now: a mistake is one line
         print(f"srt3d: {note}", file=sys.stderr)

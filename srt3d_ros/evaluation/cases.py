@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,6 +48,7 @@ class Case:
     Args:
         source: name of the scene or file.
         sensor: that sees it.
+        upsampling: u: clouds and truth are those of u × u finer pixels in the place of each.
         observe: makes the photons.
         surfaces: K, most surfaces in a pixel.
         tolerance_bins: a point so near to the truth is a true detection.
@@ -71,6 +73,12 @@ class Case:
     aligned: tuple[int, ...] = ()
     seen: tuple[int, float] = (8, 60.0)
     notes: tuple[str, ...] = ()
+    upsampling: int = 1
+
+    @cached_property
+    def grid(self) -> SensorModel:
+        """The sensor whose pixels clouds and truth have."""
+        return self.sensor.upsampled(self.upsampling)
 
     @property
     def title(self) -> str:
@@ -79,29 +87,33 @@ class Case:
 
 
 def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1, tolerance: Tolerance | None = None,
-              surfaces: int | None = None, quick: bool = False) -> list[Case]:
+              surfaces: int | None = None, quick: bool = False, upsampling: int = 1) -> list[Case]:
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
         scene: "bust", "net", or a scene file (datasets.scene_file).
         quick: the bust at half the resolution.
+        upsampling: u: the scene is drawn on u × u finer pixels, whose photons each pixel of the sensor sees together.
     """
     for sbr in sbrs:
         require(0 < sbr < np.inf, "--sbr", sbr, "ratios above 0")
     for ppp in ppps:
         require(0 < ppp < np.inf, "--ppp", ppp, "photons per pixel, above 0")
-    seen, sensor, default = _open_scene(scene, quick)
+    seen, sensor, default = _open_scene(scene, quick, upsampling)
+    grid = sensor.upsampled(upsampling)
     within = (tolerance or default).in_bins(scene, sensor)
     count = surfaces or (2 if scene == "net" else 1)
     name = scene if scene in SCENES else scene.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(".npz")
+    name += f"_x{upsampling}" if upsampling > 1 else ""
 
     def observe(sbr: float, ppp: float, seed: int) -> Observation:
-        simulator = Simulator(seen, sensor, sbr=sbr, ppp=ppp, seed=seed)
+        simulator = Simulator(seen, grid, sbr=sbr, ppp=ppp / upsampling**2, seed=seed)
         _, intensity, background = simulator.expected(0)
-        return Observation(*simulator.frame(0), intensity, background, complete=True)
+        frame, depth = simulator.frame(0)
+        return Observation(_merged(frame, grid, upsampling), depth, intensity, background, complete=True)
 
     return [Case(name, sensor, lambda s=sbr, p=ppp, r=repeat: observe(s, p, r), count, within, ppp * sensor.pixels,
-                 sbr, ppp, repeat)
+                 sbr, ppp, repeat, upsampling=upsampling)
             for sbr in sbrs for ppp in ppps for repeat in range(1, repeats + 1)]
 
 
@@ -127,12 +139,22 @@ def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, senso
     return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
 
 
+def _merged(frame: PhotonEvents, sensor: SensorModel, factor: int) -> PhotonEvents:
+    """The photons as seen by pixels that each cover `factor` × `factor` of the sensor's."""
+    if factor == 1:
+        return frame
+    row, col = np.divmod(frame.pixel, sensor.cols)
+    pixel = row // factor * (sensor.cols // factor) + col // factor
+    order = np.argsort(pixel, kind="stable")
+    return PhotonEvents(pixel[order].astype(np.uint32), frame.toa[order], frame.stamp_ns)
+
+
 def _observed(photons: Photons) -> Observation:
     return Observation(photons.frame, photons.reference_depth_bins, photons.reference_intensity)
 
 
-def _open_scene(scene: str, quick: bool):
-    """The scene (None: the simulator's own), its sensor and the usual tolerance."""
+def _open_scene(scene: str, quick: bool, upsampling: int):
+    """The scene on finer pixels (None: the simulator's own), its sensor and the usual tolerance."""
     if scene == "bust":
         sensor = default_sensor()
         if quick:
@@ -141,7 +163,8 @@ def _open_scene(scene: str, quick: bool):
         return None, sensor, HEAD_TOLERANCE
     if scene == "net":
         sensor = net_sensor()
-        return NetScene(sensor), sensor, NET_TOLERANCE
+        return NetScene(sensor.upsampled(upsampling)), sensor, NET_TOLERANCE
+    require(upsampling == 1, "--upsampling", upsampling, f"1 for {scene}: its pixels are as fine as its depth is known")
     require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
     seen, sensor = read_scene(scene, QUICK_SIZE) if quick else read_scene(scene)
     return seen, sensor, HEAD_TOLERANCE

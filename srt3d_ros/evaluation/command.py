@@ -52,11 +52,13 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
     require(min(args.align, default=1) >= 1, "--align", args.align, "references, numbered from 1")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
+    require(args.upsampling == 1 or not args.files, "--upsampling", args.upsampling, "1 for photon files")
     found = cases.of_files(args.files, tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen)
     scenes = args.scene or (() if args.files else cases.SCENES)
     sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
     for scene in dict.fromkeys(scenes):
-        found += cases.simulated(scene, sbrs, ppps, args.repeats, tolerance, args.surfaces, args.quick)
+        found += cases.simulated(scene, sbrs, ppps, args.repeats, tolerance, args.surfaces, args.quick,
+                                 args.upsampling)
     kept, notes = cases.limited(found, args.max_photons)
     require(bool(kept), "--max-photons", args.max_photons, "enough for one setting")
     return kept, [*(note for case in kept for note in case.notes), *notes]

@@ -93,7 +93,7 @@ def _strip(jobs: Sequence[Job], results: Results) -> Strip:
     """The clouds of one case, after the truth."""
     case = jobs[0].case
     observation = case.observe()
-    truth = true_cloud(observation, case.sensor)
+    truth = true_cloud(observation, case.grid)
     panels = [] if truth is None else [Panel("truth" if case.sbr else "reference", truth, f"{len(truth):,} points")]
     for job in jobs:
         cloud, row = load_cloud(job.cloud_path), results[job.key]
@@ -107,7 +107,7 @@ def _strip(jobs: Sequence[Job], results: Results) -> Strip:
     what = case.source if case.sbr is None else f"SBR {case.sbr:g}"
     label = f"{what}, {ppp} {'photon' if ppp == '1' else 'photons'} per pixel"
     known = None if truth is None else np.isfinite(observation.depth_bins).any(axis=0)
-    return Strip(label, case.sensor, panels, known)
+    return Strip(label, case.grid, panels, known)
 
 
 def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:

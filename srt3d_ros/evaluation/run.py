@@ -15,6 +15,7 @@ from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
 from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.upsampling import refine
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.calibration import NOMINAL, deviations
 from srt3d_ros.evaluation.cases import Case, Observation, photons_near
@@ -88,7 +89,7 @@ def _judged(job: Job, observation: Observation) -> dict:
     case, sensor = job.case, job.case.sensor
     cloud, facts = reconstruct(job, observation)
     if job.cloud_path is not None:
-        cloud_files.save(cloud, job.cloud_path, frequencies=facts["frequencies"] or (), sensor=sensor)
+        cloud_files.save(cloud, job.cloud_path, frequencies=facts["frequencies"] or (), sensor=case.grid)
     row = job.key | facts | {
         "num_bins": sensor.num_bins, "bin_width_mm": sensor.bin_width_m * 1e3, "points": len(cloud),
         "photons_per_pixel": observation.frame.photons / sensor.pixels, "version": __version__}
@@ -98,17 +99,27 @@ def _judged(job: Job, observation: Observation) -> dict:
 def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     """A job's cloud, and how it came about: frequencies and milliseconds."""
     sensor, options = job.case.sensor, {"surfaces": job.case.surfaces}
+    if "upsampling" in job.method.options:
+        options["upsampling"] = job.case.upsampling
     if job.method.needs != "sketch":
         method = job.method.build(sensor, **options)
         cloud, elapsed_ms = _timed(lambda: method(observation.frame))
-        return cloud, {"frequencies": None, "sketch_ms": None, "reconstruct_ms": elapsed_ms}
+        return _on_grid(cloud, job.case), {"frequencies": None, "sketch_ms": None, "reconstruct_ms": elapsed_ms}
     frequencies = choose(getattr(job.method, "frequencies", "auto"), sensor, job.sketch_size)
     method = job.method.build(sensor, frequencies, **options)
     if hasattr(method, "warm_up"):
         method.warm_up()
     sketch, sketch_ms = _timed(lambda: sketch_photons(observation.frame, sensor, frequencies))
     cloud, elapsed_ms = _timed(lambda: method(sketch))
-    return cloud, {"frequencies": frequencies, "sketch_ms": sketch_ms, "reconstruct_ms": elapsed_ms}
+    return _on_grid(cloud, job.case), {"frequencies": frequencies, "sketch_ms": sketch_ms, "reconstruct_ms": elapsed_ms}
+
+
+def _on_grid(cloud: PointCloud, case: Case) -> PointCloud:
+    """The cloud on the finer pixels; of a method that knows none, each point stands for all in its pixel."""
+    if cloud.background.shape == (case.grid.rows, case.grid.cols):
+        return cloud
+    flat = np.zeros(len(cloud), np.float32)
+    return refine(cloud, case.upsampling, case.grid, flat, flat)
 
 
 def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:

@@ -10,9 +10,9 @@ from std_msgs.msg import String
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
-from srt3d_ros.core.peers.weighting import WEIGHTINGS
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
 from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, DEVICES, MAX_SURFACES
+from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -33,6 +33,8 @@ PARAMETERS = (
               "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS),
     Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for srt3d and what the "
               "others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
+    Parameter("upsampling", 1, "srt3d: finer pixels of `points` and of the images along the side of each pixel.",
+              low=1, high=MAX_UPSAMPLING, live=True),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
@@ -92,7 +94,8 @@ class ReconstructorNode(PipelineNode):
         cloud = self._reconstructor(sketch)
         self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
         frame_id = self.parameters["frame_id"] or header.frame_id
-        data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"], self._sensor)
+        data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"],
+                                         self._reconstructor.sensor)
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), photons=int(sketch.photons.sum()))
         self._publish_images(cloud, frame_id)
@@ -104,7 +107,7 @@ class ReconstructorNode(PipelineNode):
             if publisher.get_subscription_count():
                 publisher.publish(image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
-            camera_info = image_message.camera_info(self._sensor, cloud.stamp_ns, frame_id)
+            camera_info = image_message.camera_info(self._reconstructor.sensor, cloud.stamp_ns, frame_id)
             if camera_info is not None:         # a scanner is no camera
                 self._camera_info.publish(camera_info)
 

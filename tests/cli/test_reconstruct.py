@@ -68,6 +68,15 @@ def test_npz_holds_what_was_promised(run):
         assert file["frequencies"].tolist() == facts["frequencies"]
 
 
+def test_upsampling_writes_a_cloud_of_finer_pixels(run):
+    code, facts, out = run("--upsampling", "3")
+    assert code == 0 and (facts["rows"], facts["upsampling"], facts["points"]) == (12, 3, 9 * 240)
+    with np.load(out) as file:
+        assert file["background"].shape == (36, 60)
+        rays = SENSOR.upsampled(3).rays[file["row"], file["col"]]
+        np.testing.assert_allclose(file["xyz"], rays * SENSOR.range_m(file["depth_bins"])[:, None], rtol=1e-5)
+
+
 def test_it_is_the_reconstruction_of_the_library(run, photons):
     _, _, out = run()
     frequencies = choose("auto", SENSOR)

@@ -39,6 +39,31 @@ def test_a_quick_look_sees_the_same_field_with_fewer_pixels():
     np.testing.assert_allclose(np.array(list(middle)), np.array(list(corner)), atol=1e-3)
 
 
+@pytest.mark.parametrize(("scene", "source"), [("net", "net_x3"), ("bust", "bust_x3")])
+def test_finer_truth_keeps_the_photons_of_the_sensor(scene, source):
+    finer, coarse = (simulated(scene, [1], [4], quick=True, upsampling=factor)[0] for factor in (3, 1))
+    seen, usual = finer.observe(), coarse.observe()
+    assert finer.source == source and finer.sensor.same_as(coarse.sensor)
+    assert seen.depth_bins.shape[1:] == (3 * coarse.sensor.rows, 3 * coarse.sensor.cols)
+    assert seen.frame.is_sorted and seen.frame.photons == pytest.approx(usual.frame.photons, rel=0.05)
+    # A pixel sees the photons of the nine in its place.
+    expected = seen.intensity.sum(axis=0) + seen.background
+    expected = expected.reshape(coarse.sensor.rows, 3, coarse.sensor.cols, 3).sum(axis=(1, 3)).ravel()
+    counts = np.bincount(seen.frame.pixel, minlength=coarse.sensor.pixels)
+    assert ((counts - expected)**2).sum() == pytest.approx(expected.sum(), rel=0.2)         # Poisson
+
+
+@pytest.mark.parametrize("factor", [0, 5])
+def test_upsampling_that_cannot_be_used_is_named(factor):
+    with pytest.raises(InvalidInput, match=f"^upsampling is {factor}: expected an integer from 1 to 4"):
+        simulated("net", [1], [4], upsampling=factor)
+
+
+def test_a_measured_scene_is_not_drawn_finer_than_it_is_known(scene_file):
+    with pytest.raises(InvalidInput, match="^--upsampling is 2: expected 1 for "):
+        simulated(str(scene_file), [1], [4], upsampling=2)
+
+
 def test_a_scene_that_is_none_is_refused():
     for scene in ("head", "absent.npz"):
         with pytest.raises(InvalidInput, match="^scene is "):

@@ -50,6 +50,18 @@ def test_a_simulated_scene_is_judged_in_every_respect(scene_file, results):
     assert len(row["frequencies"].split(";")) == 10 and number(row, "reconstruct_ms") > 0
 
 
+@pytest.mark.parametrize("name", ["srt3d", "xcorr"])
+def test_with_upsampling_every_method_is_judged_on_the_finer_pixels(name, results, tmp_path):
+    case, = simulated("net", [10], [300], upsampling=2)
+    size = 10 if METHODS[name].needs == "sketch" else None
+    jobs = with_clouds(jobs_for([case], [METHODS[name]], (10,)), lambda job: True, tmp_path)
+    assert run(jobs, results, tqdm(**BAR)) == [] and jobs[0].sketch_size == size
+    row = only_row(results, jobs)
+    assert number(row, "true_detections_percent") > 90 and number(row, "iae") < 0.3
+    assert number(row, "photons_per_pixel") == pytest.approx(300, rel=0.02)
+    assert load_cloud(jobs[0].cloud_path).background.shape == (64, 64)
+
+
 def test_points_in_empty_pixels_of_a_scene_are_false_and_those_of_files_are_not(scene_file, layers):
     for case, false in ((simulated(str(scene_file), [10], [3])[0], 1.0), (of_files([str(layers)])[0], 0.0)):
         observation = case.observe()

@@ -77,6 +77,27 @@ def test_images_are_published_while_somebody_subscribes(graph, sensor, sketch, s
     assert process.running
 
 
+def test_upsampling_gives_points_and_images_of_finer_pixels(graph, sensor, sketch, send):
+    clouds = graph.collect(PointCloud2, "points")
+    depths, cameras = graph.collect(Image, "depth"), graph.collect(CameraInfo, "camera_info")
+    graph.start("reconstructor", lossless=True, fields="full", upsampling=3).ready()
+    message = sketch_message.encode_cdr(sketch, "spad")
+
+    def complete():
+        send(message)
+        return clouds and depths and cameras
+
+    graph.wait(complete, "a cloud, a depth image and its camera")
+    points, depth_m = points_message.decode(clouds[0])[1], image_message.decode(depths[0])[1]
+    finer = sensor.upsampled(3)
+    assert (points["row"].max(), points["col"].max()) == (finer.rows - 1, finer.cols - 1)
+    directions = points["xyz"] / np.linalg.norm(points["xyz"], axis=1, keepdims=True)
+    np.testing.assert_allclose(directions, finer.rays[points["row"], points["col"]], atol=1e-5)
+    assert depth_m.shape == (finer.rows, finer.cols)
+    assert (cameras[0].height, cameras[0].width) == depth_m.shape
+    assert (cameras[0].k[0], cameras[0].k[2]) == (finer.projection.fx, finer.projection.cx)
+
+
 def test_bad_sketches_are_counted_and_survived(graph, sensor, sketch, send):
     clouds = graph.collect(PointCloud2, "points")
     process = graph.start("reconstructor", lossless=True).ready()
@@ -100,7 +121,7 @@ def test_other_methods_on_sketches_can_be_chosen(graph, sensor, sketch, send, pa
     assert abs(np.median(ranges) - sensor.range_m(50)) < sensor.range_m(1) - sensor.range_m(0)
 
 
-@pytest.mark.parametrize("name, value", [("method", "rt3d"), ("weighting", "half")])
+@pytest.mark.parametrize("name, value", [("method", "rt3d"), ("weighting", "half"), ("upsampling", 5)])
 def test_what_a_sketch_is_not_enough_for_is_one_line_and_exit_code_2(graph, name, value):
     process = graph.start("reconstructor", **{name: value})
     assert process.code() == 2
