@@ -10,7 +10,7 @@ import numpy as np
 
 # numba's disk cache watches only the file of a kernel, not this one: after a change here, `touch` the kernels' files.
 BLOCK = 32          # columns that are worked on together
-MARGIN = 4          # pixels: the largest radius of a window
+MARGIN = 6          # pixels: the largest radius of a window
 
 DEPTH = 0           # t, bins, in [0, T)
 SLOPE_COL = 1       # tangent plane, bins per pixel to the right

@@ -6,8 +6,8 @@ import numpy as np
 
 from srt3d_ros.core.frame import Frame, score_moments
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.peers.weighting import LEVELS, weighted_steps
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.weighting import LEVELS, weighted_steps
 
 
 class Precision:

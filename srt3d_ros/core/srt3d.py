@@ -37,6 +37,7 @@ DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
 WINDOWS = ((2.0, 3), (3.0, 5), (4.0, 6))    # σ and radius of the pooling window in each iteration, pixels
+RELIEF = (5.0, 6)                   # σ and radius of the neighbourhood whose relief counts as uncertainty, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
 WEAK = 5.0                          # standard deviations under which a point is searched for anew
 SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
@@ -123,7 +124,7 @@ class SRT3D:
         row, rank, col = row[by_pixel], rank[by_pixel], col[by_pixel]
         layer = order[row, rank, col]
         depth = view[row, layer, layout.DEPTH, col] % frame.num_bins        # rounding may have made it T
-        relief = self.kernels.relief(state, *WINDOWS[-1], SAME_SURFACE**2, frame.num_bins)
+        relief = self.kernels.relief(state, *RELIEF, SAME_SURFACE**2, frame.num_bins)
         std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
         seen = (intensity * frame.exposure[:, None]).sum(axis=1)
         background = np.maximum(sketch.photons - seen, 0).astype(np.float32)

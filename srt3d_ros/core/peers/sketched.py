@@ -5,9 +5,9 @@ import numpy as np
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.peers.layers import kernels_of, to_cloud
-from srt3d_ros.core.peers.weighting import weighted_steps
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.core.weighting import weighted_steps
 
 
 class SketchedPeer:

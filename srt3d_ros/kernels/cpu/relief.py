@@ -6,6 +6,8 @@ from numba import prange
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, parallel, wrap
 
+STEP = 2                     # pixels between the neighbours that are looked at: nearer ones share their photons
+
 
 @parallel
 def _relief(state, near, gate, num_bins, out):
@@ -16,8 +18,8 @@ def _relief(state, near, gate, num_bins, out):
         for k in range(surfaces):
             t, col, down, std = state[i, k, DEPTH], state[i, k, SLOPE_COL], state[i, k, SLOPE_ROW], state[i, k, STD]
             weight, square = np.zeros(wide, np.float32), np.zeros(wide, np.float32)
-            for di in range(-radius, radius + 1):
-                for dj in range(-radius, radius + 1):
+            for di in range(-radius, radius + 1, STEP):
+                for dj in range(-radius, radius + 1, STEP):
                     by_distance = near[abs(di)] * near[abs(dj)] if di != 0 or dj != 0 else ZERO
                     for q in range(surfaces):
                         there = state[i + di, q]
@@ -40,7 +42,7 @@ def relief(state, window, radius, gate, num_bins):
     Args:
         state: float32 [rows', K, FIELDS, cols'].
         window: σ of the neighbours' weights, pixels.
-        radius: of the neighbourhood, pixels, at most MARGIN.
+        radius: of the neighbourhood, pixels, even, at most MARGIN.
         gate: as in `descend`.
         num_bins: T.
 
