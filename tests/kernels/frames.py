@@ -90,11 +90,31 @@ def make_state(frame: Frame, surfaces: int, seed: int, light: float = 1.0) -> np
     return state
 
 
+def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Frame:
+    """What is expected of surfaces at these depths with this many photons, [S, rows, cols]: no noise."""
+    sensor = SensorModel(*depth.shape[1:], T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2))
+    frequencies = choose("auto", sensor, 7)
+    phase = np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
+    sums = irf_spectrum(sensor, frequencies) * (signal[..., None] * phase).sum(axis=0)
+    photons = np.rint(signal.sum(axis=0) + background)
+    return Matcher(sensor, frequencies)(Sketch(frequencies, sums.astype(np.complex64), photons.astype(np.uint32)))
+
+
+def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:
+    """The state with these points, [K, rows, cols], that were measured well; intensity 0 where there is none."""
+    state = layout.no_surfaces(*depth.shape[1:], len(depth))
+    view = layout.crop(state, *depth.shape[1:])
+    view[:, :, layout.STD], view[:, :, layout.WINDOW], view[:, :, layout.SCORE] = 0.3, 1, 20
+    view[:, :, layout.DEPTH], view[:, :, layout.INTENSITY] = depth.swapaxes(0, 1), intensity.swapaxes(0, 1)
+    return state
+
+
 def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int]):
     """But for ties both have the same points, and all fields of each agree."""
     fast, slow = (layout.crop(a, *shape).astype(np.float64) for a in (fast, slow))
     here, there = (a[:, :, layout.INTENSITY] > 0 for a in (fast, slow))
     wrong = here != there
+    assert (fast[:, :, layout.DEPTH] >= 0).all() and (fast[:, :, layout.DEPTH] <= T).all()  # T: −ε, rounded
     for field in range(layout.FIELDS):
         one, other = fast[:, :, field], slow[:, :, field]
         if field == layout.DEPTH:

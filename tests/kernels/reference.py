@@ -8,6 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.descend import FIT_RADIUS, FITS, RIDGE, STD_FLOOR
+from srt3d_ros.kernels.cpu.relief import STEP
 
 from .reference_arithmetic import angular, pixel_z, response_of, unexplained, wrap
 from .reference_propose import evidence, propose
@@ -192,7 +193,7 @@ def relief(state, window, radius, gate, num_bins):
         around = state[i - radius:i + radius + 1, :, :, j - radius:j + radius + 1].transpose(0, 3, 1, 2)
         dy, dx = _offsets(around)
         near = np.exp(-(dx**2 + dy**2) / (2 * window**2))
-        near[radius, radius] = 0
+        near *= (dx % STEP == 0) & (dy % STEP == 0) & ((dx != 0) | (dy != 0))
         plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
         e = wrap(around[..., DEPTH] - plane[..., None], num_bins)
         close = np.maximum(1 - e**2 / (gate * (around[..., STD]**2 + point[STD]**2) + 1e-12), 0)

@@ -73,7 +73,7 @@ def _chosen_anew(data, state, own, window, gate, only_empty) -> tuple:
             least = -np.inf if had and k == 0 else CREATE + (BLANK * around.blank if had == 0 else 0)
             best = _best(k, least, around, rest, photons, data.exposure[i, j], data)
             if best is None:
-                after[i, k, INTENSITY, j] = own_after[i, k, j] = 0
+                after[i, k, INTENSITY, j] = 0
                 continue
             after[i, k, :, j] = _joined(best, around, window, had, data)
             own_after[i, k, j] = best.photonic

@@ -26,6 +26,7 @@ from .frames import (
     STATES,
     T,
     assert_states_agree,
+    exact_state,
     make_frame,
     make_sensor,
     make_sketch,
@@ -101,6 +102,19 @@ def test_relief(shape, surfaces, seed, radius):
     fast = cpu.relief(state, 2.5, radius, GATE, T)
     np.testing.assert_allclose(fast, reference.relief(state, 2.5, radius, GATE, T), rtol=RELATIVE, atol=1e-4)
     assert (fast > 0.1).sum() > 100 and (fast[state[:, :, layout.INTENSITY] == 0] == 0).all()
+
+
+@pytest.mark.parametrize("wrong", [0, 0.3])
+def test_relief_is_the_distance_of_the_neighbours_from_the_plane(wrong):
+    y, x = np.mgrid[:13, :33]
+    depth = (290 + 0.6 * x - 0.4 * y)[None] % T
+    state = exact_state(depth, np.ones(depth.shape))
+    view = layout.crop(state, 13, 33)
+    view[:, :, layout.SLOPE_COL], view[:, :, layout.SLOPE_ROW] = 0.6 - wrong, -0.4
+    found = layout.crop(cpu.relief(state, 3.0, 4, 1e8, T), 13, 33)[4:-4, 0, 4:-4]
+    dy, dx = np.mgrid[-4:5:2, -4:5:2]
+    near = np.exp(-(dx**2 + dy**2) / (2 * 3.0**2)) * ((dx != 0) | (dy != 0))
+    np.testing.assert_allclose(found, wrong * np.sqrt((near * dx**2).sum() / near.sum()), rtol=1e-3, atol=1e-3)
 
 
 def test_nothing_appears_outside_the_image_or_in_masked_pixels():

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
+from srt3d_ros.core import layout
 from srt3d_ros.kernels import cpu
 
 from . import reference_propose as reference
-from .frames import FAINT, GATE, STATES, assert_states_agree, make_frame, make_state
+from .frames import FAINT, GATE, STATES, T, assert_states_agree, exact_frame, exact_state, make_frame, make_state
 
 CASES = [(shape, surfaces, seed, light, spread) for shape, surfaces, seed in STATES for light in (1, FAINT)
-         for spread in (0, 3)] + [((6, 40), 4, 3, light, 1) for light in (1, FAINT)]
+         for spread in (0, 3)] + [((9, 33), surfaces, seed, light, 1)
+                                        for surfaces in (3, 4) for seed in (2, 3) for light in (1, FAINT)]
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "seed", "light", "spread"), CASES)
@@ -20,3 +22,57 @@ def test_propose(shape, surfaces, seed, light, spread):
     fast = cpu.propose(frame.padded, state, 1.5, GATE, spread)
     assert np.array_equal(state, before) and fast.dtype == np.float32
     assert_states_agree(fast, reference.propose(frame.padded, state, 1.5, GATE, spread), shape)
+
+
+SHAPE = (7, 9)
+MIDDLE = (3, slice(None), slice(None), 4)       # K surfaces and their fields, of a cropped state
+ALL = np.ones((1, *SHAPE))
+
+
+def proposed(frame, state, spread=0) -> np.ndarray:
+    """Of the pixel in the middle: depth and intensity, each [K]."""
+    after = layout.crop(cpu.propose(frame.padded, state, 1.5, GATE, spread), *SHAPE)[MIDDLE]
+    return after[:, [layout.DEPTH, layout.INTENSITY]].T
+
+
+DEAD = pytest.mark.xfail(reason="what the first surface leaves, nothing, is judged as a dead pixel is", strict=True)
+
+
+@pytest.mark.parametrize(("background", "shown"), [(0, 20), (5, 20), (5, 0), (1, 0), pytest.param(0, 0, marks=DEAD)])
+def test_a_pixel_gets_its_neighbours_further_surface_if_its_own_photons_show_it(background, shown):
+    depth, signal = np.concatenate([100 * ALL, 200 * ALL]), np.concatenate([30 * ALL, 20 * ALL])
+    state = exact_state(depth, signal)
+    layout.crop(state, *SHAPE)[MIDDLE][1, layout.INTENSITY] = 0
+    signal[1, 3, 4] = shown
+    found = proposed(exact_frame(depth, signal, background), state)
+    np.testing.assert_allclose(found[1], [30, shown], atol=0.01)
+    np.testing.assert_allclose(found[0, :1 + (shown > 0)], [100, 200][:1 + (shown > 0)], atol=0.01)
+
+
+def test_what_all_neighbours_show_fills_a_dead_pixel_but_not_one_that_sees_background_alone():
+    state = exact_state(100 * ALL, 20 * ALL)
+    layout.crop(state, *SHAPE)[MIDDLE][0, layout.INTENSITY] = 0
+    dark = 20 * ALL
+    dark[0, 3, 4] = 0
+    dead = exact_frame(100 * ALL, dark, 0)
+    np.testing.assert_allclose(proposed(dead, state)[:, 0], [100, 20], atol=0.01)
+    assert proposed(exact_frame(100 * ALL, dark, 10), state)[1, 0] == 0
+
+
+def test_surfaces_grow_by_one_pixel_a_step():
+    lit = 20 * ALL
+    lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 dead pixels
+    frame, state = exact_frame(100 * ALL, lit, 0), exact_state(100 * ALL, lit)
+    assert [proposed(frame, state, spread)[1, 0] > 0 for spread in (0, 1, 4)] == [False, True, True]
+
+
+@pytest.mark.parametrize("had", [0, 20])
+@pytest.mark.parametrize("std", [0.3, pytest.param(T, marks=pytest.mark.xfail(
+    reason="a candidate of any depth agrees with all, which then are not judged", strict=True))])
+def test_a_pixel_takes_the_side_that_its_photons_show_whatever_one_neighbour_is_worth(std, had):
+    depth = np.where(np.arange(9) < 5, 100.0, 200.0) * ALL
+    state = exact_state(depth, 20 * ALL)
+    view = layout.crop(state, *SHAPE)
+    view[3, 0, [layout.DEPTH, layout.INTENSITY], 4] = 200, had
+    view[2, 0, [layout.DEPTH, layout.STD], 3] = 100 if std < 1 else 250, std
+    np.testing.assert_allclose(proposed(exact_frame(depth, 20 * ALL, 2), state)[:, 0], [100, 20], atol=0.01)
