@@ -4,6 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from srt3d_ros.core.sensor import SensorModel
+
+
+def points_of(intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where the points of K layers lie, sorted by pixel, the strongest of a pixel first.
+
+    Args:
+        intensity: float32 [rows, K, cols]; 0 = no point.
+
+    Returns:
+        row, layer, col, and rank: 0 for the strongest point of its pixel; int [N] each.
+    """
+    order = np.argsort(-intensity, axis=1, kind="stable")
+    row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
+    return row, order[row, rank, col], col, rank
+
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
@@ -30,6 +46,26 @@ class PointCloud:
     surface: np.ndarray
     background: np.ndarray
     stamp_ns: int = 0
+
+    @classmethod
+    def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, std: np.ndarray,
+                    background: np.ndarray, stamp_ns: int) -> "PointCloud":
+        """The cloud of K layers of surfaces.
+
+        Args:
+            sensor: places the points.
+            depth: float32 [rows, K, cols], bins.
+            intensity: float32 [rows, K, cols]; 0 = no point.
+            std: float32 [rows, K, cols], of the depths, bins.
+            background: float32 [rows, cols], expected background photons.
+            stamp_ns: start of acquisition.
+        """
+        row, layer, col, rank = points_of(intensity)
+        depth, intensity, std = (values[row, layer, col].astype(np.float32) for values in (depth, intensity, std))
+        depth %= np.float32(sensor.num_bins)
+        depth[depth >= sensor.num_bins] = 0                     # where rounding made it T
+        return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.clip(std, 1e-6, sensor.num_bins),
+                   sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 
     def __len__(self) -> int:
         return len(self.row)

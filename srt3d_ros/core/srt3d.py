@@ -15,20 +15,13 @@ import numpy as np
 
 from srt3d_ros.core import layout
 from srt3d_ros.core.background import Background
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud, points_of
 from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.intensity import shared_intensity
 from srt3d_ros.core.precision import Precision
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
-from srt3d_ros.core.start import (
-    REST_SCALES,
-    SURE,
-    SURE_SCALES,
-    continuation_threshold,
-    find_surfaces,
-    score_threshold,
-    window_weights,
-)
+from srt3d_ros.core.start import REST_SCALES, SURE, SURE_SCALES, continuation_threshold, find_surfaces, score_threshold
 from srt3d_ros.core.upsampling import refine
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import InvalidInput, require
@@ -92,7 +85,7 @@ class SRT3D:
             state = self._iterate(frame, state, window)
         state = self._iterate(frame, state, WINDOWS[-1], self._precision)
         state[:, :, layout.SCORE] /= frame.noise_ratio(state[:, :, layout.DEPTH])
-        return self._cloud(frame, state, continuation_threshold(self.false_alarm_rate), sketch)
+        return self._cloud(frame, state, sketch)
 
     def _iterate(self, frame: Frame, state: np.ndarray, window, precision: Precision | None = None) -> np.ndarray:
         """Let surfaces compete and spread, then step down the gradient of the data pooled over the window."""
@@ -112,53 +105,23 @@ class SRT3D:
         sums = rng.normal(size=(8, 8, len(frequencies), 2)).astype(np.float32).view(np.complex64)[..., 0]
         SRT3D(small, frequencies, self.surfaces)(Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
 
-    def _cloud(self, frame: Frame, state: np.ndarray, least: float, sketch: Sketch) -> PointCloud:
-        """Points whose score is above `least`, the strongest of a pixel first."""
-        intensity = self._intensity(frame, state)
+    def _cloud(self, frame: Frame, state: np.ndarray, sketch: Sketch) -> PointCloud:
+        """The points that the photons speak for, with all that is told of them."""
         view = layout.crop(state, *frame.shape)                                       # [rows, K, FIELDS, cols]
-        kept = (view[:, :, layout.INTENSITY] > 0) & (view[:, :, layout.SCORE] > least)
-        intensity = np.where(kept, intensity, 0)
-        order = np.argsort(-intensity, axis=1, kind="stable")
-        row, rank, col = np.nonzero(np.take_along_axis(kept, order, axis=1))
-        by_pixel = np.lexsort((rank, col, row))
-        row, rank, col = row[by_pixel], rank[by_pixel], col[by_pixel]
-        layer = order[row, rank, col]
-        depth = view[row, layer, layout.DEPTH, col] % frame.num_bins        # rounding may have made it T
+        own = layout.crop(self.kernels.own_intensity(frame.padded, state), *frame.shape)
+        kept = view[:, :, layout.SCORE] > continuation_threshold(self.false_alarm_rate)
+        intensity = np.where(kept, shared_intensity(frame, state, own, self.kernels), 0)
         relief = self.kernels.relief(state, *RELIEF, SAME_SURFACE**2, frame.num_bins)
         std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
         seen = (intensity * frame.exposure[:, None]).sum(axis=1)
-        background = np.maximum(sketch.photons - seen, 0).astype(np.float32)
-        cloud = PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity[row, layer, col],
-                           std[row, layer, col], self._matcher.sensor.xyz(row, col, depth), rank.astype(np.uint8),
-                           background, sketch.stamp_ns)
+        background = np.maximum(sketch.photons - seen, 0)
+        cloud = PointCloud.from_layers(self._matcher.sensor, view[:, :, layout.DEPTH], intensity, std, background,
+                                       sketch.stamp_ns)
         if self.upsampling == 1:
             return cloud
+        row, layer, col, _ = points_of(intensity)
         slopes = (view[row, layer, field, col] for field in (layout.SLOPE_ROW, layout.SLOPE_COL))
         return refine(cloud, self.upsampling, self.sensor, *slopes)
-
-    def _intensity(self, frame: Frame, state: np.ndarray) -> np.ndarray:
-        """Intensity of each pixel between its pool's and its own: the own one counts as far as pixels truly differ.
-
-        With v the variance of the own intensity by photon noise, and s² the mean square of own − pooled around a pixel,
-        the pixels themselves differ by τ² = s² − v, and pooled + (own − pooled) · τ² / (τ² + v) has the least error
-        (James and Stein's estimator).
-
-        Returns:
-            float32 [rows, K, cols].
-        """
-        rows, cols = frame.shape
-        pooled = np.ascontiguousarray(layout.crop(state, rows, cols)[:, :, layout.INTENSITY])
-        own = layout.crop(self.kernels.own_intensity(frame.padded, state), rows, cols)
-        excess = (own - pooled) * (pooled > 0)
-        exposure = np.maximum(frame.exposure, 1e-6)[:, None]
-        background = np.maximum(frame.noise[:, None] - pooled * exposure, 0)
-        signal_moment, background_moment = frame.intensity_moments
-        variance = (pooled * exposure * signal_moment + background * background_moment) / frame.total_energy**2
-        variance = variance / exposure**2 * (pooled > 0)
-        weights = window_weights(2.0, 1)
-        around, noise = self.kernels.blur(excess**2, weights, 1), self.kernels.blur(variance, weights, 1)
-        differ = np.maximum(around - noise, 0) / np.maximum(around, 1e-12)
-        return np.maximum(pooled + excess * differ, 0.01 * pooled)
 
 
 def kernels_for(device: str):

@@ -30,12 +30,12 @@ def score_threshold(false_alarm_rate: float, frame: Frame, scale=SINGLE) -> floa
     """The score at a scale with which background alone shows a point in this share of the pixels.
 
     A matched filter over frequencies up to k_max has about 2 k_max independent depths; each exceeds z with probability
-    Q(z). One that does fills its cell, and from there spreads over the 2πσ² pixels of its window: so with cells of s²
-    pixels Q(z) = P / (2 k_max) · s² / 2πσ².
+    Q(z). One that does fills its cell, and from there spreads over the 4πσ² pixels of its window: so with cells of s²
+    pixels Q(z) = P / (2 k_max) · s² / 4πσ².
     """
     sigma, step = scale
     depths = max(2 * float(frame.cycles.max()) * frame.num_bins, 1.0)
-    share = step**2 / max(2 * math.pi * sigma**2, step**2)
+    share = step**2 / max(4 * math.pi * sigma**2, step**2)
     return -NormalDist().inv_cdf(max(false_alarm_rate / depths * share, SMALLEST))
 
 

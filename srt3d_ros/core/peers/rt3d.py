@@ -18,7 +18,7 @@ import numpy as np
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.peers.correlation import correlate
 from srt3d_ros.core.peers.fisher import DepthInformation, irf_slope
-from srt3d_ros.core.peers.layers import kernels_of, to_cloud
+from srt3d_ros.core.peers.options import kernels_of
 from srt3d_ros.core.peers.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.peers.toa import PixelToa, by_pixel, exposure
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
@@ -89,7 +89,8 @@ class RT3D:
         depth, intensity = plug_and_play(step, depth, intensity, data.exposure, FAINTEST * usual, scale,
                                          sensor.num_bins, self.kernels)
         std = self._information.std(intensity * data.exposure[:, None], (background * data.exposure)[:, None])
-        return to_cloud(sensor, depth, intensity, std, background * data.exposure * sensor.num_bins, photons.stamp_ns)
+        background = background * data.exposure * sensor.num_bins
+        return PointCloud.from_layers(sensor, depth, intensity, std, background, photons.stamp_ns)
 
     def _likelihood(self, photons: PixelToa, ratio: float) -> Likelihood:
         """The likelihood of some photons amid a background per bin of `ratio` times the signal."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
-from srt3d_ros.core.peers.layers import kernels_of, to_cloud
+from srt3d_ros.core.peers.options import kernels_of
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.weighting import weighted_steps
@@ -41,7 +41,7 @@ class SketchedPeer:
         signal = intensity * frame.exposure[:, None]
         std = self.steps.depth_std(signal, frame.noise[:, None])
         background = np.maximum(sketch.photons - signal.sum(axis=1), 0)
-        return to_cloud(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
+        return PointCloud.from_layers(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
 
     def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""

@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.peers.correlation import correlate
 from srt3d_ros.core.peers.fisher import DepthInformation
-from srt3d_ros.core.peers.layers import kernels_of, to_cloud
+from srt3d_ros.core.peers.options import kernels_of
 from srt3d_ros.core.peers.toa import by_pixel, exposure
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
@@ -43,8 +43,8 @@ class XCORR:
             intensity = np.where(peaks.false_alarm <= self.false_alarm_rate, intensity, 0)
         seen = exposure(self.sensor)
         std = self._information.std(intensity * seen[:, None], (peaks.background * seen)[:, None])
-        return to_cloud(self.sensor, peaks.depth, intensity, std, peaks.background * seen * self.sensor.num_bins,
-                        photons.stamp_ns)
+        background = peaks.background * seen * self.sensor.num_bins
+        return PointCloud.from_layers(self.sensor, peaks.depth, intensity, std, background, photons.stamp_ns)
 
     def warm_up(self) -> None:
         """Nothing has to be compiled."""
