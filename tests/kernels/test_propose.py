@@ -5,6 +5,8 @@ import pytest
 
 from srt3d_ros.core import layout
 from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels.cpu.evidence import DEAD as DEAD_NATS
+from srt3d_ros.kernels.cpu.propose import ALONE, CREATE, ENOUGH, VOTES
 
 from . import reference_propose as reference
 from .frames import FAINT, GATE, STATES, T, assert_states_agree, exact_frame, exact_state, make_frame, make_state
@@ -64,6 +66,26 @@ def test_surfaces_grow_by_one_pixel_a_step():
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 dead pixels
     frame, state = exact_frame(100 * ALL, lit, 0), exact_state(100 * ALL, lit)
     assert [proposed(frame, state, spread)[1, 0] > 0 for spread in (0, 1, 4)] == [False, True, True]
+
+
+def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
+    depth = np.concatenate([50 * ALL, 150 * ALL, 250 * ALL])
+    near = [(i, j) for i in (2, 3, 4) for j in (3, 4, 5) if (i, j) != (3, 4)]
+    i, j = np.mgrid[1:6, 2:7]
+    weight = np.exp(-((i - 3)**2 + (j - 4)**2) / (2 * 1.2**2))
+    shown = []
+    for with_three in range(9):
+        intensity = np.concatenate([20 * ALL, 20 * ALL, 0 * ALL])
+        for pixel in near[:with_three]:
+            intensity[2][pixel] = 20
+        lit = intensity.copy()
+        lit[:, 3, 4] = 0                                        # the pixel itself is dead: nobody but neighbours speak
+        three = intensity[2, 1:6, 2:7] > 0
+        votes = VOTES[1] * weight[three].sum() - ALONE * (weight[~three].sum() - 1)
+        found = proposed(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, 2] > 0
+        assert found == (with_three >= ENOUGH and votes + DEAD_NATS > CREATE), with_three
+        shown.append(found)
+    assert set(shown) == {False, True}
 
 
 @pytest.mark.parametrize("had", [0, 20])
