@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.evidence import DEAD, LIKENESS
+from srt3d_ros.kernels.cpu.evidence import DEAD, LEFT, LIKENESS
 from srt3d_ros.kernels.cpu.propose import (
     ALONE,
     BELIEF,
@@ -43,9 +43,14 @@ def evidence(data, state):
     out = np.zeros((state.shape[0], state.shape[1], state.shape[3]))
     for i, k, j in np.argwhere((state[:, :, INTENSITY] > 0) & (data.exposure[:, None] > 0)):
         gives = state[i, :, INTENSITY, j] * data.exposure[i, j]
-        photons = data.noise[i, j] - (gives.sum() - gives[k])
+        photons = _left(data.noise[i, j], gives.sum() - gives[k])
         out[i, k, j] = nats(response_of(rest[i, j, k], state[i, k, DEPTH, j], data), photons, gives[k], data)
     return out
+
+
+def _left(photons, others) -> float:
+    """Without those of other surfaces; only a pixel that saw none is dead."""
+    return max(photons - others, LEFT) if photons > 0 else 0.0
 
 
 def propose(data, state, window, gate, spread):
@@ -79,7 +84,7 @@ def _chosen_anew(data, state, own, window, gate, only_empty) -> tuple:
             own_after[i, k, j] = best.photonic
             around.free &= ~best.agree
             gives = max(response_of(rest, best.at, data), 0) / data.total_energy
-            rest, photons = rest - expected(gives, best.at, data), photons - gives
+            rest, photons = rest - expected(gives, best.at, data), _left(photons, gives)
     return after, own_after
 
 

@@ -12,9 +12,9 @@ from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.peers.rt3d import RT3D
 from srt3d_ros.core.peers.toa import by_pixel
-from srt3d_ros.core.peers.weighting import WEIGHTINGS, weighted_steps
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.weighting import WEIGHTINGS, weighted_steps
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.kernels import cpu

@@ -8,6 +8,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, paral
 
 LIKENESS = F32(2)            # neighbours' intensities may differ by this factor and still be one surface's
 DEAD = F32(-1)               # nats that a pixel without any photon speaks against a surface, at most: it may be dead
+LEFT = F32(1e-6)             # photons that a pixel with some keeps, at least, without those of its other surfaces
 
 
 @inline
@@ -69,6 +70,7 @@ def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments
                     photons = noise[i, j]
                     for o in range(surfaces):
                         photons -= state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
+                    photons = max(photons, LEFT) if noise[i, j] > ZERO else ZERO
                     out[i, k, j] = nats(response[j], photons, state[i, k, INTENSITY, j] * exposure[i, j], total,
                                         greatest, worth, moments)
 

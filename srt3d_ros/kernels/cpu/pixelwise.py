@@ -68,7 +68,7 @@ def pixelwise(data, table, rate, usual, depth, intensity):
     """One gradient step in depth and intensity on n (z − Ψ_θ)ᵀ W (z − Ψ_θ), in place.
 
     With d_l = (what the points of the pixel leave of matched_l) · exp(−i ω_l t), a linear function of d, the gradient
-    over the curvature, estimates r · (error of t) and the error of r (see `srt3d_ros.core.peers.weighting`). Half of
+    over the curvature, estimates r · (error of t) and the error of r (see `srt3d_ros.core.weighting`). Half of
     the latter is the step in intensity. In depth the curvature is r² times a constant; for weak points that of the
     usual intensity bounds it, so that noise does not throw them about.
 

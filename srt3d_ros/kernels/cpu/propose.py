@@ -5,7 +5,7 @@ from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
-from srt3d_ros.kernels.cpu.evidence import evidence, nats
+from srt3d_ros.kernels.cpu.evidence import LEFT, evidence, nats
 
 REACH = 2                    # pixels: of the neighbourhood that votes
 BELIEF = F32(0.45)           # nats that a neighbour's vote is worth before its own photons are asked
@@ -223,7 +223,7 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
                     record[WINDOW] = window if had > 0 else max(window, FILL_WINDOW)
                     record[SCORE] = ZERO                            # for its pool to say
                 after[i, k, :, j], own_after[i, k, j] = record, own
-                photons -= share
+                photons = max(photons - share, LEFT) if noise[i, j] > ZERO else ZERO
                 _explain(rest, record[DEPTH], share, energy, cycles)
 
 
