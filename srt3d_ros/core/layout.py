@@ -20,6 +20,7 @@ STD = 4             # standard deviation of the depth, bins
 WINDOW = 5          # σ of the neighbourhood whose sketches the point pools, pixels
 SCORE = 6           # evidence against "background alone", standard deviations
 FIELDS = 7
+ASTRAY = 0.125      # of T: a point with a larger standard deviation says nothing of the depth
 
 
 def padded_shape(rows: int, cols: int) -> tuple[int, int]:

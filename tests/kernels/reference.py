@@ -6,7 +6,7 @@ complex numbers z_l here, of which the kernels keep real and imaginary parts apa
 
 import numpy as np
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.descend import FIT_RADIUS, FITS, RIDGE, STD_FLOOR
 from srt3d_ros.kernels.cpu.relief import STEP
 
@@ -197,7 +197,7 @@ def relief(state, window, radius, gate, num_bins):
         plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
         e = wrap(around[..., DEPTH] - plane[..., None], num_bins)
         close = np.maximum(1 - e**2 / (gate * (around[..., STD]**2 + point[STD]**2) + 1e-12), 0)
-        w = near[..., None] * close**2 * (around[..., INTENSITY] > 0)
+        w = near[..., None] * close**2 * (around[..., INTENSITY] > 0) * (around[..., STD] < ASTRAY * num_bins)
         out[i, k, j] = np.sqrt((w * e**2).sum() / (w.sum() + 1e-12))
     return out
 

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.evidence import DEAD, LEFT, LIKENESS
+from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.kernels.cpu.evidence import DEAD, LEFT, LIKENESS, SHARING
 from srt3d_ros.kernels.cpu.propose import (
     ALONE,
     BELIEF,
@@ -22,14 +22,14 @@ from srt3d_ros.kernels.cpu.propose import (
 from .reference_arithmetic import expected, pixel_z, response_of, unexplained, wrap
 
 
-def nats(response, photons, expected, data) -> float:
+def nats(response, photons, expected, likeness, data) -> float:
     """Log-likelihood gain of a surface of about `expected` photons over "background alone"."""
     value, n = max(response, 0.0), max(photons, 0.5)
     means = np.linspace(0, data.greatest_response, len(data.rarity))
     improbable_for_background = n * np.interp(value / n, means, data.rarity.astype(float))**2 / 2
 
     seen = value / data.total_energy
-    likely = np.clip(seen, expected / LIKENESS, expected * LIKENESS)
+    likely = np.clip(seen, expected / likeness, expected * likeness)
     deviance = likely - seen + (seen * np.log(seen / likely) if seen > 0 else 0)
     by_signal, by_background = likely * data.intensity_moments[0], max(n - likely, 0) * data.intensity_moments[1]
     improbable_for_surface = deviance * by_signal / (by_signal + by_background)
@@ -43,8 +43,9 @@ def evidence(data, state):
     out = np.zeros((state.shape[0], state.shape[1], state.shape[3]))
     for i, k, j in np.argwhere((state[:, :, INTENSITY] > 0) & (data.exposure[:, None] > 0)):
         gives = state[i, :, INTENSITY, j] * data.exposure[i, j]
-        photons = _left(data.noise[i, j], gives.sum() - gives[k])
-        out[i, k, j] = nats(response_of(rest[i, j, k], state[i, k, DEPTH, j], data), photons, gives[k], data)
+        others = gives.sum() - gives[k]
+        photons, likeness = _left(data.noise[i, j], others), SHARING if others > 0 else LIKENESS
+        out[i, k, j] = nats(response_of(rest[i, j, k], state[i, k, DEPTH, j], data), photons, gives[k], likeness, data)
     return out
 
 
@@ -67,8 +68,8 @@ def _chosen_anew(data, state, own, window, gate, only_empty) -> tuple:
     inside = slice(MARGIN, -MARGIN)
     after[inside, :, WINDOW, inside] = np.maximum(after[inside, :, WINDOW, inside], window)
     for i, j in np.argwhere(data.exposure > 0):
-        had = (state[i, :, INTENSITY, j] > 0).sum()
-        if only_empty and had:
+        had = _points(state[i, :, :, j], data).sum()
+        if only_empty and had == state.shape[1]:
             continue
         around = _candidates(i, j, state, own, data, gate)
         if around.near.sum() < ENOUGH if had == 0 else _settled(around, had):
@@ -97,7 +98,7 @@ def _candidates(i, j, state, own, data, gate) -> SimpleNamespace:
     for di, dj in np.ndindex(2 * REACH + 1, 2 * REACH + 1):
         di, dj = di - REACH, dj - REACH
         a, b, weight = i + di, j + dj, np.exp(-(di**2 + dj**2) / (2 * 1.2**2))
-        lit = np.flatnonzero(state[a, :, INTENSITY, b] > 0)
+        lit = np.flatnonzero(_points(state[a, :, :, b], data))
         if len(lit) == 0 and data.noise[a, b] > 0 and (di, dj) != (0, 0):
             blank += weight
         for k in lit:
@@ -112,6 +113,11 @@ def _candidates(i, j, state, own, data, gate) -> SimpleNamespace:
     close = np.maximum(1 - apart**2 / (variance + variance[:, None]), 0)
     return SimpleNamespace(at=at, weight=weight, vote=vote, count=count, mine=mine.astype(bool), record=record,
                            near=near.astype(bool), free=np.ones(len(at), bool), apart=apart, close=close, blank=blank)
+
+
+def _points(records, data) -> np.ndarray:
+    """Which of a pixel's surfaces are there, at depths that mean anything."""
+    return (records[:, INTENSITY] > 0) & (records[:, STD] < ASTRAY * data.num_bins)
 
 
 def _settled(around, had) -> bool:
@@ -138,7 +144,8 @@ def _best(k, least, around, rest, photons, exposure, data) -> SimpleNamespace | 
         fewer = ~around.mine & (around.count <= k) if k > 0 else np.zeros(len(agree), bool)
         votes = (around.vote * around.close[c])[agree & ~around.mine & ~fewer].sum()
         votes -= (around.weight * ALONE / around.count)[fewer].sum()
-        photonic = nats(response_of(rest, at, data), photons, intensity * exposure, data)
+        likeness = SHARING if k > 0 else LIKENESS
+        photonic = nats(response_of(rest, at, data), photons, intensity * exposure, likeness, data)
         if photonic + votes > least and (len(mine) or agree.sum() >= ENOUGH):
             least = photonic + votes
             best = SimpleNamespace(at=at, agree=agree, weight=weight, mine=mine[-1:], photonic=photonic)

@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core import layout
 from srt3d_ros.kernels import cpu
-from srt3d_ros.kernels.cpu.evidence import DEAD
+from srt3d_ros.kernels.cpu.evidence import DEAD, LIKENESS
 from srt3d_ros.kernels.cpu.evidence import nats as kernel
 
 from . import reference_propose as reference
@@ -14,8 +14,8 @@ from .frames import FAINT, STATES, T, make_frame, make_state
 FRAME = make_frame((6, 40), seed=0)
 
 
-def nats(response: float, photons: float, expected: float) -> float:
-    values = response, photons, expected, FRAME.total_energy, FRAME.greatest_response
+def nats(response: float, photons: float, expected: float, likeness=LIKENESS) -> float:
+    values = response, photons, expected, likeness, FRAME.total_energy, FRAME.greatest_response
     return float(kernel(*map(np.float32, values), FRAME.rarity, FRAME.intensity_moments))
 
 

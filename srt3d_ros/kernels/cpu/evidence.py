@@ -6,13 +6,14 @@ from numba import prange
 from srt3d_ros.core.layout import DEPTH, INTENSITY
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos
 
-LIKENESS = F32(2)            # neighbours' intensities may differ by this factor and still be one surface's
+# Neighbours' intensities may differ by this factor and still be one surface's; and where surfaces share pixels.
+LIKENESS, SHARING = F32(2), F32(4)
 DEAD = F32(-1)               # nats that a pixel without any photon speaks against a surface, at most: it may be dead
 LEFT = F32(1e-6)             # photons that a pixel with some keeps, at least, without those of its other surfaces
 
 
 @inline
-def nats(response, photons, expected, total, greatest, worth, moments):
+def nats(response, photons, expected, likeness, total, greatest, worth, moments):
     """Log-likelihood gain of "a surface of about this intensity and background" over "background alone".
 
     Two terms: how improbable it is that background photons respond like this (`worth`, Chernoff's bound), less how
@@ -22,7 +23,7 @@ def nats(response, photons, expected, total, greatest, worth, moments):
     Args:
         response: of the pixel's photons to the matched filter at the surface's depth.
         photons: of the pixel, those of its other surfaces left out.
-        expected: signal photons that the surface should give, to within the factor LIKENESS.
+        expected: signal photons that the surface should give, to within the factor `likeness`.
         total, greatest, worth, moments: the Frame's total_energy, greatest_response, rarity and intensity_moments.
     """
     dead = photons <= ZERO
@@ -32,7 +33,7 @@ def nats(response, photons, expected, total, greatest, worth, moments):
     low = min(int(at), steps - 1)
     rare = worth[low] + (at - F32(low)) * (worth[low + 1] - worth[low])
     seen = response / total
-    likely = min(max(seen, expected / LIKENESS), expected * LIKENESS)
+    likely = min(max(seen, expected / likeness), expected * likeness)
     deviance = likely - seen + (seen * np.log(seen / likely) if seen > ZERO else ZERO)
     signal, background = likely * moments[0], max(photons - likely, ZERO) * moments[1]
     gain = HALF * photons * rare * rare - deviance * signal / (signal + background)
@@ -67,12 +68,12 @@ def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments
             for j in range(wide):
                 out[i, k, j] = ZERO
                 if state[i, k, INTENSITY, j] > ZERO and exposure[i, j] > ZERO:
-                    photons = noise[i, j]
+                    others = ZERO
                     for o in range(surfaces):
-                        photons -= state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
-                    photons = max(photons, LEFT) if noise[i, j] > ZERO else ZERO
-                    out[i, k, j] = nats(response[j], photons, state[i, k, INTENSITY, j] * exposure[i, j], total,
-                                        greatest, worth, moments)
+                        others += state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
+                    photons = max(noise[i, j] - others, LEFT) if noise[i, j] > ZERO else ZERO
+                    out[i, k, j] = nats(response[j], photons, state[i, k, INTENSITY, j] * exposure[i, j],
+                                        SHARING if others > ZERO else LIKENESS, total, greatest, worth, moments)
 
 
 def evidence(data, state):

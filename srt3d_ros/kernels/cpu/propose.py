@@ -3,9 +3,9 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
-from srt3d_ros.kernels.cpu.evidence import LEFT, evidence, nats
+from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
 
 REACH = 2                    # pixels: of the neighbourhood that votes
 BELIEF = F32(0.45)           # nats that a neighbour's vote is worth before its own photons are asked
@@ -26,11 +26,17 @@ AT, VARIANCE, WEIGHT, VOTE = range(4)
 
 
 @inline
-def _surfaces(state, i, j):
+def _is_point(state, i, k, j, period):
+    """Whether pixel (i, j) has a surface k, at a depth that means anything."""
+    return state[i, k, INTENSITY, j] > ZERO and state[i, k, STD, j] < F32(ASTRAY) * period
+
+
+@inline
+def _surfaces(state, i, j, period):
     """How many surfaces pixel (i, j) has."""
     count = 0
     for k in range(state.shape[1]):
-        count += 1 if state[i, k, INTENSITY, j] > ZERO else 0
+        count += 1 if _is_point(state, i, k, j, period) else 0
     return count
 
 
@@ -46,13 +52,13 @@ def _settled(i, j, had, state, gate, blur2, period):
         for dj in range(-1, 2):
             a, b, count = i + di, j + dj, 0
             for q in range(state.shape[1]):
-                if state[a, q, INTENSITY, b] > ZERO:
+                if _is_point(state, a, q, b, period):
                     count += 1
                     rise = state[a, q, SLOPE_COL, b] * F32(dj) + state[a, q, SLOPE_ROW, b] * F32(di)
                     noisy = state[a, q, STD, b] * state[a, q, STD, b]
                     known = False
                     for k in range(state.shape[1]):
-                        if state[i, k, INTENSITY, j] > ZERO:
+                        if _is_point(state, i, k, j, period):
                             e = wrap(state[a, q, DEPTH, b] - rise - state[i, k, DEPTH, j], period)
                             apart = gate * (noisy + state[i, k, STD, j] * state[i, k, STD, j]) + TWO * blur2
                             known = known or e * e < apart
@@ -63,7 +69,7 @@ def _settled(i, j, had, state, gate, blur2, period):
 
 
 @inline
-def _candidates(i, j, state, own, noise, gate, blur2, values, info):
+def _candidates(i, j, state, own, noise, gate, blur2, period, values, info):
     """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
 
     Returns how many there are, and the weight of the pixels around that see photons, but no surface.
@@ -72,11 +78,11 @@ def _candidates(i, j, state, own, noise, gate, blur2, values, info):
     for di in range(-REACH, REACH + 1):
         for dj in range(-REACH, REACH + 1):
             a, b = i + di, j + dj
-            count = _surfaces(state, a, b)
+            count = _surfaces(state, a, b, period)
             if count == 0 and noise[a, b] > ZERO and (di != 0 or dj != 0):
                 blank += NEAR[di * di + dj * dj]
             for k in range(state.shape[1]):
-                if state[a, k, INTENSITY, b] > ZERO:
+                if _is_point(state, a, k, b, period):
                     rise = state[a, k, SLOPE_COL, b] * F32(dj) + state[a, k, SLOPE_ROW, b] * F32(di)
                     values[found, AT] = state[a, k, DEPTH, b] - rise
                     values[found, VARIANCE] = gate * state[a, k, STD, b] * state[a, k, STD, b] + blur2
@@ -150,7 +156,8 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, c
         for l in range(m):
             sine, cosine = sincos(cycles[l] * where)
             response += rest[l] * cosine + rest[m + l] * sine
-        photonic = nats(response, photons, intensity * exposure, total, greatest, worth, moments)
+        photonic = nats(response, photons, intensity * exposure, SHARING if k > 0 else LIKENESS, total, greatest,
+                        worth, moments)
         if photonic + votes > evidence and (its >= 0 or count >= ENOUGH):
             best, evidence, own, at, mine = c, photonic + votes, photonic, where, its
             share = max(response, ZERO) / total
@@ -199,12 +206,12 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
         for j in range(MARGIN, wide - MARGIN):
             for k in range(surfaces):
                 after[i, k, WINDOW, j] = max(before[i, k, WINDOW, j], window)
-            had = _surfaces(before, i, j)
-            if exposure[i, j] <= ZERO or (fill and had > 0):
+            had = _surfaces(before, i, j, period)
+            if exposure[i, j] <= ZERO or (fill and had == surfaces):
                 continue
             if _settled(i, j, had, before, gate, blur2, period):
                 continue
-            found, blank = _candidates(i, j, before, own_before, noise, gate, blur2, values, info)
+            found, blank = _candidates(i, j, before, own_before, noise, gate, blur2, period, values, info)
             rest[:] = matched[i, :, j]
             photons = noise[i, j]
             for k in range(surfaces):
@@ -241,7 +248,7 @@ def propose(data, state, window, gate, spread):
         state: float32 [rows', K, FIELDS, cols'].
         window: σ of the neighbourhood that points pool from now on, at least, pixels.
         gate: as in `descend`.
-        spread: pixels by which surfaces may grow into empty pixels after the competition.
+        spread: pixels by which surfaces may grow into others that have room after the competition.
 
     Returns:
         The next state.
@@ -250,7 +257,7 @@ def propose(data, state, window, gate, spread):
     blur2 = F32(RESOLVED * data.resolution_bins)**2
     own = evidence(data, state)
     for step in range(1 + spread):
-        if step > 0 and not ((state[:, :, INTENSITY] <= ZERO).all(axis=1) & (data.exposure > ZERO)).any():
+        if step > 0 and not ((state[:, :, INTENSITY] <= ZERO).any(axis=1) & (data.exposure > ZERO)).any():
             break
         after, own_after = np.zeros_like(state), np.zeros_like(own)
         _propose(data.matched, data.noise, data.exposure, data.energy, data.cycles, data.num_bins,

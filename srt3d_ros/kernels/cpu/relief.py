@@ -3,7 +3,7 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, parallel, wrap
 
 STEP = 2                     # pixels between the neighbours that are looked at: nearer ones share their photons
@@ -12,7 +12,7 @@ STEP = 2                     # pixels between the neighbours that are looked at:
 @parallel
 def _relief(state, near, gate, num_bins, out):
     tall, surfaces, _, wide = state.shape
-    period, radius = F32(num_bins), len(near) - 1
+    period, radius, astray = F32(num_bins), len(near) - 1, F32(ASTRAY * num_bins)
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
         for k in range(surfaces):
@@ -27,7 +27,8 @@ def _relief(state, near, gate, num_bins, out):
                             e = wrap(there[DEPTH, j + dj] - t[j] - col[j] * F32(dj) - down[j] * F32(di), period)
                             noisy = there[STD, j + dj] * there[STD, j + dj] + std[j] * std[j]
                             close = max(ONE - e * e / (gate * noisy + TINY), ZERO)
-                            w = by_distance * close * close if there[INTENSITY, j + dj] > ZERO else ZERO
+                            lit = there[INTENSITY, j + dj] > ZERO and there[STD, j + dj] < astray
+                            w = by_distance * close * close if lit else ZERO
                             weight[j] += w
                             square[j] += w * e * e
             for j in range(MARGIN, wide - MARGIN):
