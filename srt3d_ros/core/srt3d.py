@@ -21,7 +21,15 @@ from srt3d_ros.core.intensity import shared_intensity
 from srt3d_ros.core.precision import Precision
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
-from srt3d_ros.core.start import REST_SCALES, SURE, SURE_SCALES, continuation_threshold, find_surfaces, score_threshold
+from srt3d_ros.core.start import (
+    FAINTEST,
+    REST_SCALES,
+    SURE,
+    SURE_SCALES,
+    continuation_threshold,
+    find_surfaces,
+    score_threshold,
+)
 from srt3d_ros.core.upsampling import refine
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import InvalidInput, require
@@ -111,6 +119,7 @@ class SRT3D:
         own = layout.crop(self.kernels.own_intensity(frame.padded, state), *frame.shape)
         kept = view[:, :, layout.SCORE] > continuation_threshold(self.false_alarm_rate)
         intensity = np.where(kept, shared_intensity(frame, state, own, self.kernels), 0)
+        intensity[intensity < FAINTEST * intensity.max(axis=1, keepdims=True)] = 0
         relief = self.kernels.relief(state, *RELIEF, SAME_SURFACE**2, frame.num_bins)
         std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
         seen = (intensity * frame.exposure[:, None]).sum(axis=1)
