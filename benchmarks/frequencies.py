@@ -20,9 +20,9 @@ from srt3d_ros.core.frequencies import RULES
 from srt3d_ros.core.frequency_design import expected_error_bins
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.peers.fisher import DepthInformation
-from srt3d_ros.core.weighting import weighted_steps
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.weighting import weighted_steps
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator

@@ -37,7 +37,7 @@ from srt3d_ros.errors import InvalidInput, require
 DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
-WINDOWS = ((2.0, 3), (3.0, 5), (4.0, 6))    # σ and radius of the pooling window in each iteration, pixels
+WINDOWS = ((2.0, 3), (3.0, 4), (4.0, 6))    # σ and radius of the pooling window in each iteration, pixels
 RELIEF = (5.0, 6)                   # σ and radius of the neighbourhood whose relief counts as uncertainty, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
 WEAK = 5.0                          # standard deviations under which a point is searched for anew
