@@ -41,7 +41,7 @@ WINDOWS = ((2.0, 3), (3.0, 4), (4.0, 6))    # σ and radius of the pooling windo
 RELIEF = (5.0, 6)                   # σ and radius of the neighbourhood whose relief counts as uncertainty, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
 WEAK = 5.0                          # standard deviations under which a point is searched for anew
-SAME_SURFACE = 5.0                  # depths within this many standard deviations may belong to one surface
+SAME_SURFACE = 4.8                  # depths within this many standard deviations may belong to one surface
 
 
 class SRT3D:
