@@ -68,9 +68,7 @@ class SRT3D:
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
                  background: str = "sensor", weighting: str = "identity", upsampling: int = 1):
-        require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
-                f"an integer from 1 to {MAX_SURFACES}")
-        require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
+        check_options(surfaces, false_alarm_rate)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.upsampling = sensor.upsampled(upsampling), upsampling
         self.surfaces = surfaces
@@ -131,6 +129,13 @@ class SRT3D:
         row, layer, col, _ = points_of(intensity)
         slopes = (view[row, layer, field, col] for field in (layout.SLOPE_ROW, layout.SLOPE_COL))
         return refine(cloud, self.upsampling, self.sensor, *slopes)
+
+
+def check_options(surfaces: int, false_alarm_rate: float) -> None:
+    """Raise InvalidInput unless both can be used."""
+    require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
+            f"an integer from 1 to {MAX_SURFACES}")
+    require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
 
 
 def kernels_for(device: str):

@@ -101,16 +101,13 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     sensor, options = job.case.sensor, {"surfaces": job.case.surfaces}
     if "upsampling" in job.method.options:
         options["upsampling"] = job.case.upsampling
-    if job.method.needs != "sketch":
-        method = job.method.build(sensor, **options)
-        cloud, elapsed_ms = _timed(lambda: method(observation.frame))
-        return _on_grid(cloud, job.case), {"frequencies": None, "sketch_ms": None, "reconstruct_ms": elapsed_ms}
-    frequencies = choose(getattr(job.method, "frequencies", "auto"), sensor, job.sketch_size)
+    seen, frequencies, sketch_ms = observation.frame, None, None
+    if job.method.needs == "sketch":
+        frequencies = choose(job.method.frequencies, sensor, job.sketch_size)
+        seen, sketch_ms = _timed(lambda: sketch_photons(observation.frame, sensor, frequencies))
     method = job.method.build(sensor, frequencies, **options)
-    if hasattr(method, "warm_up"):
-        method.warm_up()
-    sketch, sketch_ms = _timed(lambda: sketch_photons(observation.frame, sensor, frequencies))
-    cloud, elapsed_ms = _timed(lambda: method(sketch))
+    method.warm_up()
+    cloud, elapsed_ms = _timed(lambda: method(seen))
     return _on_grid(cloud, job.case), {"frequencies": frequencies, "sketch_ms": sketch_ms, "reconstruct_ms": elapsed_ms}
 
 
