@@ -1,0 +1,10 @@
+"""The CUDA kernels, in Triton: the functions of `kernels/cpu` with the same arguments, on tensors of the device.
+
+Compiled at first use, cached on disk. They read and write device memory only and never wait for it: once compiled, a
+sequence of them can be captured in a CUDA graph. One program works on BLOCK neighbouring columns of one row, like the
+inner loops of the CPU kernels; what it adds up stays in registers.
+"""
+
+from srt3d_ros.kernels.cuda.device import DEVICE, array, numpy
+
+__all__ = ["DEVICE", "array", "numpy"]
