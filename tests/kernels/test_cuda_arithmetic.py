@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 triton = pytest.importorskip("triton")
-import triton.language as tl                                                # noqa: E402
+import triton.language as tl  # noqa: E402
 
-from srt3d_ros.kernels.cuda.arithmetic import axis, sincos, wrap            # noqa: E402
+from srt3d_ros.kernels.cuda.arithmetic import axis, sincos, wrap  # noqa: E402
 
 
 @triton.jit

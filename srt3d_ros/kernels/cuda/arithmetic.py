@@ -6,7 +6,6 @@ Constants that kernels read are `tl.constexpr`: Triton takes no other globals.
 import triton
 import triton.language as tl
 
-BLOCK = tl.constexpr(32)    # columns of one program: a warp's width, so that each of its threads owns one pixel
 TINY = tl.constexpr(1e-12)
 
 # As in kernels/cpu/arithmetic.py: sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7. The
