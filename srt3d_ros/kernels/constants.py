@@ -8,3 +8,23 @@ STD_FLOOR = 0.01    # bins²: keeps the plane's weights finite
 
 # The neighbours whose depths are compared with it (`relief`).
 STEP = 2            # pixels between those that are looked at: nearer ones share their photons
+
+# Evidence of a pixel's own photons (`evidence`).
+LIKENESS = 2.0      # neighbours' intensities may differ by this factor and still be one surface's
+SHARING = 4.0       # and where surfaces share pixels
+DEAD = -1.0         # nats that a pixel without any photon speaks against a surface, at most: it may be dead
+LEFT = 1e-6         # photons that a pixel with some keeps, at least, without those of its other surfaces
+
+# Creation, competition and removal of points (`propose`).
+REACH = 2           # pixels: of the neighbourhood that votes
+VOTE_SIGMA = 1.2    # pixels: σ of a vote's weight by distance
+BELIEF = 0.45       # nats that a neighbour's vote is worth before its own photons are asked
+VOTES = (0.0, 0.7)  # nats that it is worth at least and at most
+BLANK = 0.2         # nats that a neighbour with photons, but no surface, speaks against a new one
+ENOUGH = 3          # neighbours that must agree on a new surface
+CREATE = 0.6        # nats in favour of a new surface
+SAME = 0.7          # agreement of candidates that need no judgement of their own
+ALONE = 0.5         # nats that a neighbour with fewer surfaces speaks against a further one
+RESOLVED = 0.7      # widths of the matched filter within which depths are one surface, for sure
+FILL_WINDOW = 2.0   # pixels: window of a point that an empty pixel got from its neighbours
+NEVER = -1e30       # evidence that any other exceeds
