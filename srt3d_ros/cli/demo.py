@@ -4,8 +4,6 @@ import argparse
 import json
 import os
 import platform
-import random
-import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.cli.processes import Processes
+from srt3d_ros.cli.processes import Processes, join_private_network
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents
@@ -30,7 +28,6 @@ FILE_TOLERANCE_BINS = 10.0
 JUDGED_FRAMES = 40                      # held against the truth, evenly spaced: all would outlast the streaming
 PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
 RESULTS = RECORDING, PICTURE, SUMMARY = "recording.rrd", "cloud.png", "summary.json"
-READY_TIMEOUT_S = 180.0                 # the reconstructor compiles, on a slow machine
 CLOUD_TIMEOUT_S = 60.0                  # between two clouds
 LAST_CLOUD_TIMEOUT_S = 5.0              # after the player is done
 
@@ -79,9 +76,7 @@ def run(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # of an earlier run: they must not pass for this one's
         (args.out / name).unlink(missing_ok=True)
-    _join_private_network()
-    for ending in (signal.SIGTERM, signal.SIGHUP):      # as Ctrl-C does: the nodes are ended in order
-        signal.signal(ending, signal.default_int_handler)
+    join_private_network()
     summary, problems = _stream(source, round(args.duration_s * args.rate_hz), args.rate_hz, args.out)
     if summary:
         (args.out / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
@@ -105,12 +100,6 @@ def open_file(path: str) -> Source:
                   FILE_TOLERANCE_BINS, {"input": os.path.abspath(path)}, photons.notes)
 
 
-def _join_private_network() -> None:
-    """Keep to this machine and clear of any other ROS 2 on it. The nodes inherit it; set before rclpy is imported."""
-    os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 100))
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-
-
 def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
     """Play all frames through the nodes; returns the summary and what went wrong, in words."""
     from srt3d_ros.nodes.monitor import Monitor
@@ -120,11 +109,9 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True)
         _say("starting the nodes; the reconstructor compiles its kernels if this is its first time")
-        for name in PIPELINE:
-            if not monitor.spin_until(lambda: name in monitor.statuses or nodes.failed(), READY_TIMEOUT_S):
-                return {}, [f"{name} was not ready after {READY_TIMEOUT_S:.0f} s: see {nodes.log(name)}"]
-        if nodes.failed():
-            return {}, nodes.failed()
+        problems = nodes.not_ready(PIPELINE, monitor.statuses)
+        if problems:
+            return {}, problems
         _say(f"streaming the {source.title} at {rate_hz:g} Hz")
         nodes.start("player", rate_hz=rate_hz, frames=frames, lossless=True, **source.parameters)
         _watch(monitor, nodes, frames)

@@ -1,14 +1,28 @@
-"""The nodes of a demo as processes of their own, each with a log file; none of them outlives the demo."""
+"""Nodes as processes of their own, each with a log file; none of them outlives the command that starts them."""
 
+import os
+import random
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterable
 from pathlib import Path
 
 from srt3d_ros.cli.node import parameter_arguments
 
 STOP_TIMEOUT_S = 20.0
+READY_TIMEOUT_S = 180.0                 # the reconstructor compiles, on a slow machine
+
+
+def join_private_network() -> None:
+    """Keep to this machine and clear of any other ROS 2 on it. The nodes inherit it; set before rclpy is imported.
+
+    SIGTERM and SIGHUP then end this process as Ctrl-C does, so that the nodes are ended in order.
+    """
+    os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 100))
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.default_int_handler)
 
 
 class Processes:
@@ -64,6 +78,13 @@ class Processes:
             last_words = self.log(name).read_text(errors="replace").split("\n")[-2:][0]
             lines.append(f"{name} {how}: {last_words or 'it said nothing'} ({self.log(name)})")
         return lines
+
+    def not_ready(self, names: Iterable[str], reporting: Container[str]) -> list[str]:
+        """Wait until all of these nodes are in `reporting`; returns what went wrong, in words."""
+        for name in names:
+            if not self._wait_until(lambda: name in reporting or self.failed(), READY_TIMEOUT_S):
+                return [f"{name} was not ready after {READY_TIMEOUT_S:.0f} s: see {self.log(name)}"]
+        return self.failed()
 
     def stop(self) -> None:
         """End the nodes as Ctrl-C does, the source first and the recorder last, each after it has finished its work."""

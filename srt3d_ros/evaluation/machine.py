@@ -3,15 +3,20 @@
 import os
 import platform
 from datetime import date
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from srt3d_ros import __version__
 
-def machine() -> dict:
-    """Date, processor, its load, and the versions of what computes."""
+PACKAGES = ("numpy", "torch", "numba", "triton")
+
+
+def machine(device: str = "cpu") -> dict:
+    """Date, processor, its load, the GPU if `device` is "cuda", and the versions of what computes, None if absent."""
     return {"date": date.today().isoformat(), "machine": cpu_name(), "cpus": len(os.sched_getaffinity(0)),
-            "load_1min": round(os.getloadavg()[0], 2), "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "torch", "numba")}}
+            **({"gpu": gpu_name()} if device == "cuda" else {}),
+            "load_1min": round(os.getloadavg()[0], 2), "python": platform.python_version(), "srt3d_ros": __version__,
+            **{name: _version(name) for name in PACKAGES}}
 
 
 def cpu_name() -> str:
@@ -20,3 +25,16 @@ def cpu_name() -> str:
         if line.startswith("model name"):
             return line.split(":", 1)[1].strip()
     return platform.machine()
+
+
+def gpu_name() -> str:
+    """The name of the GPU that torch computes on."""
+    import torch
+    return torch.cuda.get_device_name()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,6 +1,6 @@
 """Results for people: repeats averaged, as one markdown table."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -24,8 +24,12 @@ def averaged(rows: Iterable[dict[str, str]]) -> list[dict]:
 
 def markdown(rows: list[dict]) -> str:
     """A table of averaged rows."""
-    lines = [HEADINGS, *(_cells(row) for row in rows)]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(HEADINGS))]
+    return aligned([HEADINGS, *(_cells(row) for row in rows)])
+
+
+def aligned(lines: Sequence[Sequence[str]]) -> str:
+    """A markdown table of these cells, the first line the headings, that also reads well as it is."""
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in lines]
     return "\n".join([text[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *text[1:]])
 

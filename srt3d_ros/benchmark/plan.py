@@ -1,0 +1,41 @@
+"""How much is measured: the paper's sizes in full, or a first look."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The settings of a run.
+
+    Args:
+        device: "cpu" or "cuda", where srt3d computes; methods that cannot stay on the CPU, and their lines say so.
+        repeats: timed runs of each work.
+        sides: pixels along the side of Table 1's images.
+        sketch_sizes: m of Table 1.
+        side: of all other images.
+        ppps: photons per pixel of Figure 1.
+        dense_ppps: photons per pixel of sketching.
+        cycles: laser cycles in a frame of gates.
+        rate_s: how long each frame rate is tried through ROS, seconds.
+        rate_steps: bisections in search of the highest rate.
+        patience_s: a work that has taken so long at a setting is not repeated there.
+        limit_s: a method that needs longer for a frame is not run on frames of more photons.
+    """
+
+    device: str = "cpu"
+    repeats: int = 7
+    sides: tuple[int, ...] = (141, 282, 423, 564, 705)
+    sketch_sizes: tuple[int, ...] = (5, 10)
+    side: int = 141
+    ppps: tuple[float, ...] = (1, 3.16, 10, 31.6, 100, 316, 1000, 3160, 10_000)
+    dense_ppps: tuple[float, ...] = (10, 100, 1000)
+    cycles: int = 15_040
+    rate_s: float = 3.0
+    rate_steps: int = 4
+    patience_s: float = 12.0
+    limit_s: float = 60.0
+
+
+FULL = Plan()
+QUICK = Plan(repeats=5, sides=(141, 282), ppps=(1, 10, 100, 1000), dense_ppps=(100,), rate_s=2.0, rate_steps=2,
+             patience_s=3.0)

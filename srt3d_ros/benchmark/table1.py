@@ -1,0 +1,74 @@
+"""Table 1 of the SRT3D paper: the time of a frame against the size of image and sketch, and the memory it takes."""
+
+from collections.abc import Iterator, Sequence
+
+from srt3d_ros.benchmark import frames, placement, timing
+from srt3d_ros.benchmark.plan import Plan
+from srt3d_ros.benchmark.progress import Progress
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.evaluation.table import aligned
+
+ABOUT = "a frame's time against the size of image and sketch, and its memory"
+TITLE = "Table 1 of the paper: reconstruction of a frame"
+METHOD_NAMES = ("srt3d", "srt3d-paper")
+PPP = 10.0                  # the time does not depend on it: Figure 1
+PAPER_GPU = "RTX 3070 laptop"
+PAPER_MS = {(141, 5): 6, (282, 5): 12, (423, 5): 28, (564, 5): 55, (705, 5): 68,
+            (141, 10): 7, (282, 10): 18, (423, 10): 35, (564, 10): 60, (705, 10): 88}
+HEADINGS = ("pixels", "m", "method", "device", "frame from", "ms: min", "median", "max", f"paper, {PAPER_GPU}",
+            "frames/s", "memory, MB", "of the process, MB")
+
+
+def steps(plan: Plan) -> int:
+    """By how much the bar moves."""
+    return len(plan.sides) * timing.runs(len(METHOD_NAMES) * len(plan.sketch_sizes), plan.repeats)
+
+
+def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
+    """A line for each size, sketch size, method and place of the frame."""
+    for side in plan.sides:
+        bar.says(f"{side}²: photons")
+        sensor = frames.sensor_of(side)
+        photons = frames.photons_of(sensor, PPP)
+        works, facts = {}, {}
+        for name in METHOD_NAMES:
+            for m in plan.sketch_sizes:
+                frequencies = choose(METHODS[name].frequencies, sensor, m)
+                sketch = sketch_photons(photons, sensor, frequencies)
+                bar.says(f"{side}²: {name} compiles")
+                try:
+                    reconstructor = placement.built(METHODS[name], sensor, frequencies, plan.device)
+                except ModuleNotFoundError as error:
+                    note(f"{name} is left out: {error.name} is not installed")
+                    continue
+                for place, call in placement.reconstructions(reconstructor, sketch).items():
+                    key = name, m, place
+                    works[key] = timing.Work(call, reconstructor.device, f"{side}², m = {m}: {name}")
+                    facts[key] = {"what": "reconstruct", "method": name, "rows": side, "cols": side,
+                                  "num_bins": sensor.num_bins, "sketch_size": m, "ppp": PPP, "sbr": frames.SBR,
+                                  "device": reconstructor.device, "frame_from": place,
+                                  "paper_ms": PAPER_MS.get((side, m))}
+        del photons
+        for key, result in timing.in_turns(works, plan.repeats, bar, plan.patience_s).items():
+            yield facts[key] | result.figures() | {"frames_per_s": round(1e3 / result.median_ms, 1)}
+
+
+def table(lines: Sequence[dict]) -> str:
+    """For people."""
+    rows = sorted(lines, key=lambda line: (line["rows"], line["sketch_size"]))
+    return aligned([HEADINGS, *(_cells(line) for line in rows)])
+
+
+def _cells(line: dict) -> list[str]:
+    ms, paper_ms = line["ms"], line["paper_ms"]
+    return [f"{line['rows']}²", str(line["sketch_size"]), line["method"], line["device"], line["frame_from"],
+            *(f"{ms[name]:.3g}" for name in ("min", "median", "max")),
+            f"{paper_ms} ms" if paper_ms else "–", f"{line['frames_per_s']:.3g}",
+            *(megabytes(line.get(name)) for name in ("growth_bytes", "process_peak_bytes"))]
+
+
+def megabytes(count: int | None) -> str:
+    """10⁶ bytes, in three digits or whole."""
+    return "–" if count is None else f"{count / 1e6:.3g}" if count < 1e9 else f"{count / 1e6:.0f}"

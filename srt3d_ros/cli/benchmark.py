@@ -1,0 +1,35 @@
+"""`srt3d benchmark`: the timings of the SRT3D paper, on this machine."""
+
+import argparse
+from pathlib import Path
+
+from srt3d_ros.errors import require
+
+PARTS = ("table1", "figure1", "sketching", "ros")
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "benchmark", help="time reconstruction, sketching and the ROS 2 nodes, beside the paper's figures",
+        description="Time this machine, beside the figures of the SRT3D paper: table1, a frame against the size of "
+                    "image and sketch; figure1, every method against photons per pixel, as a picture; sketching, "
+                    "photons a second; ros, latency and highest frame rate through real nodes. Each measurement is a "
+                    "line of DIR/<machine>.jsonl.")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all of them unless given")
+    parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"),
+                        help="where srt3d computes (auto: the GPU if there is one)")
+    parser.add_argument("--repeats", type=int, metavar="N", help="timed runs of each, of which median, min and max "
+                        "are told (7)")
+    parser.add_argument("--quick", action="store_true", help="a first look in a minute; to <machine>-quick.jsonl")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR",
+                        help="folder of the results (%(default)s)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    for part in args.parts:
+        require(part in PARTS, "part", part, f"{', '.join(PARTS)}, or none for all")
+    require(args.repeats is None or args.repeats >= 1, "--repeats", args.repeats, "1 or more")
+    require(not args.out.exists() or args.out.is_dir(), "--out", str(args.out), "a folder")
+    from srt3d_ros.benchmark.command import benchmark
+    return benchmark(args)
