@@ -17,7 +17,6 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.evaluation.table import aligned
 
 ABOUT = "a frame's time and memory against its photons, for every method; a picture"
@@ -46,7 +45,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
             if name in too_slow:
                 bar.update(timing.runs(1, plan.repeats))
                 continue
-            frame = _input(name, photons, sensor)
+            frame = _input(name, photons, sensor, plan.device)
             if name == "srt3d":
                 sketches[ppp] = frame
             settles = METHODS[name].needs == "sketch"       # those on photons compile in warm_up, and may take a minute
@@ -96,9 +95,11 @@ def _frequencies(name: str, sensor: SensorModel) -> tuple[int, ...]:
     return choose(METHODS[name].frequencies, sensor, SKETCH_SIZE)
 
 
-def _input(name: str, photons: PhotonEvents, sensor: SensorModel) -> PhotonEvents | Sketch:
+def _input(name: str, photons: PhotonEvents, sensor: SensorModel, device: str) -> PhotonEvents | Sketch:
     """What the method is given."""
-    return sketch_photons(photons, sensor, _frequencies(name, sensor)) if METHODS[name].needs == "sketch" else photons
+    if METHODS[name].needs == "photons":
+        return photons
+    return placement.sketched(photons, sensor, _frequencies(name, sensor), device)
 
 
 def input_bytes(name: str, frame: PhotonEvents | Sketch, sensor: SensorModel) -> int:
@@ -147,7 +148,10 @@ def draw(path: Path, lines: Sequence[dict]) -> None:
     """The figure: time and memory against photons per pixel."""
     from srt3d_ros.pictures.growth import draw_growth
     timed = [line for line in lines if line["what"] != "flatness"]
-    side = timed[0]["rows"]
+    first = timed[0]
+    side = first["rows"]
     paper_ms = PAPER_MS.get((side, SKETCH_SIZE))
-    draw_growth(path, timed, f"{side} × {timed[0]['cols']} pixels, {timed[0]['num_bins']} bins, m = {SKETCH_SIZE}",
+    chip = next((line["gpu"] for line in timed if "gpu" in line), f"{first['cpus']} × {first['machine']}")
+    draw_growth(path, timed, f"{side} × {first['cols']} pixels, {first['num_bins']} bins, SBR {first['sbr']:g}, "
+                f"m = {SKETCH_SIZE}; {chip}, {first['date']}",
                 None if paper_ms is None else (paper_ms, f"SRT3D in the paper, {PAPER_GPU}: {paper_ms} ms"))

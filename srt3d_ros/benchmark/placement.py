@@ -11,7 +11,9 @@ import inspect
 from collections.abc import Callable
 
 from srt3d_ros.core.methods import Method
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
 
@@ -40,6 +42,13 @@ def sketcher_on(sensor: SensorModel, frequencies, device: str) -> tuple[Sketcher
     if device != "cpu" and "device" in inspect.signature(Sketcher).parameters:
         return Sketcher(sensor, frequencies, device=device), device
     return Sketcher(sensor, frequencies), "cpu"
+
+
+def sketched(photons: PhotonEvents, sensor: SensorModel, frequencies, device: str) -> Sketch:
+    """The sketch of a frame in the host's memory, made where it is quickest."""
+    sketcher, _ = sketcher_on(sensor, frequencies, device)
+    sketcher.add(photons)
+    return sketcher.sketch()
 
 
 def sketchings(sketcher: Sketcher, frame, anew: Callable[[object], object]) -> dict[str, Callable[[], object]]:

@@ -21,8 +21,8 @@ from srt3d_ros.evaluation.table import aligned
 
 ABOUT = "latency and the highest frame rate through real nodes"
 TITLE = "Through ROS 2: player, sketcher and reconstructor in processes of their own, m = 10"
-PPP = 10.0
-FIRST_HZ, MOST_HZ = 10.0, 5120.0
+PPP, SKETCH_SIZE = 10.0, 10
+FIRST_HZ, LEAST_HZ, MOST_HZ = 10.0, 1.0, 5120.0
 TRIES = 2               # of a rate: one lost frame may be the machine's fault
 KEEPS_UP = 0.95         # of the rate asked for: less, and the player itself is too slow
 PIPELINE = ("reconstructor", "sketcher")
@@ -50,26 +50,29 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     sensor = frames.sensor_of(plan.side)
     photons = frames.photons_of(sensor, PPP)
     npz.save(folder / "frame.npz", sensor, photons)
-    common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons, "sketch_size": 10}
+    common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons,
+              "sketch_size": SKETCH_SIZE, "device": plan.device}
     problems: list[str] = []
-    with Monitor(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
-        nodes.start("reconstructor", device=plan.device)
-        nodes.start("sketcher", sketch_size=common["sketch_size"])
-        problems = nodes.not_ready(PIPELINE, monitor.statuses)
-        if not problems:
+    try:
+        with Monitor(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
             pipeline = Pipeline(monitor, nodes, str(folder / "frame.npz"), plan.rate_s, bar)
-            pipeline.play(FIRST_HZ)             # the nodes learn of the sensor, and compile for it
+            pipeline.start(plan.device)
             tried: list[dict] = []
             for line in search(pipeline.play, plan.rate_steps):
                 tried.append(line)
-                yield {"what": "rate", **common, "device": plan.device, **line}
-            yield {"what": "highest rate", **common, "device": plan.device, **highest(tried)}
-            nodes.stop()
-            problems = nodes.failed()
+                yield {"what": "rate", **common, **line}
+            yield {"what": "highest rate", **common, **highest(tried)}
+    except NodeFailed as failed:
+        problems = failed.args[0]
+    finally:
+        if not problems:        # or their logs tell more
+            shutil.rmtree(folder)
     for problem in problems:
         note(problem)
-    if not problems:
-        shutil.rmtree(folder)
+
+
+class NodeFailed(Exception):
+    """Nodes ended that should not have; its argument is a list of what happened to them, in words."""
 
 
 class Pipeline:
@@ -85,15 +88,24 @@ class Pipeline:
     def __init__(self, monitor, nodes, path: str, seconds: float, bar: Progress):
         self._monitor, self._nodes, self._path, self._seconds, self._bar = monitor, nodes, path, seconds, bar
 
+    def start(self, device: str) -> None:
+        """Start the nodes and let them learn of the sensor, for which they compile once more."""
+        self._nodes.start("reconstructor", device=device)
+        self._nodes.start("sketcher", sketch_size=SKETCH_SIZE)
+        problems = self._nodes.not_ready(PIPELINE, self._monitor.statuses)
+        if problems:
+            raise NodeFailed(problems)
+        self.play(FIRST_HZ)
+
     def play(self, rate_hz: float) -> dict:
-        """Play at a rate; what came of it. InvalidInput never, a RuntimeError if a node fails."""
+        """Play at a rate; what came of it."""
         monitor, nodes = self._monitor, self._nodes
         self._bar.says(f"{rate_hz:.1f} Hz")
         sent, first = int(np.ceil(rate_hz * self._seconds)), len(monitor.arrivals)
         nodes.start("player", input=self._path, rate_hz=float(rate_hz), frames=sent)
         monitor.spin_until(lambda: nodes.ended("player") or nodes.failed(), self._seconds + PLAYER_TIMEOUT_S)
         if nodes.failed() or not nodes.ended("player"):
-            raise RuntimeError("; ".join(nodes.failed()) or "the player did not end")
+            raise NodeFailed(nodes.failed() or ["the player did not end"])
         before = -1
         while len(monitor.arrivals) - first < sent and before < len(monitor.arrivals):
             before = len(monitor.arrivals)
@@ -130,22 +142,17 @@ def search(play: Callable[[float], dict], bisections: int) -> Iterator[dict]:
                 break
         return line
 
-    line = tried(FIRST_HZ)
-    yield line
-    good = bad = None
-    rate_hz = FIRST_HZ
-    while kept_up(line) and rate_hz < MOST_HZ:
-        good, rate_hz = rate_hz, 2 * rate_hz
+    rate_hz, good, bad = FIRST_HZ, None, None
+    while good is None or bad is None:
         line = tried(rate_hz)
         yield line
-    if kept_up(line):
-        return
-    bad = rate_hz
-    while good is None and bad > 1:
-        line = tried(bad / 2)
-        yield line
-        good, bad = (bad / 2, bad) if kept_up(line) else (None, bad / 2)
-    for _ in range(bisections if good is not None else 0):
+        if kept_up(line):
+            good, rate_hz = rate_hz, 2 * rate_hz
+        else:
+            bad, rate_hz = rate_hz, rate_hz / 2
+        if not LEAST_HZ <= rate_hz <= MOST_HZ:
+            return
+    for _ in range(bisections):
         rate_hz = float(np.sqrt(good * bad))
         line = tried(rate_hz)
         yield line

@@ -7,7 +7,6 @@ from srt3d_ros.benchmark.plan import Plan
 from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.evaluation.table import aligned
 
 ABOUT = "a frame's time against the size of image and sketch, and its memory"
@@ -36,9 +35,9 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
         for name in METHOD_NAMES:
             for m in plan.sketch_sizes:
                 frequencies = choose(METHODS[name].frequencies, sensor, m)
-                sketch = sketch_photons(photons, sensor, frequencies)
                 bar.says(f"{side}²: {name} compiles")
                 try:
+                    sketch = placement.sketched(photons, sensor, frequencies, plan.device)
                     reconstructor = placement.built(METHODS[name], sensor, frequencies, plan.device)
                 except ModuleNotFoundError as error:
                     note(f"{name} is left out: {error.name} is not installed")

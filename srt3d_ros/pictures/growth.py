@@ -64,7 +64,7 @@ def _draw_times(ax: Axes, by_method: Sequence[list[dict]], goal: tuple[float, st
     if goal is not None:
         ax.axhline(goal[0], color=_GOAL, linewidth=1.2, linestyle=(0, (6, 3)))
         ax.annotate(goal[1], (0.01, goal[0]), (0, -3), ("axes fraction", "data"), "offset points", va="top", size=9,
-                    color=_GOAL)
+                    color=_GOAL, bbox={"color": "white", "alpha": 0.8, "pad": 0.5}, zorder=4)
     _finish(ax, drawn, "time of a frame, ms", "Time: from a sketch, or all photons, to the cloud")
 
 
@@ -115,15 +115,12 @@ def _label_ends(ax: Axes, lines: Sequence[_Line]) -> None:
     """Write each label right of its line's end, as near to its height as the others leave it room."""
     to_axes = ax.transData + ax.transAxes.inverted()
     ends = [to_axes.transform((line.x[-1], line.y[-1])) for line in lines]
-    heights = spaced([end[1] for end in ends], _LABEL_GAP)
+    heights = np.array(spaced([end[1] for end in ends], _LABEL_GAP))
+    heights -= max(heights.max() - 1, 0)
     for line, (x, y), height in zip(lines, ends, heights):
-        if x < 0.95:            # it stops early: there is room beside its end
-            x, height = x + 0.015, y
-        else:
-            ax.plot([x + 0.005, 1.045], [y, height], transform=ax.transAxes, color=line.style["color"], linewidth=0.7,
-                    clip_on=False)
-            x = 1.05
-        ax.text(x, height, line.label, transform=ax.transAxes, va="center", size=9.5, color=line.style["color"],
+        ax.plot([x + 0.005, 1.045], [y, height], transform=ax.transAxes, color=line.style["color"], linewidth=0.7,
+                clip_on=False)
+        ax.text(1.05, height, line.label, transform=ax.transAxes, va="center", size=9.5, color=line.style["color"],
                 weight="bold" if line.label == OURS else "normal", parse_math=False)
 
 
