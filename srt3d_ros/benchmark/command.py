@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.benchmark.plan import FULL, QUICK, Plan
+from srt3d_ros.benchmark.plan import FULL, QUICK, PartFailed, Plan
 from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.benchmark.results import Results, machine_slug
 from srt3d_ros.cli.benchmark import PARTS
@@ -16,7 +16,7 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.evaluation.machine import machine
 
-INTERRUPTED = 130
+FAILED, INTERRUPTED = 1, 130
 
 
 def benchmark(args: argparse.Namespace) -> int:
@@ -28,17 +28,21 @@ def benchmark(args: argparse.Namespace) -> int:
     stem = machine_slug(plan.device) + "-quick" * args.quick
     results = Results(args.out / f"{stem}.jsonl")
     chosen = [part for part in PARTS if part in (args.parts or PARTS)]
-    interrupted = False
+    code = 0
     for number, part in enumerate(chosen, start=1):
         try:
             measure(part, plan, results, f"{number}/{len(chosen)} {part}")
         except KeyboardInterrupt:
-            interrupted = True
-        show(part, results, args.out / f"{stem}-{part}.png")
-        if interrupted:
             print("srt3d: interrupted: the results have what was measured until then", file=sys.stderr)
-            return INTERRUPTED
-    return 0
+            code = INTERRUPTED
+        except PartFailed as failed:
+            for problem in failed.args[0]:
+                print(f"srt3d: {part}: {problem}", file=sys.stderr)
+            code = FAILED
+        show(part, results, args.out / f"{stem}-{part}.png")
+        if code == INTERRUPTED:
+            break
+    return code
 
 
 def device_of(wanted: str) -> str:

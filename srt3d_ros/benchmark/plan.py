@@ -1,6 +1,10 @@
-"""How much is measured: the paper's sizes in full, or a first look."""
+"""How much is measured: the paper's sizes in full, or a first look; and what ends a part early."""
 
 from dataclasses import dataclass
+
+
+class PartFailed(Exception):
+    """A part could not be measured to its end; its argument is a list of what went wrong, in words."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,7 @@ class Plan:
     """
 
     device: str = "cpu"
-    repeats: int = 7
+    repeats: int = 5
     sides: tuple[int, ...] = (141, 282, 423, 564, 705)
     sketch_sizes: tuple[int, ...] = (5, 10)
     side: int = 141

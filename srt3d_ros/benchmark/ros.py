@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.benchmark import frames
-from srt3d_ros.benchmark.plan import Plan
+from srt3d_ros.benchmark.plan import PartFailed, Plan
 from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.datasets import npz
 from srt3d_ros.evaluation.table import aligned
@@ -52,7 +52,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     npz.save(folder / "frame.npz", sensor, photons)
     common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons,
               "sketch_size": SKETCH_SIZE, "device": plan.device}
-    problems: list[str] = []
+    failed = False
     try:
         with Monitor(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
             pipeline = Pipeline(monitor, nodes, str(folder / "frame.npz"), plan.rate_s, bar)
@@ -62,17 +62,12 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
                 tried.append(line)
                 yield {"what": "rate", **common, **line}
             yield {"what": "highest rate", **common, **highest(tried)}
-    except NodeFailed as failed:
-        problems = failed.args[0]
+    except PartFailed:
+        failed = True
+        raise
     finally:
-        if not problems:        # or their logs tell more
+        if not failed:          # or their logs tell more
             shutil.rmtree(folder)
-    for problem in problems:
-        note(problem)
-
-
-class NodeFailed(Exception):
-    """Nodes ended that should not have; its argument is a list of what happened to them, in words."""
 
 
 class Pipeline:
@@ -94,7 +89,7 @@ class Pipeline:
         self._nodes.start("sketcher", sketch_size=SKETCH_SIZE)
         problems = self._nodes.not_ready(PIPELINE, self._monitor.statuses)
         if problems:
-            raise NodeFailed(problems)
+            raise PartFailed(problems)
         self.play(FIRST_HZ)
 
     def play(self, rate_hz: float) -> dict:
@@ -105,7 +100,7 @@ class Pipeline:
         nodes.start("player", input=self._path, rate_hz=float(rate_hz), frames=sent)
         monitor.spin_until(lambda: nodes.ended("player") or nodes.failed(), self._seconds + PLAYER_TIMEOUT_S)
         if nodes.failed() or not nodes.ended("player"):
-            raise NodeFailed(nodes.failed() or ["the player did not end"])
+            raise PartFailed(nodes.failed() or ["the player did not end"])
         before = -1
         while len(monitor.arrivals) - first < sent and before < len(monitor.arrivals):
             before = len(monitor.arrivals)

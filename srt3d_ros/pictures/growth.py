@@ -62,7 +62,7 @@ def _draw_times(ax: Axes, by_method: Sequence[list[dict]], goal: tuple[float, st
         dashes = "--" if name == "sketching" else "-"
         drawn.append(_Line(TIME_LABELS.get(name, name), x, median, _style(name) | {"linestyle": dashes}))
     if goal is not None:
-        ax.axhline(goal[0], color=_GOAL, linewidth=1.2, linestyle=(0, (6, 3)))
+        ax.axhline(goal[0], color=_GOAL, linewidth=1.5, linestyle=(0, (6, 3)))
         ax.annotate(goal[1], (0.01, goal[0]), (0, -3), ("axes fraction", "data"), "offset points", va="top", size=9,
                     color=_GOAL, bbox={"color": "white", "alpha": 0.8, "pad": 0.5}, zorder=4)
     _finish(ax, drawn, "time of a frame, ms", "Time: from a sketch, or all photons, to the cloud")

@@ -1,0 +1,117 @@
+"""`srt3d benchmark`: the parts asked for, to a file and a table; a mistake is one line."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from srt3d_ros.benchmark import command, table1
+from srt3d_ros.benchmark.plan import PartFailed, Plan
+from srt3d_ros.cli import main
+
+TINY = Plan(repeats=1, sides=(12,), sketch_sizes=(5,), side=12, ppps=(1, 10), dense_ppps=(5,), cycles=40)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run `srt3d benchmark` with tiny plans; returns exit code, what was printed, and the result lines."""
+    monkeypatch.setattr(command, "FULL", TINY)
+    monkeypatch.setattr(command, "QUICK", TINY)
+    monkeypatch.setattr(command, "machine_slug", lambda device: f"here-{device}")
+
+    def call(*options):
+        code = main.main(["benchmark", *options, "--device", "cpu", "--out", str(tmp_path / "out")])
+        files = list((tmp_path / "out").glob("*.jsonl"))
+        lines = [json.loads(line) for line in files[0].read_text(encoding="utf-8").splitlines()] if files else []
+        return code, capsys.readouterr(), lines
+    return call
+
+
+def test_parts_go_to_one_file_and_a_table_each(run, tmp_path):
+    code, printed, lines = run("sketching", "table1", "figure1", "--repeats", "2")
+    assert code == 0
+    assert list(dict.fromkeys(line["part"] for line in lines)) == ["table1", "figure1", "sketching"]
+    assert all(line["repeats"] == 2 for line in lines if line["what"] != "flatness")
+    titles = ("Table 1 of the paper", "Figure 1 of the paper", "Sketching")
+    assert [printed.out.count(title) for title in titles] == [1, 1, 1] and "| 12² " in printed.out
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"here-cpu.jsonl", "here-cpu-figure1.png"}
+
+
+def test_a_quick_look_has_a_file_of_its_own(run, tmp_path):
+    code, printed, lines = run("table1", "--quick")
+    assert code == 0 and [path.name for path in (tmp_path / "out").iterdir()] == ["here-cpu-quick.jsonl"]
+
+
+def test_an_interruption_keeps_and_shows_what_was_measured(run, monkeypatch):
+    measure = table1.measure
+
+    def interrupted(*args):
+        yield next(measure(*args))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(table1, "measure", interrupted)
+    code, printed, lines = run("table1", "sketching")
+    assert code == 130 and len(lines) == 1 and "| 12² " in printed.out and "Sketching" not in printed.out
+    assert "interrupted: the results have what was measured until then" in printed.err
+
+
+def test_a_part_that_fails_says_why_and_the_others_go_on(run, monkeypatch):
+    def failing(*args):
+        raise PartFailed(["the sketcher ended with exit code 3"])
+        yield
+
+    monkeypatch.setattr(table1, "measure", failing)
+    code, printed, lines = run("table1", "figure1")
+    assert code == 1 and "srt3d: table1: the sketcher ended with exit code 3" in printed.err
+    assert {line["part"] for line in lines} == {"figure1"} and "Figure 1" in printed.out
+
+
+def test_without_matplotlib_there_is_no_picture_but_a_line(run, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "matplotlib."))]:
+        monkeypatch.delitem(sys.modules, name)
+    code, printed, lines = run("figure1")
+    assert code == 0 and lines and "figure1: no picture: matplotlib" in printed.err
+    assert not list((tmp_path / "out").glob("*.png"))
+
+
+@pytest.mark.parametrize("options, said", [
+    (["table2"], "part is table2: expected table1, figure1, sketching, ros, or none for all"),
+    (["--repeats", "0"], "--repeats is 0: expected 1 or more"),
+    (["--repeats", "many"], "--repeats"),
+    (["--out", __file__], "test_benchmark.py: expected a folder"),
+    (["--device", "tpu"], "--device"),
+])
+def test_a_mistake_is_one_line(options, said, capsys):
+    try:
+        code = main.main(["benchmark", *options])
+    except SystemExit as stopped:
+        code = stopped.code
+    printed = capsys.readouterr()
+    assert (code, printed.out) == (2, "") and said in printed.err and printed.err.count("\n") == 1
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_cuda_without_a_gpu_is_one_line(tmp_path, capsys):
+    assert main.main(["benchmark", "--device", "cuda", "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("srt3d: error: device is cuda") and printed.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_rates_are_tried_through_real_nodes(repository, tmp_path):
+    """In a process of its own, in which rclpy is started and ended."""
+    script = ("import sys, dataclasses, srt3d_ros.cli.main as main\n"
+              "from srt3d_ros.benchmark import command, plan, ros\n"
+              "ros.MOST_HZ = ros.FIRST_HZ\n"
+              "command.FULL = dataclasses.replace(plan.FULL, side=16, rate_s=0.5)\n"
+              "sys.exit(main.main(['benchmark', 'ros', '--device', 'cpu', '--out', sys.argv[1]]))")
+    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=repository, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (file,) = tmp_path.glob("*.jsonl")
+    lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    assert [(line["what"], line["frames_sent"]) for line in lines] == [("rate", 5), ("highest rate", 5)]
+    assert lines[0]["frames_lost"] < 5 and lines[0]["latency_ms"]["median"] > 0
+    assert "Highest rate without loss" in done.stdout

@@ -1,0 +1,53 @@
+"""Growth with the photons: every line is drawn and labelled, no label over another."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.pictures.growth import COLOURS, draw_growth, spaced
+
+
+def coloured(path, colour: str) -> np.ndarray:
+    """Where a picture has nearly this colour."""
+    picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    return (np.abs(picture - list(bytes.fromhex(colour[1:]))) < 12).all(axis=2)
+
+
+def line(method, ppp, ms, **figures):
+    return {"method": method, "ppp": ppp, "ms": {"min": 0.8 * ms, "median": ms, "max": 1.3 * ms}, **figures}
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.png"
+
+
+def test_time_and_memory_have_a_line_for_each_method(path):
+    lines = [line("rt3d", ppp, 50 * ppp, input_bytes=100_000 * ppp, growth_bytes=10**7) for ppp in (1, 10, 100)]
+    lines += [line("srt3d", ppp, 40, input_bytes=10**6, growth_bytes=5 * 10**6) for ppp in (1, 10, 100)]
+    draw_growth(path, lines, "a$b_{", (7, "the paper: 7 ms"))
+    for method in ("rt3d", "srt3d"):
+        seen = coloured(path, COLOURS[method])
+        half = seen.shape[1] // 2
+        assert seen[:, :half].sum() > 300 and seen[:, half:].sum() > 300
+    assert coloured(path, "#6b7280").sum() > 50                                # the goal
+    draw_growth(path, lines, "", None)
+    assert not coloured(path, "#6b7280").any() and not coloured(path, COLOURS["smle"]).any()
+
+
+def test_a_line_may_end_early_and_memory_may_be_unknown(path):
+    draw_growth(path, [line("rt3d", 1, 50), line("srt3d", 1, 40, input_bytes=9), line("srt3d", 10, 40)], "", None)
+    seen = coloured(path, COLOURS["rt3d"])
+    assert seen[:, :seen.shape[1] // 2].any() and not seen[:, seen.shape[1] // 2:].any()
+
+
+def test_labels_keep_their_distance_and_their_order():
+    wanted = [0.5, 0.1, 0.51, 0.49, 0.9]
+    placed = spaced(wanted, 0.1)
+    assert np.diff(sorted(placed)).min() >= 0.1 - 1e-9
+    assert np.argsort(placed).tolist() == np.argsort(wanted).tolist()
+    assert placed[1] == 0.1 and placed[4] == 0.9 and placed[0] == pytest.approx(0.5)
+
+
+def test_labels_pushed_into_others_push_those():
+    assert spaced([0.0, 0.01, 0.12], 0.1) == pytest.approx([-0.0567, 0.0433, 0.1433], abs=1e-3)
