@@ -14,7 +14,6 @@ from srt3d_ros.benchmark.results import Results, machine_slug
 from srt3d_ros.cli.benchmark import PARTS
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.evaluation.machine import machine
 
 FAILED, INTERRUPTED = 1, 130
 
@@ -73,10 +72,9 @@ def show(part: str, results: Results, picture: Path) -> None:
     module, lines = importlib.import_module(f"srt3d_ros.benchmark.{part}"), results.lines.get(part)
     if not lines:
         return
-    facts = machine(lines[0]["device"])
-    where = f"{facts['gpu']}, " if "gpu" in facts else ""
-    print(f"\n{module.TITLE}")
-    print(f"{where}{facts['cpus']} × {facts['machine']}, load {facts['load_1min']}, {facts['date']}\n")
+    last = lines[-1]
+    gpu = next((f"{line['gpu']}, " for line in lines if "gpu" in line), "")
+    print(f"\n{module.TITLE}\n{gpu}{last['cpus']} × {last['machine']}, load {last['load_1min']}, {last['date']}\n")
     print(module.table(lines), flush=True)
     written = [results.path]
     if hasattr(module, "draw"):

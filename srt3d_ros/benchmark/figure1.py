@@ -11,7 +11,7 @@ from srt3d_ros.benchmark import frames, placement, timing
 from srt3d_ros.benchmark.plan import Plan
 from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.benchmark.sketching import anew
-from srt3d_ros.benchmark.table1 import PAPER_GPU, PAPER_MS, megabytes
+from srt3d_ros.benchmark.table1 import PAPER_GPU, PAPER_MS, digits, megabytes
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
@@ -55,11 +55,12 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
                            "input_bytes": input_bytes(name, frame, sensor)}
         works["sketching"], facts["sketching"] = _sketching(sensor, photons, ppp, plan.device)
         for name, result in timing.in_turns(works, plan.repeats, bar, plan.patience_s).items():
-            yield facts[name] | result.figures()
+            line = facts[name] | result.figures()
             if min(result.seconds) > plan.limit_s:
                 too_slow.add(name)
-                note(f"{name} is not run on more than {ppp:g} photons per pixel: it takes longer than "
-                     f"{plan.limit_s:g} s")
+                line["over_limit_s"] = plan.limit_s
+                note(too_slow_text(line))
+            yield line
         del photons, works
     yield from _sweep(sensor, reconstructors, sketches, plan, bar)
 
@@ -128,6 +129,7 @@ def table(lines: Sequence[dict]) -> str:
     timed = [line for line in lines if line["what"] != "flatness"]
     ours = {line["ppp"]: line["ms"]["median"] for line in timed if line["method"] == "srt3d"}
     text = [aligned([HEADINGS, *(_cells(line, ours.get(line["ppp"])) for line in timed)])] if timed else []
+    text += [f"{too_slow_text(line)}." for line in timed if "over_limit_s" in line]
     at = {line["method"]: line["ms"]["median"] for line in timed if line["ppp"] == RATIOS_AT_PPP}
     text += [f"At {RATIOS_AT_PPP} photons per pixel {name} takes {at[name] / at['srt3d']:.1f} times as long as srt3d."
              for name in ("rt3d", "xcorr") if name in at and "srt3d" in at]
@@ -136,12 +138,18 @@ def table(lines: Sequence[dict]) -> str:
     return "\n".join(text)
 
 
+def too_slow_text(line: dict) -> str:
+    """Why a method has no lines for more photons than this one."""
+    return f"{line['method']} takes longer than {line['over_limit_s']:g} s at {line['ppp']:g} photons per pixel: it " \
+           f"is not run on more"
+
+
 def _cells(line: dict, ours_ms: float | None) -> list[str]:
     ms = line["ms"]
     times = f"{ms['median'] / ours_ms:.1f}" if ours_ms else "–"
     return [f"{line['ppp']:g}", line["method"], line["device"],
-            *(f"{ms[name]:.3g}" if ms[name] < 999.5 else f"{ms[name]:.0f}" for name in ("min", "median", "max")), times,
-            megabytes(line.get("input_bytes")), megabytes(line.get("growth_bytes"))]
+            *(digits(ms[name]) for name in ("min", "median", "max")), times, megabytes(line.get("input_bytes")),
+            megabytes(line.get("growth_bytes"))]
 
 
 def draw(path: Path, lines: Sequence[dict]) -> None:
@@ -152,6 +160,7 @@ def draw(path: Path, lines: Sequence[dict]) -> None:
     side = first["rows"]
     paper_ms = PAPER_MS.get((side, SKETCH_SIZE))
     chip = next((line["gpu"] for line in timed if "gpu" in line), f"{first['cpus']} × {first['machine']}")
+    stopped = {line["method"]: f"over {line['over_limit_s']:g} s" for line in timed if "over_limit_s" in line}
     draw_growth(path, timed, f"{side} × {first['cols']} pixels, {first['num_bins']} bins, SBR {first['sbr']:g}, "
                 f"m = {SKETCH_SIZE}; {chip}, {first['date']}",
-                None if paper_ms is None else (paper_ms, f"SRT3D in the paper, {PAPER_GPU}: {paper_ms} ms"))
+                None if paper_ms is None else (paper_ms, f"SRT3D in the paper, {PAPER_GPU}: {paper_ms} ms"), stopped)

@@ -36,7 +36,7 @@ class Plan:
     cycles: int = 15_040
     rate_s: float = 3.0
     rate_steps: int = 4
-    patience_s: float = 12.0
+    patience_s: float = 20.0
     limit_s: float = 60.0
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from srt3d_ros.benchmark import frames, placement, timing
 from srt3d_ros.benchmark.plan import Plan
 from srt3d_ros.benchmark.progress import Progress
+from srt3d_ros.benchmark.table1 import digits
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
@@ -78,5 +79,5 @@ def table(lines: Sequence[dict]) -> str:
 def _cells(line: dict) -> list[str]:
     ms, rate = line["ms"], line.get("readouts_per_s")
     return [line["form"], f"{line['ppp']:g}", line["device"], line["frame_from"],
-            *(f"{ms[name]:.3g}" for name in ("min", "median", "max")), f"{line['photons_per_s']:.3g}",
+            *(digits(ms[name]) for name in ("min", "median", "max")), f"{line['photons_per_s']:.3g}",
             f"{rate:.3g}" if rate else "–", f"{rate / ARRAY_HZ:.1f}" if rate else "–"]

@@ -16,8 +16,8 @@ PPP = 10.0                  # the time does not depend on it: Figure 1
 PAPER_GPU = "RTX 3070 laptop"
 PAPER_MS = {(141, 5): 6, (282, 5): 12, (423, 5): 28, (564, 5): 55, (705, 5): 68,
             (141, 10): 7, (282, 10): 18, (423, 10): 35, (564, 10): 60, (705, 10): 88}
-HEADINGS = ("pixels", "m", "method", "device", "frame from", "ms: min", "median", "max", f"paper, {PAPER_GPU}",
-            "frames/s", "memory, MB", "of the process, MB")
+HEADINGS = ("pixels", "m", "method", "device", "frame from", "ms: min", "median", "max",
+            f"{PAPER_GPU} (paper)", "frames/s", "memory, MB", "of the process, MB")
 
 
 def steps(plan: Plan) -> int:
@@ -63,11 +63,16 @@ def table(lines: Sequence[dict]) -> str:
 def _cells(line: dict) -> list[str]:
     ms, paper_ms = line["ms"], line["paper_ms"]
     return [f"{line['rows']}²", str(line["sketch_size"]), line["method"], line["device"], line["frame_from"],
-            *(f"{ms[name]:.3g}" for name in ("min", "median", "max")),
-            f"{paper_ms} ms" if paper_ms else "–", f"{line['frames_per_s']:.3g}",
+            *(digits(ms[name]) for name in ("min", "median", "max")), f"{paper_ms}" if paper_ms else "–",
+            digits(line["frames_per_s"]),
             *(megabytes(line.get(name)) for name in ("growth_bytes", "process_peak_bytes"))]
 
 
 def megabytes(count: int | None) -> str:
-    """10⁶ bytes, in three digits or whole."""
-    return "–" if count is None else f"{count / 1e6:.3g}" if count < 1e9 else f"{count / 1e6:.0f}"
+    """Bytes in 10⁶ bytes, or a dash."""
+    return "–" if count is None else digits(count / 1e6)
+
+
+def digits(value: float) -> str:
+    """Three digits, or all of those before the point."""
+    return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"

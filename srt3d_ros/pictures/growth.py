@@ -34,7 +34,8 @@ class _Line:
     style: dict
 
 
-def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float, str] | None) -> None:
+def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float, str] | None,
+                stopped: dict[str, str]) -> None:
     """Two panels on logarithmic axes.
 
     Left: medians of the times in milliseconds, from the fastest to the slowest run shaded. Right: the bytes that a
@@ -43,24 +44,27 @@ def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float
     Args:
         lines: with `method`, `ppp`, `ms` (min, median, max) and, where known, `input_bytes` and `growth_bytes`.
         goal: a time in milliseconds to draw as a line across, and what to write on it; or None.
+        stopped: methods whose lines end early, and why, in a word or two.
     """
     figure = Figure((14.2, 6.0), dpi=DPI, layout="constrained")
     figure.suptitle(title, size=13, parse_math=False)
     time_ax, memory_ax = figure.subplots(1, 2)
     methods = [name for name in COLOURS if any(line["method"] == name for line in lines)]
-    _draw_times(time_ax, [[line for line in lines if line["method"] == name] for name in methods], goal)
+    _draw_times(time_ax, [[line for line in lines if line["method"] == name] for name in methods], goal, stopped)
     _draw_memory(memory_ax, [[line for line in lines if line["method"] == name] for name in methods])
     save_png(figure, path)
 
 
-def _draw_times(ax: Axes, by_method: Sequence[list[dict]], goal: tuple[float, str] | None) -> None:
+def _draw_times(ax: Axes, by_method: Sequence[list[dict]], goal: tuple[float, str] | None,
+                stopped: dict[str, str]) -> None:
     drawn = []
     for lines in by_method:
         name, x = lines[0]["method"], np.array([line["ppp"] for line in lines])
         low, median, high = (np.array([line["ms"][which] for line in lines]) for which in ("min", "median", "max"))
         ax.fill_between(x, low, high, color=COLOURS[name], alpha=0.18, linewidth=0)
         dashes = "--" if name == "sketching" else "-"
-        drawn.append(_Line(TIME_LABELS.get(name, name), x, median, _style(name) | {"linestyle": dashes}))
+        label = f"{TIME_LABELS.get(name, name)}{': ' * (name in stopped)}{stopped.get(name, '')}"
+        drawn.append(_Line(label, x, median, _style(name) | {"linestyle": dashes}))
     if goal is not None:
         ax.axhline(goal[0], color=_GOAL, linewidth=1.5, linestyle=(0, (6, 3)))
         ax.annotate(goal[1], (0.01, goal[0]), (0, -3), ("axes fraction", "data"), "offset points", va="top", size=9,
