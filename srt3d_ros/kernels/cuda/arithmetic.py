@@ -7,6 +7,8 @@ import triton
 import triton.language as tl
 
 TINY = tl.constexpr(1e-12)
+LOG2E = tl.constexpr(1.44269504)      # exp(x) = exp2(x · LOG2E), and exp2 is one instruction
+TURN = tl.constexpr(6.28318531)       # 2π
 
 # As in kernels/cpu/arithmetic.py: sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7. The
 # hardware's own sin.approx is no faster here: it runs at an eighth of the rate of these multiply-adds.
@@ -21,13 +23,13 @@ def sincos(turns):
     """sin and cos of 2π · turns, float32."""
     x = turns - tl.floor(turns + 0.5)
     y = x * x
-    s = S6 * y + S5
+    s = y * S6 + S5
     s = s * y + S4
     s = s * y + S3
     s = s * y + S2
     s = s * y + S1
     s = s * y + S0
-    c = C7 * y + C6
+    c = y * C7 + C6
     c = c * y + C5
     c = c * y + C4
     c = c * y + C3
@@ -40,7 +42,7 @@ def sincos(turns):
 @triton.jit
 def wrap(difference, period):
     """The difference of two depths on a circle, in [−period/2, period/2]."""
-    return difference - period * tl.floor(difference / period + 0.5)
+    return difference - period * tl.floor(difference * (1.0 / period) + 0.5)
 
 
 def axis(m: int) -> int:

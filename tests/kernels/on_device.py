@@ -1,0 +1,26 @@
+"""What the tests of the CUDA kernels share."""
+
+from dataclasses import replace
+
+from srt3d_ros.core.frame import Frame
+
+from . import reference
+
+MAPS = ("matched", "noise", "exposure", "energy", "cycles", "moments", "intensity_moments", "rarity")
+
+
+def frame_on(cuda, frame: Frame) -> Frame:
+    """The frame with its arrays on the device."""
+    return replace(frame, **{name: cuda.array(getattr(frame, name)) for name in MAPS})
+
+
+def others() -> list:
+    """What the CUDA kernels are held against: the float64 reference, and the CPU kernels where numba is installed."""
+    try:
+        import numba  # noqa: F401
+    except ImportError:
+        return [reference]
+    from srt3d_ros.kernels import cpu
+    return [reference, cpu]
+
+
