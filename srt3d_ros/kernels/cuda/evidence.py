@@ -1,10 +1,9 @@
 """How much a pixel's own photons speak for its surfaces.
 
-Per pixel and surface 8m + 16 bytes are read, 4 written, and a sine and a cosine of each frequency taken: at m = 10 and a
-surface a pixel 100 bytes and some 350 operations, so that memory sets the pace.
+Per pixel and surface 8m + 16 bytes are read, 4 written, and a sine and a cosine of each frequency taken: at m = 10 and
+a surface a pixel 100 bytes and some 350 operations, so that memory sets the pace.
 """
 
-import torch
 import triton
 import triton.language as tl
 
@@ -98,18 +97,19 @@ def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments
         tl.store(out + (i * SURFACES + k) * wide + j, tl.where(there, gain, 0.0), mask=inside)
 
 
-def evidence(data, state):
+def evidence(data, state, out=None):
     """Log-likelihood gain of every point by its own pixel's photons, nats.
 
     Args:
         data: the frame (see `srt3d_ros.core.frame.Frame`), padded.
         state: float32 [rows', K, FIELDS, cols'].
+        out: where the result goes.
 
     Returns:
         float32 [rows', K, cols'], 0 where there is no point.
     """
     tall, surfaces, _, wide = state.shape
-    out = torch.empty((tall, surfaces, wide), dtype=torch.float32, device=state.device)
+    out = state.new_empty(tall, surfaces, wide) if out is None else out
     m = len(data.energy)
     _evidence[triton.cdiv(wide, BLOCK.value), tall](
         data.matched, data.noise, data.exposure, data.energy, data.cycles, data.greatest_response, data.rarity,
