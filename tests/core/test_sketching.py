@@ -4,11 +4,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from srt3d_ros.core import sketching
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher, phase_table, sketch_photons
@@ -84,12 +82,16 @@ def test_phases_are_exact_for_high_frequencies_in_late_bins():
     np.testing.assert_allclose(table, np.exp(2j * np.pi * turns), atol=1e-7)
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 100, 4_999, 5_000])
-def test_chunks_of_sorted_photons_change_nothing(monkeypatch, chunk):
+def test_order_and_packets_change_no_bit():
     events = photons()
     whole = sketch_photons(events, SENSOR, FREQUENCIES)
-    monkeypatch.setattr(sketching, "CHUNK", chunk)
-    assert_sketches_are_equal(sketch_photons(events, SENSOR, FREQUENCIES), whole, each=0)
+    shuffled = np.random.default_rng(1).permutation(events.photons)
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    for part in np.array_split(shuffled, 3):
+        sketcher.add(PhotonEvents(events.pixel[part], events.toa[part]))
+    assert_sketches_are_equal(sketcher.sketch(), whole, each=0)
+    gates = PhotonGates.from_events(events, SENSOR)
+    assert_sketches_are_equal(sketch_photons(gates, SENSOR, FREQUENCIES), whole, each=0)
 
 
 @pytest.mark.filterwarnings("error")
@@ -181,7 +183,7 @@ def test_millions_of_photons_in_one_pixel_lose_no_precision():
 
 def memory_kept(sketcher: Sketcher) -> int:
     """Bytes of all arrays that a sketcher holds."""
-    return sum(value.nbytes for value in vars(sketcher).values() if isinstance(value, np.ndarray | torch.Tensor))
+    return sum(value.nbytes for value in vars(sketcher).values() if isinstance(value, np.ndarray))
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
@@ -217,6 +219,25 @@ def test_a_packet_with_one_bad_photon_adds_nothing_at_all(frame):
         sketcher.add(frame)
     assert_sketches_are_equal(sketcher.sketch(), before, each=0)
     assert sketcher.sketch().stamp_ns == before.stamp_ns
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
+@pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
+@pytest.mark.parametrize(("field", "value", "expected"), [
+    ("pixel", 24, "an index below 4 × 6 = 24"), ("toa", 100, "bins in [0, 100)")])
+def test_an_invalid_photon_among_many_is_named_and_nothing_added(dtype, ordered, field, value, expected):
+    events = photons(50_000, dtype=dtype, ordered=ordered)
+    getattr(events, field)[49_999 if field == "pixel" and ordered else 30_000] = value
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    with pytest.raises(InvalidInput) as caught:
+        sketcher.add(events)
+    assert (caught.value.field, caught.value.value, caught.value.expected) == (field, value, expected)
+    assert not sketcher.sketch().photons.any() and not sketcher.sketch().sums.any()
+
+
+def test_a_device_that_there_is_not_is_refused():
+    with pytest.raises(InvalidInput, match="^device is tpu: expected cpu or cuda$"):
+        Sketcher(SENSOR, FREQUENCIES, device="tpu")
 
 
 def test_a_stray_word_is_named():

@@ -10,7 +10,6 @@ from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import phase_table
 from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.core.start import window_weights
 from srt3d_ros.kernels import cpu
@@ -163,50 +162,3 @@ def test_results_are_the_same_to_the_bit_for_any_number_of_threads_and_every_tim
         for field in ("row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface", "background"):
             assert np.array_equal(getattr(clouds[0], field), getattr(other, field)), field
     assert len(clouds[0]) > 1_000
-
-
-# ---- Photons → sketch
-
-def photons(count=500, pixels=20, bins=50, dtype=np.uint16):
-    rng = np.random.default_rng(2)
-    return rng.integers(0, pixels, count).astype(np.uint32), rng.uniform(0, bins, count).astype(dtype)
-
-
-def test_sketch_of_unsorted_photons():
-    pixel, toa = photons()
-    table = phase_table((1, 3, 24), 50)
-    sums, counts = cpu.sketch_unsorted(pixel, toa, table, 20)
-    expected, expected_counts = reference.sketch_unsorted(pixel, toa, table, 20)
-    assert sums.dtype == np.float64 and np.array_equal(counts, expected_counts)
-    np.testing.assert_allclose(sums, expected, rtol=0, atol=1e-12)        # the same float64 additions, in another order
-
-
-def test_sketch_of_continuous_times():
-    pixel, toa = photons(dtype=np.float32)
-    omegas = angular_frequencies((1, 3, 24), 50)
-    sums, counts = cpu.sketch_continuous(pixel, toa, omegas, 20)
-    expected, expected_counts = reference.sketch_continuous(pixel, toa, omegas, 20)
-    assert np.array_equal(counts, expected_counts)
-    np.testing.assert_allclose(sums, expected, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("pixels", [1, 3, 16, 17, 100])
-@pytest.mark.parametrize(("first_word", "no_detection"), [(0, 65_535), (10, 3), (0, 0)])
-def test_sketch_of_gates(pixels, first_word, no_detection):
-    rng = np.random.default_rng(pixels)
-    words = rng.integers(first_word, first_word + 50, (7, pixels)).astype(np.uint16)
-    words[rng.random(words.shape) < 0.3] = no_detection
-    table = phase_table((1, 3, 24), 50)
-    sums, counts, stray = cpu.sketch_gates(words, table, first_word, no_detection)
-    expected, expected_counts, _ = reference.sketch_gates(words, table, first_word, no_detection)
-    assert stray == -1 and np.array_equal(counts, expected_counts)
-    np.testing.assert_allclose(sums, expected, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("word", [0, 9, 60, 65_535])
-@pytest.mark.parametrize("pixel", [0, 8, 16])
-def test_a_stray_word_is_reported_from_any_pixel(word, pixel):
-    words = np.full((5, 17), 3, np.uint16)
-    words[2, pixel] = word
-    table = phase_table((1, 3), 50)
-    assert cpu.sketch_gates(words, table, 10, 3)[2] == reference.sketch_gates(words, table, 10, 3)[2] == word
