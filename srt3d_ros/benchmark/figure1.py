@@ -17,6 +17,7 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.evaluation.table import aligned
 
 ABOUT = "a frame's time and memory against its photons, for every method; a picture"
@@ -100,7 +101,7 @@ def _input(name: str, photons: PhotonEvents, sensor: SensorModel, device: str) -
     """What the method is given."""
     if METHODS[name].needs == "photons":
         return photons
-    return placement.sketched(photons, sensor, _frequencies(name, sensor), device)
+    return placement.on_host(placement.sketched(photons, sensor, _frequencies(name, sensor), device))
 
 
 def input_bytes(name: str, frame: PhotonEvents | Sketch, sensor: SensorModel) -> int:
@@ -112,7 +113,7 @@ def input_bytes(name: str, frame: PhotonEvents | Sketch, sensor: SensorModel) ->
 
 def _sketching(sensor: SensorModel, photons: PhotonEvents, ppp: float, device: str) -> tuple[timing.Work, dict]:
     """The sketching of the same photons."""
-    sketcher, device = placement.sketcher_on(sensor, _frequencies("srt3d", sensor), device)
+    sketcher = Sketcher(sensor, _frequencies("srt3d", sensor), device=device)
     call = placement.sketchings(sketcher, photons, anew)[placement.HOST]
     return (timing.Work(call, device, f"{ppp:g} photons per pixel: sketching"),
             {"what": "sketch", **_facts("sketching", sensor, ppp, photons, device)})

@@ -1,17 +1,19 @@
-"""Where a frame lies when its clock starts and ends: in the host's memory, or already on the device.
+"""Where a frame lies when its clock starts: in the host's memory, or already on the device.
 
-The one place that knows how a backend is handed data on its device. A reconstructor, or a Sketcher, that can be has
-
-    resident(frame) -> a function without arguments that does the frame's work with everything on the device
-
-and is then measured both ways.
+The one place that knows how a backend is handed data on its device:
+- A Sketcher on "cuda" gives sketches whose arrays are tensors there; a reconstructor there takes them as they are.
+- A Sketcher that can sketch photons which are already there has `resident(frame)`, which copies a frame to the device
+  and returns a function without arguments that sketches it.
+What can be is measured both ways.
 """
 
-import inspect
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from srt3d_ros.core.methods import Method
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
@@ -32,30 +34,34 @@ def built(method: Method, sensor: SensorModel, frequencies, device: str):
     return reconstructor
 
 
-def reconstructions(reconstructor, frame) -> dict[str, Callable[[], object]]:
-    """What to time, by where the frame lies: from and to the host and, where that is possible, all on the device."""
-    return {HOST: lambda: reconstructor(frame), **_resident(reconstructor, frame)}
-
-
-def sketcher_on(sensor: SensorModel, frequencies, device: str) -> tuple[Sketcher, str]:
-    """A Sketcher on the device, if it can be there, and where it is."""
-    if device != "cpu" and "device" in inspect.signature(Sketcher).parameters:
-        return Sketcher(sensor, frequencies, device=device), device
-    return Sketcher(sensor, frequencies), "cpu"
-
-
 def sketched(photons: PhotonEvents, sensor: SensorModel, frequencies, device: str) -> Sketch:
-    """The sketch of a frame in the host's memory, made where it is quickest."""
-    sketcher, _ = sketcher_on(sensor, frequencies, device)
+    """The sketch of a frame, its arrays on the device."""
+    sketcher = Sketcher(sensor, frequencies, device=device)
     sketcher.add(photons)
     return sketcher.sketch()
 
 
-def sketchings(sketcher: Sketcher, frame, anew: Callable[[object], object]) -> dict[str, Callable[[], object]]:
+def on_host(sketch: Sketch) -> Sketch:
+    """The sketch with its arrays in the host's memory."""
+    return replace(sketch, sums=_numpy(sketch.sums), photons=_numpy(sketch.photons))
+
+
+def reconstructions(reconstructor, sketch: Sketch) -> dict[str, Callable[[], object]]:
+    """What to time, by where the sketch lies: on the host and, if the reconstructor is where `sketch` is, there."""
+    held = on_host(sketch)
+    calls = {HOST: lambda: reconstructor(held)}
+    if reconstructor.device != "cpu" and not isinstance(sketch.sums, np.ndarray):
+        calls[DEVICE] = lambda: reconstructor(sketch)
+    return calls
+
+
+def sketchings(sketcher: Sketcher, frame: PhotonFrame,
+               anew: Callable[[PhotonFrame], PhotonFrame]) -> dict[str, Callable[[], object]]:
     """What to time, as for `reconstructions`; `anew` makes the frame one of which nothing is known yet."""
-    return {HOST: lambda: sketcher.add(anew(frame)), **_resident(sketcher, frame)}
+    calls = {HOST: lambda: sketcher.add(anew(frame))}
+    resident = getattr(sketcher, "resident", None)
+    return calls if resident is None else calls | {DEVICE: resident(frame)}
 
 
-def _resident(worker, frame) -> dict[str, Callable[[], object]]:
-    resident = getattr(worker, "resident", None)
-    return {} if resident is None else {DEVICE: resident(frame)}
+def _numpy(array) -> np.ndarray:
+    return array if isinstance(array, np.ndarray) else array.cpu().numpy()

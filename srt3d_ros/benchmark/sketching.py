@@ -9,6 +9,7 @@ from srt3d_ros.benchmark.table1 import digits
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.evaluation.table import aligned
 
 ABOUT = "photons a second into a sketch: sorted, unsorted, gates"
@@ -52,9 +53,9 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
 def _works(sensor: SensorModel, frame, form: str, ppp: float, device: str, facts: dict) -> dict:
     """What to time for one frame; what is known of each goes to `facts`."""
     frequencies = choose("auto", sensor, SKETCH_SIZE)
-    sketcher, device = placement.sketcher_on(sensor, frequencies, device)
+    sketcher = Sketcher(sensor, frequencies, device=device)
     sketcher.add(frame)         # compiles
-    works, photons = {}, int(sketcher.sketch().photons.sum())
+    works, photons = {}, int(placement.on_host(sketcher.sketch()).photons.sum())
     for place, call in placement.sketchings(sketcher, frame, anew).items():
         key = form, ppp, place
         works[key] = timing.Work(call, device, f"{form}, {ppp:g} photons per pixel")

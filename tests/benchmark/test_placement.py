@@ -7,6 +7,7 @@ import pytest
 
 from srt3d_ros.benchmark import placement
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(rows=4, cols=4, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
@@ -31,28 +32,40 @@ def test_a_method_without_cuda_stays_on_the_cpu():
         placement.built(Method("cuda"), SENSOR, (1,), "cpu")
 
 
-def test_what_can_be_resident_is_timed_both_ways():
-    class Resident:
-        def __call__(self, frame):
-            return "host", frame
+class Tensor:
+    """As much of a torch tensor on a GPU as is needed."""
 
-        def resident(self, frame):
-            return lambda: ("device", frame)
+    def __init__(self, array):
+        self.array, self.shape, self.ndim = array, array.shape, array.ndim
 
-    assert {place: call() for place, call in placement.reconstructions(Resident(), 7).items()} == {
-        "host": ("host", 7), "device": ("device", 7)}
-    assert list(placement.reconstructions(lambda frame: frame, 7)) == ["host"]
+    def cpu(self):
+        return self
+
+    def numpy(self):
+        return self.array
 
 
-def test_a_sketcher_is_on_the_device_if_it_can_be(monkeypatch):
-    class OnDevice:
-        def __init__(self, sensor, frequencies, device="cpu"):
-            self.device = device
+SUMS, PHOTONS = np.ones((4, 4, 1), np.complex64), np.ones((4, 4), np.uint32)
 
-    sketcher, device = placement.sketcher_on(SENSOR, (1,), "cpu")
-    assert device == "cpu"
-    monkeypatch.setattr(placement, "Sketcher", OnDevice)
-    sketcher, device = placement.sketcher_on(SENSOR, (1,), "cuda")
-    assert (sketcher.device, device) == ("cuda", "cuda")
-    monkeypatch.setattr(placement, "Sketcher", lambda sensor, frequencies: "only here")
-    assert placement.sketcher_on(SENSOR, (1,), "cuda") == ("only here", "cpu")
+
+def test_a_sketch_on_the_device_is_timed_from_there_and_from_the_host():
+    def reconstructor(sketch):
+        return type(sketch.sums), type(sketch.photons)
+
+    reconstructor.device = "cuda"
+    there = Sketch((1,), Tensor(SUMS), Tensor(PHOTONS))
+    calls = placement.reconstructions(reconstructor, there)
+    assert {place: call() for place, call in calls.items()} == {
+        "host": (np.ndarray, np.ndarray), "device": (Tensor, Tensor)}
+    reconstructor.device = "cpu"
+    assert list(placement.reconstructions(reconstructor, there)) == ["host"]
+    reconstructor.device = "cuda"
+    assert list(placement.reconstructions(reconstructor, Sketch((1,), SUMS, PHOTONS))) == ["host"]
+
+
+def test_photons_are_sketched_from_the_device_if_they_can_be():
+    sketcher = SimpleNamespace(add=lambda frame: ("host", frame))
+    assert {place: call() for place, call in placement.sketchings(sketcher, 7, lambda frame: -frame).items()} == {
+        "host": ("host", -7)}
+    sketcher.resident = lambda frame: lambda: ("device", frame)
+    assert placement.sketchings(sketcher, 7, lambda frame: -frame)["device"]() == ("device", 7)

@@ -36,7 +36,8 @@ def test_time_and_memory_have_a_line_for_each_method(path):
 
 
 def test_a_line_may_end_early_and_memory_may_be_unknown(path):
-    draw_growth(path, [line("rt3d", 1, 50), line("srt3d", 1, 40, input_bytes=9), line("srt3d", 10, 40)], "", None, {"rt3d": "over 60 s"})
+    lines = [line("rt3d", 1, 50), line("srt3d", 1, 40, input_bytes=9), line("srt3d", 10, 40)]
+    draw_growth(path, lines, "", None, {"rt3d": "over 60 s"})
     seen = coloured(path, COLOURS["rt3d"])
     assert seen[:, :seen.shape[1] // 2].any() and not seen[:, seen.shape[1] // 2:].any()
 
