@@ -140,7 +140,8 @@ def pool(points, sketches, noise, exposure, wide, m, layer, known, cycle, t, sc,
         re, im = _turn(re, im, row_sine, row_cosine)
         re, im = _turn(re, im, -col_sine, col_cosine)               # a step back, since a step begins with one forward
         x -= side
-        for _ in range(end - side * x):
+        # Unrolled, two pixels wait for memory at once, and no register is copied from step to step.
+        for _ in tl.range(0, end - side * x, loop_unroll_factor=2):
             x += side
             away2 = x * x + dy * dy
             near = tl.where(away2 <= RADIUS * (RADIUS + 1), tl.exp2(fall * away2), 0.0)
