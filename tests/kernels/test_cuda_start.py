@@ -14,7 +14,7 @@ from .frames import DEPTH_TOLERANCE, SHAPES, T, make_frame
 from .on_device import others
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, (1, 1), (1, 9), (9, 1), (5, 7)])
+@pytest.mark.parametrize("shape", [SHAPES[1], (1, 9), (9, 1)])
 @pytest.mark.parametrize(("sigma", "step"), [(1.0, 1), (2.0, 2), (4.0, 4)])
 def test_blur(cuda, shape, sigma, step):
     values = np.random.default_rng(0).normal(size=(shape[0], 3, shape[1])).astype(np.float32)
