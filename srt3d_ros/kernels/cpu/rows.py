@@ -24,7 +24,7 @@ def lanes(values: int) -> int:
 
 
 def fixed_rows(table: np.ndarray) -> np.ndarray:
-    """float32 [T, 2m], values up to 1 → int32 [T · lanes], as `add_rows` reads them."""
+    """float32 [T, 2m], values up to 1 → int32 [T · lanes], as `add_run` reads them."""
     height, values = table.shape
     wide = np.zeros((height, lanes(values)), np.int32)
     wide[:, :values] = np.rint(table * np.float64(UNIT))
@@ -40,51 +40,66 @@ def aligned(size: int) -> np.ndarray:
 
 
 def _adder(*widths):
-    """Adds blocks of these widths: void (rows, at, height, toa, first, last, sums, lane)."""
+    """Adds blocks of these widths, from the photon `first` on until `last` or the photon of another pixel.
+
+    int64 (rows, at, toa, pixel, first, last, sums, lane) → where it ended. At least one photon is added. `at`: where
+    the blocks start in rows; lane: where their sums do.
+    """
 
     @intrinsic
-    def add(_, rows, at, height, toa, first, last, sums, lane):
-        signature = types.void(rows, at, height, toa, first, last, sums, lane)
+    def add(_, rows, at, toa, pixel, first, last, sums, lane):
+        signature = types.int64(rows, at, toa, pixel, first, last, sums, lane)
+        sum_type = ir.IntType(sums.dtype.bitwidth)
 
         def generate(context, builder, signature, values):
             size, byte = ir.IntType(64), ir.IntType(8)
-            narrow = [ir.VectorType(ir.IntType(32), width) for width in widths]
-            rows, toa, sums = (context.make_array(signature.args[k])(context, builder, values[k]).data
-                               for k in (0, 3, 6))
-            at, height, first, last, lane = (values[k] for k in (1, 2, 4, 5, 7))
+            kinds = [ir.VectorType(ir.IntType(32), width) for width in widths]
 
-            blocks = []                          # where each block starts
+            def data(k):
+                return context.make_array(signature.args[k])(context, builder, values[k])
+
+            rows, toa, sums = (data(k).data for k in (0, 2, 6))
+            _, at, _, _, first, last, _, lane = values
+            lanes_of_all = builder.extract_value(data(6).shape, 0)
+            height = builder.udiv(builder.extract_value(data(0).shape, 0), lanes_of_all)
+            blocks = []
             for width in widths:
                 blocks.append(builder.bitcast(builder.gep(rows, [at]), byte.as_pointer()))
                 at = builder.add(at, builder.mul(height, size(width)))
+            one_pixel = isinstance(signature.args[3], types.NoneType)
+            if not one_pixel:
+                pixel = data(3).data
+                own = builder.load(builder.gep(pixel, [first]))
 
-            before, loop, body, after = builder.block, *(builder.append_basic_block() for _ in range(3))
-            builder.branch(loop)
-            builder.position_at_end(loop)
-            photon = builder.phi(size)
-            photon.add_incoming(first, before)
-            totals = [builder.phi(kind) for kind in narrow]
-            for total, kind in zip(totals, narrow, strict=True):
-                total.add_incoming(ir.Constant(kind, [0] * kind.count), before)
-            builder.cbranch(builder.icmp_signed("<", photon, last), body, after)
-
+            before, body, more, after = builder.block, *(builder.append_basic_block() for _ in range(3))
+            builder.branch(body)
             builder.position_at_end(body)
+            photon, totals = builder.phi(size), [builder.phi(kind) for kind in kinds]
             row = builder.zext(builder.load(builder.gep(toa, [photon])), size)
-            for total, kind, block in zip(totals, narrow, blocks, strict=True):
-                place = builder.gep(block, [builder.mul(row, size(4 * kind.count))])
-                total.add_incoming(builder.add(total, builder.load(builder.bitcast(place, kind.as_pointer()), align=4)),
-                                   body)
-            photon.add_incoming(builder.add(photon, size(1)), body)
-            builder.branch(loop)
+            places = [builder.gep(block, [builder.mul(row, size(4 * kind.count))])
+                      for block, kind in zip(blocks, kinds, strict=True)]
+            added = [builder.add(total, builder.load(builder.bitcast(place, kind.as_pointer()), align=4))
+                     for total, place, kind in zip(totals, places, kinds, strict=True)]
+            following = builder.add(photon, size(1))
+            builder.cbranch(builder.icmp_signed("<", following, last), more, after)
+            builder.position_at_end(more)
+            if one_pixel:
+                builder.branch(body)
+            else:
+                same = builder.icmp_unsigned("==", builder.load(builder.gep(pixel, [following])), own)
+                builder.cbranch(same, body, after)
+            for phi, start, next_one in zip([photon, *totals], [first, *(ir.Constant(k, [0] * k.count) for k in kinds)],
+                                            [following, *added], strict=True):
+                phi.add_incoming(start, before)
+                phi.add_incoming(next_one, more)
 
             builder.position_at_end(after)
-            for total in totals:
-                wide = ir.VectorType(context.get_value_type(signature.args[6].dtype), total.type.count)
+            for total, kind in zip(added, kinds, strict=True):
+                wide = ir.VectorType(sum_type, kind.count)
                 place = builder.bitcast(builder.gep(sums, [lane]), wide.as_pointer())
-                more = total if wide == total.type else builder.sext(total, wide)
-                builder.store(builder.add(builder.load(place, align=4), more), place, align=4)
-                lane = builder.add(lane, size(total.type.count))
-            return context.get_dummy_value()
+                builder.store(builder.add(builder.load(place, align=4), builder.sext(total, wide)), place, align=4)
+                lane = builder.add(lane, size(kind.count))
+            return following
 
         return signature, generate
 
@@ -95,25 +110,27 @@ _add_16, _add_20, _add_24, _add_32 = _adder(16), _adder(16, 4), _adder(16, 8), _
 
 
 @njit(inline="always")
-def add_rows(rows, toa, first, last, sums):
-    """sums += Σ rows[toa[p]] over first ≤ p < last, at most MOST of them.
+def add_run(rows, toa, pixel, first, last, sums):
+    """sums += Σ rows[toa[p]] of the photons of one pixel, from `first` on; returns where they, MOST or `last`, end.
 
     Args:
         rows: of `fixed_rows`.
         toa: unsigned integers.
+        pixel: integers of which equal ones follow each other, or None if all are of one pixel.
+        first, last: of the photons that may be added, at least one.
         sums: int64 [lanes], values of UNIT.
     """
     width = len(sums)
     height = len(rows) // width
+    last = min(first + MOST, last)
     lane = 0
     while width - lane > 32:
-        _add_16(rows, lane * height, height, toa, first, last, sums, lane)
+        last = _add_16(rows, lane * height, toa, pixel, first, last, sums, lane)
         lane += 16
     if width - lane == 20:
-        _add_20(rows, lane * height, height, toa, first, last, sums, lane)
-    elif width - lane == 32:
-        _add_32(rows, lane * height, height, toa, first, last, sums, lane)
-    elif width - lane == 24:
-        _add_24(rows, lane * height, height, toa, first, last, sums, lane)
-    else:
-        _add_16(rows, lane * height, height, toa, first, last, sums, lane)
+        return _add_20(rows, lane * height, toa, pixel, first, last, sums, lane)
+    if width - lane == 32:
+        return _add_32(rows, lane * height, toa, pixel, first, last, sums, lane)
+    if width - lane == 24:
+        return _add_24(rows, lane * height, toa, pixel, first, last, sums, lane)
+    return _add_16(rows, lane * height, toa, pixel, first, last, sums, lane)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from srt3d_ros.kernels.cpu.arithmetic import F32, inline, parallel
-from srt3d_ros.kernels.cpu.rows import LANES, MOST, UNIT, add_rows, aligned, fixed_rows, lanes
+from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, fixed_rows, lanes
 
 __all__ = ["find_stray", "fixed_rows", "inspect_events", "new_sums", "read_sums", "sketch_continuous", "sketch_gates",
            "sketch_sorted", "sketch_unsorted"]
@@ -123,14 +123,9 @@ def _sketch_sorted(pixel, toa, rows, sums, photons, parts):
     for part in prange(parts):
         p, last = _border(pixel, part * len(pixel) // parts), _border(pixel, (part + 1) * len(pixel) // parts)
         while p < last:
-            i, end, most = pixel[p], p + 1, min(p + MOST, last)
-            while end + 16 <= most and pixel[end + 15] == i:
-                end += 16
-            while end < most and pixel[end] == i:
-                end += 1
-            photons[i] += end - p
-            add_rows(rows, toa, p, end, sums[i])
-            p = end
+            i, first = pixel[p], p
+            p = add_run(rows, toa, pixel, p, last, sums[i])
+            photons[i] += p - first
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
@@ -168,9 +163,7 @@ def _add_bucket(pairs, first, last, rows, sums, photons):
     for i in range(len(sums)):                  # place[i] is now where the pixel's photons end
         last = np.int64(place[i])
         while p < last:
-            end = min(p + MOST, last)
-            add_rows(rows, toa, p, end, sums[i])
-            p = end
+            p = add_run(rows, toa, None, p, last, sums[i])
 
 
 @parallel
@@ -228,21 +221,26 @@ def _cosine(turns):
 
 
 @parallel
-def _fill_rows(toa, cycles, lead, turns_per_bin, rows):
-    photons, width = len(toa), len(cycles)
-    whole = width // LANES * LANES
+def _fill_rows(toa, turns_per_bin, cycles, lead, widths, rows):
+    photons = len(rows) // widths.sum()
     for tile in prange((photons + TILE - 1) // TILE):
-        for p in range(TILE * tile, min(TILE * tile + TILE, photons)):
-            turns = np.uint32(np.int64(np.rint(toa[p] * turns_per_bin)))
-            for lane in range(0, whole, LANES):
-                k, shift, out = cycles[lane:], lead[lane:], rows[lane * photons + LANES * p:]
-                for j in range(LANES):
-                    out[j] = _cosine(k[j] * turns + shift[j])
-            tail = rows[whole * photons + (width - whole) * p:]
-            for lane in range(whole, width, 4):
-                k, shift, out = cycles[lane:], lead[lane:], tail[lane - whole:]
-                for j in range(4):
-                    out[j] = _cosine(k[j] * turns + shift[j])
+        first = TILE * tile
+        count = min(TILE, photons - first)
+        turns, spread = np.zeros(TILE, np.uint32), np.empty(LANES * TILE, np.uint32)
+        for p in range(min(count, len(toa) - first)):
+            turns[p] = np.int64(np.rint(toa[first + p] * turns_per_bin))
+        before = 0
+        for block in range(len(widths)):
+            width, k, shift = widths[block], cycles[block], lead[block]
+            out = rows[before * photons + width * first:]
+            for p in range(count):
+                for lane in range(width):
+                    spread[width * p + lane] = turns[p]
+            for i in range(0, width * count, LANES):        # rows of 4 or 8 lanes lie beside each other
+                into, turn = out[i:], spread[i:]
+                for lane in range(LANES):
+                    into[lane] = _cosine(k[lane] * turn[lane] + shift[lane])
+            before += width
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
@@ -259,18 +257,24 @@ def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons)
         sums, photons: as of `sketch_sorted`.
     """
     width, values = sums.shape[1], 2 * len(frequencies)
-    cycles = np.zeros(width, np.uint32)
-    lead = np.full(width, TURN // 4, np.uint32)         # lanes that are not used stay 0
+    cycles, lead = np.zeros(width, np.uint32), np.full(width, TURN // 4, np.uint32)    # lanes that are not used stay 0
     cycles[:values] = np.repeat(np.asarray(frequencies, np.uint32), 2)
     lead[0:values:2], lead[1:values:2] = 0, 3 * TURN // 4
+    blocks = range(0, width, LANES)
+    cycles, lead = (np.stack([np.resize(of[lane:lane + LANES], LANES) for lane in blocks]) for of in (cycles, lead))
+    widths = np.array([min(LANES, width - lane) for lane in blocks])
     chunk = min(len(toa), 2**16)
-    numbers, room = np.arange(chunk, dtype=np.uint16), aligned(chunk * width)
+    numbers, room = np.arange(chunk, dtype=np.uint16), aligned(_whole(chunk) * width)
     add = sketch_sorted if ordered else sketch_unsorted
-    for first in range(0, len(toa), 2**16):
+    for first in range(0, len(toa), chunk):
         part = toa[first:first + chunk]
-        rows = room[:len(part) * width]
-        _fill_rows(part, cycles, lead, TURN / num_bins, rows)
+        rows = room[:_whole(len(part)) * width]
+        _fill_rows(part, TURN / num_bins, cycles, lead, widths, rows)
         add(pixel[first:first + chunk], numbers[:len(part)], rows, sums, photons)
+
+
+def _whole(photons):
+    return -(-photons // 4) * 4         # rows of 4 lanes fill whole vectors
 
 
 # ---- Gates
