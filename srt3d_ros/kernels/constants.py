@@ -1,5 +1,11 @@
 """Numbers that are the method's, not a device's: those that the kernels of every kind of device share."""
 
+# The start (`search`).
+NARROWEST = 0.7     # window of a point that its own pixel shows, pixels
+FAINTEST = 0.05     # of a pixel's first surface that a further one must give: less may be a wrong IRF's
+APART = 4.0         # widths of the matched filter beyond which a pixel's surfaces are two
+DIMMEST = 1e-6      # photons that are divided by, at least
+
 # The tangent plane of a point (`descend`).
 FITS = 2            # the first fit decides which neighbours lie on the plane, the second goes through them
 FIT_RADIUS = 3      # pixels: farther neighbours pool, but no longer tilt the plane
@@ -8,6 +14,10 @@ STD_FLOOR = 0.01    # bins²: keeps the plane's weights finite
 
 # The neighbours whose depths are compared with it (`relief`).
 STEP = 2            # pixels between those that are looked at: nearer ones share their photons
+
+# The intensity of the points (`settle`).
+SHARE_WINDOW = 2.0  # pixels: σ of the neighbourhood that tells how far pixels differ
+LEAST_SHARE = 0.01  # of its pool's intensity that a point has at least
 
 # Evidence of a pixel's own photons (`evidence`).
 LIKENESS = 2.0      # neighbours' intensities may differ by this factor and still be one surface's
@@ -28,3 +38,15 @@ ALONE = 0.5         # nats that a neighbour with fewer surfaces speaks against a
 RESOLVED = 0.7      # widths of the matched filter within which depths are one surface, for sure
 FILL_WINDOW = 2.0   # pixels: window of a point that an empty pixel got from its neighbours
 NEVER = -1e30       # evidence that any other exceeds
+
+# Gradient steps of the peers (`pixelwise`, `poisson`).
+INTENSITY_RATE = 0.5        # of the full step: the points of a pixel change together
+
+# The peers' denoiser (`apss`). Lengths are in pixels, also along the depth.
+APSS_REACH = 2.0            # h of the weights (1 − d²/h²)²: one more than the neighbourhood's radius
+APSS_SAME_SURFACE = 4.0     # points nearer in depth than this to a surface's mean join it
+APSS_ENOUGH = 4             # points of a 3 × 3 neighbourhood that make a surface
+APSS_PROJECTIONS = 5        # of a point onto the surface that is fitted around it, at most
+APSS_STILL = 0.1            # a projection that moves a point less is the last one
+APSS_SHARED = 0.1           # how much of its intensity a point takes from its neighbours
+APSS_RIDGE = 1e-3           # pixels²: keeps slopes and curvature finite where the support is a line or a point

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-KERNELS = ["_blur_cols", "_blur_rows", "_descend", "_evidence", "_explain", "_match", "_own_intensity", "_relief"]
+KERNELS = ["_apss", "_blur_cols", "_blur_rows", "_choose", "_descend", "_evidence", "_explain", "_match",
+           "_own_intensity", "_pixelwise", "_poisson", "_relief", "survey"]
 
 
 def test_kernels_compile_for_an_h100():
@@ -52,6 +53,14 @@ def compile_all() -> list[str]:
     cuda.evidence(data, state)
     cuda.own_intensity(data, state)
     cuda.relief(state, 5.0, layout.MARGIN, 23.0, 300)
+    cuda.propose(data, state[:, :1].contiguous(), 1.5, 23.0, 1)
+    points, image = torch.zeros(rows, surfaces, cols), torch.zeros(rows, cols)
+    cuda.pixelwise(data, torch.zeros(65, 4, m), 0.5, 1.0, points, points)
+    photons = SimpleNamespace(starts=torch.zeros(rows * cols + 1, dtype=torch.int64), toa=image, irf=image, slope=image,
+                              exposure=image, ref=1, information=1.0, num_bins=300)
+    cuda.poisson(photons, image, 0.5, 1.0, points, points)
+    cuda.apss(points, points, None, image, 5.0, 300)
+    cuda.apss(points, points, torch.stack([points, points]), image, 5.0, 300)
     return sorted(compiled)
 
 

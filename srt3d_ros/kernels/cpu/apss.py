@@ -9,15 +9,13 @@ Lengths are in pixels here: (column, row, depth / scale), so that all three dire
 import numpy as np
 from numba import prange
 
+from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, TWO, ZERO, inline, parallel, wrap
 
-REACH = F32(2)              # h of the weights (1 − d²/h²)², pixels: one more than the neighbourhood's radius
-SAME_SURFACE = TWO * REACH  # points nearer in depth than this to a surface's mean join it, pixels
-ENOUGH = 4                  # points of a 3 × 3 neighbourhood that make a surface
-PROJECTIONS = 5             # of a point onto the surface that is fitted around it, at most
-STILL = F32(0.1)            # pixels: a projection that moves a point less is the last one
-SHARED = F32(0.1)           # how much of its intensity a point takes from its neighbours
-RIDGE = F32(1e-3)           # pixels²: keeps slopes and curvature finite where the support is a line or a point
+REACH, SAME_SURFACE, STILL, SHARED, RIDGE = (F32(value) for value in (
+    constants.APSS_REACH, constants.APSS_SAME_SURFACE, constants.APSS_STILL, constants.APSS_SHARED,
+    constants.APSS_RIDGE))
+ENOUGH, PROJECTIONS = constants.APSS_ENOUGH, constants.APSS_PROJECTIONS
 
 
 @inline

@@ -3,9 +3,10 @@
 import numpy as np
 from numba import prange
 
+from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos
 
-RATE = HALF         # of a Gauss-Newton step in intensity: the points of a pixel change together
+RATE = F32(constants.INTENSITY_RATE)
 
 
 @inline

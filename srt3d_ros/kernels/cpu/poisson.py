@@ -3,9 +3,10 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, inline, parallel
 
-RATE = HALF         # of a step by the inverse curvature, in log-intensity
+RATE = F32(constants.INTENSITY_RATE)
 
 
 @inline

@@ -5,6 +5,7 @@ sequence of them can be captured in a CUDA graph. One program works on BLOCK nei
 inner loops of the CPU kernels; what it adds up stays in registers.
 """
 
+from srt3d_ros.kernels.cuda.apss import apss
 from srt3d_ros.kernels.cuda.blur import blur
 from srt3d_ros.kernels.cuda.descend import descend
 from srt3d_ros.kernels.cuda.device import DEVICE, array, numpy
@@ -12,8 +13,10 @@ from srt3d_ros.kernels.cuda.evidence import evidence
 from srt3d_ros.kernels.cuda.explain import explain
 from srt3d_ros.kernels.cuda.intensity import own_intensity
 from srt3d_ros.kernels.cuda.match import match
+from srt3d_ros.kernels.cuda.pixelwise import pixelwise
+from srt3d_ros.kernels.cuda.poisson import poisson
 from srt3d_ros.kernels.cuda.propose import propose
 from srt3d_ros.kernels.cuda.relief import relief
 
-__all__ = ["DEVICE", "array", "blur", "descend", "evidence", "explain", "match", "numpy", "own_intensity",
-           "propose", "relief"]
+__all__ = ["DEVICE", "apss", "array", "blur", "descend", "evidence", "explain", "match", "numpy", "own_intensity",
+           "pixelwise", "poisson", "propose", "relief"]

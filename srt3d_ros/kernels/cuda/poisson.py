@@ -1,0 +1,88 @@
+"""Gradient steps of every point on the Poisson likelihood of its pixel's times of arrival.
+
+A warp works on a pixel, its threads on the pixel's photons: 4 bytes and some 30 operations for each photon and surface.
+"""
+
+import torch
+import triton
+import triton.language as tl
+
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.cuda.arithmetic import TINY
+
+RATE = tl.constexpr(constants.INTENSITY_RATE)
+PHOTONS = 64                # of a pixel that are worked on together
+
+
+@triton.jit
+def _poisson(starts, toa, irf, slope, ref, information, period, exposure, background, rate, usual, depth, intensity,
+             stray, cols, length, SURFACES: tl.constexpr, LAYERS: tl.constexpr, PIXEL_IRF: tl.constexpr,
+             PHOTONS: tl.constexpr):
+    p, k = tl.program_id(0), tl.arange(0, LAYERS)
+    place = (p // cols * SURFACES + k) * cols + p % cols
+    seen, b = tl.load(exposure + p), tl.load(background + p)
+    if seen <= 0.0:
+        tl.store(stray + p, 0.0)
+        return
+    t = tl.load(depth + place, mask=k < SURFACES, other=0.0)
+    r = tl.load(intensity + place, mask=k < SURFACES, other=0.0)
+    if PIXEL_IRF:
+        irf, slope = irf + p.to(tl.int64) * length, slope + p.to(tl.int64) * length
+    signal = tl.zeros([LAYERS, PHOTONS], tl.float32)
+    score, noise = tl.zeros_like(signal), tl.zeros([PHOTONS], tl.float32)
+    last = tl.load(starts + p + 1)
+    for first in range(tl.load(starts + p), last, PHOTONS):
+        photon = first + tl.arange(0, PHOTONS)
+        x = tl.load(toa + photon, mask=photon < last, other=0.0)
+        # Where the photon lies in the IRF, between entries; from the last bin on it rises from 0 before the first one.
+        at = x[None, :] - t[:, None] + ref
+        at -= period * tl.floor(at / period)
+        at = tl.where(at > period - 1.0, at - period, at)
+        low = tl.floor(at).to(tl.int32)
+        part = at - low
+        lit = (r > 0.0)[:, None] & (photon < last)[None, :]
+        before, after = lit & (low >= 0) & (low < length), lit & (low >= -1) & (low < length - 1)
+        value = tl.load(irf + low, mask=before, other=0.0) * (1.0 - part)
+        value += tl.load(irf + low + 1, mask=after, other=0.0) * part
+        rise = tl.load(slope + low, mask=before, other=0.0) * (1.0 - part)
+        rise += tl.load(slope + low + 1, mask=after, other=0.0) * part
+        total = b + tl.sum(r[:, None] * value, axis=0)
+        share = tl.where((photon < last) & (total > 0.0), 1.0 / total, 0.0)
+        noise += b * share
+        signal += r[:, None] * value * share[None, :]
+        score -= r[:, None] * rise * share[None, :]
+    tl.store(stray + p, tl.sum(noise, axis=0))
+    signal, score = tl.sum(signal, axis=1), tl.sum(score, axis=1)
+    reach = 1.0 / tl.sqrt(information)
+    move = rate * score / (tl.maximum(signal, usual * seen) * information + TINY)
+    t += tl.minimum(tl.maximum(move, -reach), reach)
+    expected = r * seen
+    change = (signal - expected) * RATE / (tl.maximum(expected, usual * seen) + TINY)
+    there = (k < SURFACES) & (r > 0.0)
+    tl.store(depth + place, t - period * tl.floor(t / period), mask=there)
+    tl.store(intensity + place, r * tl.exp(tl.minimum(change, 1.0)), mask=there)
+
+
+def poisson(data, background, rate, usual, depth, intensity):
+    """One gradient step in depth and log-intensity on the Poisson likelihood, in place.
+
+    The step is told in kernels/cpu/poisson.py.
+
+    Args:
+        data: the photons and the sensor (see `srt3d_ros.core.peers.rt3d.Likelihood`).
+        background: float32 [rows, cols], b, photons per bin.
+        rate: of the full step, for depths; half of it is taken for intensities.
+        usual: intensity of a usual point.
+        depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
+
+    Returns:
+        float32 [rows, cols], how many of each pixel's photons are background.
+    """
+    rows, surfaces, cols = depth.shape
+    stray = torch.empty_like(background)
+    _poisson[(rows * cols,)](
+        data.starts, data.toa, data.irf, data.slope, float(data.ref), float(data.information), float(data.num_bins),
+        data.exposure, background, float(rate), float(usual), depth, intensity, stray, cols, data.irf.shape[1],
+        SURFACES=surfaces, LAYERS=triton.next_power_of_2(surfaces), PIXEL_IRF=len(data.irf) > 1, PHOTONS=PHOTONS,
+        num_warps=1)
+    return stray
