@@ -48,10 +48,16 @@ class Background:
         self._matched = None if shape is None else _matched(matcher, shape, self._omega)
         self._clutter = None if shape is None else _clutter(matcher, shape, self._omega)
 
-    def remove(self, frame: Frame, kernels) -> Frame:
+    @property
+    def is_flat(self) -> bool:
+        """Whether there is nothing to remove."""
+        return self._matched is None and not self._estimates
+
+    def remove(self, frame: Frame) -> Frame:
         """The frame with a background that is flat in expectation; the same one if it is so already."""
-        if self._matched is None and not self._estimates:
+        if self.is_flat:
             return frame
+        from srt3d_ros.kernels import cpu as kernels  # cells are few: whatever the device, this runs beside it
         cells = _Cells.of(frame, kernels)
         frame, matched = replace(frame, clutter=self._clutter), self._matched
         if self._estimates:

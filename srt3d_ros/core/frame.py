@@ -1,5 +1,6 @@
 """What the iterations see of a frame: its sketch, calibrated and matched to the IRF."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,8 +38,11 @@ class Frame:
         greatest_response: of a photon to a matched filter.
         rarity: float32 [n], what mean responses of 0 … greatest_response are worth as evidence against "background
             alone", standard deviations per √photon.
+        total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
+        curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
         clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
             more; None if the background is even.
+        size: rows, cols if the maps are padded (`layout`): float32 [rows', 2m, cols'] and [rows', cols'].
     """
 
     matched: np.ndarray
@@ -51,22 +55,15 @@ class Frame:
     intensity_moments: np.ndarray
     greatest_response: float
     rarity: np.ndarray
+    total_energy: float
+    curvature: float
     clutter: np.ndarray | None = None
+    size: tuple[int, int] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
         """rows, cols."""
-        return self.noise.shape
-
-    @property
-    def total_energy(self) -> float:
-        """Σ|ĥ_l|², the curvature of the data term in intensity."""
-        return float(self.energy.sum())
-
-    @property
-    def curvature(self) -> float:
-        """Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth."""
-        return float((self.energy * (2 * np.pi * self.cycles)**2).sum())
+        return self.size or self.noise.shape
 
     @property
     def resolution_bins(self) -> float:
@@ -83,7 +80,12 @@ class Frame:
     def padded(self) -> "Frame":
         """The same with padded maps, as the windowed kernels want them."""
         return replace(self, matched=layout.pad(self.matched.swapaxes(1, 2)), noise=layout.pad(self.noise),
-                       exposure=layout.pad(self.exposure))
+                       exposure=layout.pad(self.exposure), size=self.shape)
+
+    def on(self, kernels) -> "Frame":
+        """The same with its arrays on the kernels' device."""
+        return replace(self, **{name: kernels.array(value) for name, value in vars(self).items()
+                                if isinstance(value, np.ndarray)})
 
 
 class Matcher:
@@ -116,27 +118,49 @@ class Matcher:
             *((sensor.rows, sensor.cols) if pixels > 1 else (1, 1)), len(omega))
         self._used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
         self._exposure = self._used if sensor.gain is None else self._used * sensor.gain
-        self._energy = energy.astype(np.float32)
-        self._cycles = (omega / (2 * np.pi)).astype(np.float32)
         self.spectrum = spectrum.mean(axis=0)
-        self._moments, self._intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
-        self._rarity = _rarity(self.spectrum, self.frequencies)
+        energy, cycles = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
+        greatest_response, rarity = _rarity(self.spectrum, self.frequencies)
+        moments, intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
+        self._constants = {
+            "exposure": self._exposure, "energy": energy, "cycles": cycles, "num_bins": sensor.num_bins,
+            "moments": moments, "intensity_moments": intensity_moments, "greatest_response": greatest_response,
+            "rarity": rarity, **curvatures(energy, cycles)}
 
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""
+        self.check(sketch)
+        noise = sketch.photons.astype(np.float32) * self._used
+        return Frame(self.matched(sketch.sums), noise, **self._constants)
+
+    def padded_on(self, kernels) -> Callable[..., Frame]:
+        """A function of sums and photons (on the kernels' device), and scratch, that gives the padded Frame there."""
+        constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
+                     for name, value in self._constants.items()}
+        constants.update(exposure=kernels.array(layout.pad(self._exposure)), size=self._exposure.shape)
+        equaliser, used = kernels.array(self._equaliser), kernels.array(self._used)
+
+        def padded(sums, photons, scratch=None) -> Frame:
+            return Frame(*kernels.prepare(sums, photons, equaliser, used, scratch), **constants)
+
+        return padded
+
+    def check(self, sketch: Sketch) -> None:
+        """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies."""
         shape = (self.sensor.rows, self.sensor.cols)
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
-        require(sketch.photons.shape == shape, "sketch size", sketch.photons.shape, f"rows × cols = {shape}")
-        matched = self.matched(sketch.sums)
-        noise = sketch.photons.astype(np.float32) * self._used
-        return Frame(matched, noise, self._exposure, self._energy, self._cycles, self.sensor.num_bins, self._moments,
-                     self._intensity_moments, *self._rarity)
+        require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
 
     def matched(self, sums: np.ndarray) -> np.ndarray:
         """`Frame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
         matched = (sums * self._equaliser).transpose(0, 2, 1)
         return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
+
+
+def curvatures(energy: np.ndarray, cycles: np.ndarray) -> dict[str, float]:
+    """`total_energy` and `curvature` of a Frame with these energies and frequencies."""
+    return {"total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * cycles)**2).sum())}
 
 
 def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,

@@ -6,6 +6,8 @@ to a whole number of BLOCKs. They are planar: [rows', …, cols'], the columns o
 The state is one map [rows', K, FIELDS, cols'], K surfaces a pixel, with these fields:
 """
 
+import math
+
 import numpy as np
 
 # numba's disk cache watches only the file of a kernel, not this one: after a change here, `touch` the kernels' files.
@@ -21,6 +23,11 @@ WINDOW = 5          # σ of the neighbourhood whose sketches the point pools, pi
 SCORE = 6           # evidence against "background alone", standard deviations
 FIELDS = 7
 ASTRAY = 0.125      # of T: a point with a larger standard deviation says nothing of the depth
+
+
+def half_width(radius: int, line: int) -> int:
+    """Pixels on each side of a round window's line, `line` rows from its middle: dx² + dy² ≤ radius · (radius + 1)."""
+    return math.isqrt(radius * (radius + 1) - line * line)
 
 
 def padded_shape(rows: int, cols: int) -> tuple[int, int]:
@@ -42,7 +49,12 @@ def crop(padded: np.ndarray, rows: int, cols: int) -> np.ndarray:
     return padded[MARGIN:MARGIN + rows, ..., MARGIN:MARGIN + cols]
 
 
+def state_shape(rows: int, cols: int, surfaces: int) -> tuple[int, int, int, int]:
+    """rows', K, FIELDS, cols' of an image's state."""
+    tall, wide = padded_shape(rows, cols)
+    return tall, surfaces, FIELDS, wide
+
+
 def no_surfaces(rows: int, cols: int, surfaces: int) -> np.ndarray:
     """A state without any surface, float32 [rows', K, FIELDS, cols']."""
-    tall, wide = padded_shape(rows, cols)
-    return np.zeros((tall, surfaces, FIELDS, wide), np.float32)
+    return np.zeros(state_shape(rows, cols, surfaces), np.float32)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.frame import Frame, score_moments
+from srt3d_ros.core import layout
+from srt3d_ros.core.frame import Frame, curvatures, score_moments
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.weighting import LEVELS, weighted_steps
@@ -31,7 +32,12 @@ class Precision:
         self._spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies)).mean(axis=0)
         self._table = weighted_steps(sensor, frequencies, "precision").table
 
-    def __call__(self, frame: Frame, share: float) -> Frame:
+    def __call__(self, frame: Frame, state) -> Frame:
+        """The padded frame, weighted for the share of signal among its photons that the state's points show."""
+        signal = float((state[:, :, layout.INTENSITY] * frame.exposure[:, None]).sum())
+        return self.weighted(frame, min(signal / max(float(frame.noise.sum()), 1), 1))
+
+    def weighted(self, frame: Frame, share: float) -> Frame:
         """The frame weighted for a share of signal among the photons, 0 … 1."""
         real, imaginary = self._table[round(share * (LEVELS - 1)), :2].astype(np.float64)
         weights = (imaginary + 1j * real) / self._omega
@@ -41,7 +47,8 @@ class Precision:
         weights, filters, energy = weights * scale, filters * scale, energy * scale
         moments = score_moments(self._sensor, self._omega, filters, np.abs(filters)**2)
         return replace(frame, matched=_turned(frame.matched, weights), energy=energy.astype(np.float32),
-                       moments=moments[0], intensity_moments=moments[1])
+                       moments=moments[0], intensity_moments=moments[1],
+                       **curvatures(energy, self._omega / (2 * np.pi)))
 
 
 def _turned(matched: np.ndarray, weights: np.ndarray) -> np.ndarray:

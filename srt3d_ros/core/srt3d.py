@@ -15,14 +15,12 @@ import numpy as np
 
 from srt3d_ros.core import layout
 from srt3d_ros.core.background import Background
-from srt3d_ros.core.cloud import PointCloud, points_of
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
-from srt3d_ros.core.intensity import shared_intensity
 from srt3d_ros.core.precision import Precision
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.start import (
-    FAINTEST,
     REST_SCALES,
     SURE,
     SURE_SCALES,
@@ -74,33 +72,41 @@ class SRT3D:
         self.surfaces = surfaces
         self.false_alarm_rate = false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
+        self._padded = self._matcher.padded_on(self.kernels)
         self._background = Background(self._matcher, background)
         require(weighting in WEIGHTINGS, "weighting", weighting, " or ".join(WEIGHTINGS))
         self._precision = Precision(sensor, self._matcher.frequencies) if weighting == "precision" else None
+        self._rays = self.kernels.array(sensor.rays)
+        self._scratch = self.kernels.Scratch()
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
-        frame = self._background.remove(self._matcher(sketch), self.kernels)
+        frame, photons = self._frame(sketch), self.kernels.array(sketch.photons)
         threshold = score_threshold(self.false_alarm_rate, frame, REST_SCALES[-1])
-        state = layout.no_surfaces(*frame.shape, self.surfaces)
-        state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels)
+        state = self._scratch.array("state", layout.state_shape(*frame.shape, self.surfaces), zero=True)
+        state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels, self._scratch)
         state = self._iterate(frame, state, WINDOWS[0])
-        state[:, :, layout.INTENSITY][state[:, :, layout.SCORE] < WEAK] = 0
-        state = find_surfaces(frame, state, REST_SCALES, threshold, self.kernels)
+        self.kernels.drop_weak(state, WEAK)
+        state = find_surfaces(frame, state, REST_SCALES, threshold, self.kernels, self._scratch)
         for window in WINDOWS[1:-1]:
             state = self._iterate(frame, state, window)
         state = self._iterate(frame, state, WINDOWS[-1], self._precision)
-        state[:, :, layout.SCORE] /= frame.noise_ratio(state[:, :, layout.DEPTH])
-        return self._cloud(frame, state, sketch)
+        return self._cloud(frame, photons, state, sketch.stamp_ns)
 
-    def _iterate(self, frame: Frame, state: np.ndarray, window, precision: Precision | None = None) -> np.ndarray:
+    def _frame(self, sketch: Sketch) -> Frame:
+        """What the iterations see of a sketch, on the device."""
+        if self._background.is_flat:
+            self._matcher.check(sketch)
+            return self._padded(self.kernels.array(sketch.sums), self.kernels.array(sketch.photons), self._scratch)
+        return self._background.remove(self._matcher(sketch)).padded.on(self.kernels)
+
+    def _iterate(self, frame: Frame, state, window, precision: Precision | None = None):
         """Let surfaces compete and spread, then step down the gradient of the data pooled over the window."""
         sigma, radius = window
-        state = self.kernels.propose(frame.padded, state, sigma, SAME_SURFACE**2, SPREAD)
+        proposed = self.kernels.propose(frame, state, sigma, SAME_SURFACE**2, SPREAD, self._scratch)
         if precision:
-            signal = (layout.crop(state, *frame.shape)[:, :, layout.INTENSITY] * frame.exposure[:, None]).sum()
-            frame = precision(frame, min(signal / max(frame.noise.sum(), 1), 1))
-        return self.kernels.descend(frame.padded, state, radius, SAME_SURFACE**2)
+            frame = precision(frame, proposed)
+        return self.kernels.descend(frame, proposed, radius, SAME_SURFACE**2, out=state)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
@@ -109,24 +115,21 @@ class SRT3D:
             -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
         frequencies = self._matcher.frequencies
         sums = rng.normal(size=(8, 8, len(frequencies), 2)).astype(np.float32).view(np.complex64)[..., 0]
-        SRT3D(small, frequencies, self.surfaces)(Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
+        SRT3D(small, frequencies, self.surfaces, device=self.device)(
+            Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
 
-    def _cloud(self, frame: Frame, state: np.ndarray, sketch: Sketch) -> PointCloud:
+    def _cloud(self, frame: Frame, photons, state, stamp_ns: int) -> PointCloud:
         """The points that the photons speak for, with all that is told of them."""
-        view = layout.crop(state, *frame.shape)                                       # [rows, K, FIELDS, cols]
-        own = layout.crop(self.kernels.own_intensity(frame.padded, state), *frame.shape)
-        kept = view[:, :, layout.SCORE] > continuation_threshold(self.false_alarm_rate)
-        intensity = np.where(kept, shared_intensity(frame, state, own, self.kernels), 0)
-        intensity[intensity < FAINTEST * intensity.max(axis=1, keepdims=True)] = 0
-        relief = self.kernels.relief(state, *RELIEF, SAME_SURFACE**2, frame.num_bins)
-        std = np.hypot(view[:, :, layout.STD], layout.crop(relief, *frame.shape))
-        seen = (intensity * frame.exposure[:, None]).sum(axis=1)
-        background = np.maximum(sketch.photons - seen, 0)
-        cloud = PointCloud.from_layers(self._matcher.sensor, view[:, :, layout.DEPTH], intensity, std, background,
-                                       sketch.stamp_ns)
+        sensor, kernels = self._matcher.sensor, self.kernels
+        enough = continuation_threshold(self.false_alarm_rate)
+        intensity, std, background = kernels.settle(frame, photons, state, enough, *RELIEF, SAME_SURFACE**2,
+                                                    self._scratch)
+        row, col, layer, rank, *values = kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
+                                                         float(sensor.range_m(0)), sensor.num_bins)
+        cloud = PointCloud(row, col, *values, rank, kernels.numpy(background), stamp_ns)
         if self.upsampling == 1:
             return cloud
-        row, layer, col, _ = points_of(intensity)
+        view = layout.crop(kernels.numpy(state), *frame.shape)
         slopes = (view[row, layer, field, col] for field in (layout.SLOPE_ROW, layout.SLOPE_COL))
         return refine(cloud, self.upsampling, self.sensor, *slopes)
 

@@ -15,7 +15,6 @@ from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.kernels import cpu
 
 T = 600
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)
@@ -58,7 +57,7 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
     matcher = Matcher(sensor, frequencies)
     frame = matcher(Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32)))
-    left = Background(matcher).remove(frame, cpu).matched
+    left = Background(matcher).remove(frame).matched
     assert np.abs(frame.matched).max() > 5 and np.abs(left).max() < 1e-3
 
 
@@ -66,9 +65,9 @@ def test_a_sensor_that_says_nothing_has_a_flat_background():
     sensor = make_sensor(8, 12)
     matcher = Matcher(sensor, (1, 2, 5))
     frame = matcher(Sketch((1, 2, 5), np.ones((8, 12, 3), np.complex64), np.full((8, 12), 5, np.uint32)))
-    assert Background(matcher).remove(frame, cpu) is frame and Background(matcher, "flat").remove(frame, cpu) is frame
+    assert Background(matcher).remove(frame) is frame and Background(matcher, "flat").remove(frame) is frame
     shaped = Matcher(sensor.replace(background_shape=SHAPES["fog"]), (1, 2, 5))
-    assert Background(shaped, "flat").remove(frame, cpu) is frame
+    assert Background(shaped, "flat").remove(frame) is frame
 
 
 @pytest.mark.parametrize("shape", SHAPES)

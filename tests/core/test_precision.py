@@ -29,7 +29,7 @@ def test_without_signal_it_is_the_identity():
     sensor = make_sensor(8)
     k = choose("auto", sensor, 8)
     frame = Matcher(sensor, k)(sketch_photons(photons_of_a_wall(sensor, 1, 20)[0], sensor, k))
-    weighted = Precision(sensor, k)(frame, 0.0)
+    weighted = Precision(sensor, k).weighted(frame, 0.0)
     np.testing.assert_allclose(weighted.energy, frame.energy, rtol=0.02)
     np.testing.assert_allclose(weighted.matched, frame.matched, atol=0.02 * np.abs(frame.matched).max())
 

@@ -7,13 +7,15 @@ complex numbers z_l here, of which the kernels keep real and imaginary parts apa
 import numpy as np
 
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.descend import FIT_RADIUS, FITS, RIDGE, STD_FLOOR
-from srt3d_ros.kernels.cpu.relief import STEP
+from srt3d_ros.kernels.constants import FIT_RADIUS, FITS, RIDGE, STD_FLOOR, STEP
 
-from .reference_arithmetic import angular, pixel_z, response_of, unexplained, wrap
+from .reference_arithmetic import angular, response_of, unexplained, wrap
 from .reference_propose import evidence, propose
+from .reference_settle import collect, settled
+from .reference_start import blur, drop_weak, leave, match, prepare, search
 
-__all__ = ["blur", "descend", "evidence", "explain", "match", "own_intensity", "propose", "relief", "sketch_continuous",
+__all__ = ["Scratch", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain", "leave", "match",
+           "numpy", "own_intensity", "prepare", "propose", "relief", "search", "settle", "sketch_continuous",
            "sketch_gates", "sketch_unsorted"]
 
 SLOPES = [SLOPE_COL, SLOPE_ROW]
@@ -45,44 +47,9 @@ def sketch_gates(words, table, first_word, no_detection):
     return sums, photons, max(words[cycle, pixel][stray].tolist(), default=-1)
 
 
-# ---- Start ---------------------------------------------------------------------------------------------------------
-
-def blur(values, weights, step):
-    rows, channels, cols = values.shape
-    radius = (len(weights) - step) // 2
-    around = np.pad(values.astype(np.float64), ((radius, radius + step), (0, 0), (radius, radius + step)))
-    out = np.zeros((-(-rows // step), channels, -(-cols // step)))
-    for i in range(out.shape[0]):
-        for j in range(out.shape[2]):
-            window = around[i * step:i * step + len(weights), :, j * step:j * step + len(weights)]
-            out[i, :, j] = np.einsum("a,acb,b->c", weights, window, weights)
-    return out
-
-
-def match(matched, energy, cycles, num_bins, surfaces):
-    rows, _, cols = matched.shape
-    omega, energy = 2 * np.pi * cycles.astype(np.float64), energy.astype(np.float64)
-    cells = 16 * int(np.ceil(4 * np.round(cycles.max() * num_bins) / 16))
-    t = np.arange(cells) * num_bins / cells
-    depth, intensity = (np.zeros((rows, surfaces, cols)) for _ in range(2))
-    for i, j in np.ndindex(rows, cols):
-        rest = pixel_z(matched, i, j)
-        for k in range(surfaces):
-            response = (rest * np.exp(-1j * np.outer(t, omega))).real.sum(axis=1)
-            top = int(response.argmax())
-            before, peak, after = response[top - 1], response[top], response[(top + 1) % cells]
-            bend = before - 2 * peak + after
-            shift = (before - after) / 2 / bend if bend < 0 else 0.0
-            value = peak - (before - after) / 4 * shift
-            depth[i, k, j] = (top + shift) * num_bins / cells
-            intensity[i, k, j] = value / energy.sum()
-            rest = rest - value / energy.sum() * energy * np.exp(1j * omega * depth[i, k, j])
-    return depth, intensity
-
-
 # ---- Iterations ----------------------------------------------------------------------------------------------------
 
-def descend(data, state, radius, gate, steps=3):
+def descend(data, state, radius, gate, steps=3, out=None):
     state = state.astype(np.float64)
     surfaces = state.shape[1]
     after = np.zeros_like(state)
@@ -99,7 +66,10 @@ def descend(data, state, radius, gate, steps=3):
                 for _ in range(FITS):
                     point[SLOPES] = _plane(point, _within(around, beyond), gate, data)
                 after[i, k, :, j] = _climbed(point, around, sketches, noise, exposure, radius, gate, steps, data)
-    return after
+    if out is None:
+        return after
+    out[:] = after
+    return out
 
 
 def _within(around, margin) -> np.ndarray:
@@ -107,14 +77,15 @@ def _within(around, margin) -> np.ndarray:
     return around[margin:len(around) - margin, margin:len(around) - margin]
 
 
-def _weighed(point, around, gate, data) -> tuple:
+def _weighed(point, around, gate, data, limit=np.inf) -> tuple:
     """How much the surfaces of a window count for a point [rows, cols, K], how much pixels without any [rows, cols].
 
-    And the distance of each surface from the point's plane, in bins.
+    And the distance of each surface from the point's plane, in bins. Beyond √limit pixels nothing counts.
     """
     depth, std, seen = around[..., DEPTH], around[..., STD], around[..., INTENSITY] > 0
     dy, dx = _offsets(around)
     near = np.exp(-(dx**2 + dy**2) / (2 * max(point[WINDOW], 0.1)**2))
+    near = np.where(dx**2 + dy**2 <= limit, near, 0)
     plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
     e = wrap(depth - plane[..., None], data.num_bins)
     close = np.maximum(1 - e**2 / (gate * point[STD]**2 + gate * std**2 + 1e-12), 0)
@@ -139,7 +110,7 @@ def _plane(point, around, gate, data) -> np.ndarray:
 
 def _climbed(point, around, sketches, noise, exposure, radius, gate, steps, data) -> np.ndarray:
     """The point after gradient steps on the sketches of its window, added up along its plane."""
-    w, blank, _ = _weighed(point, around, gate, data)
+    w, blank, _ = _weighed(point, around, gate, data, radius * (radius + 1))
     dy, dx = _offsets(around)
     plane = point[DEPTH] + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
     w[..., 0] += blank                                  # a pixel without surfaces shows all it has
@@ -206,3 +177,24 @@ def _offsets(around) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of a window's pixels from its centre."""
     radius = around.shape[0] // 2
     return np.mgrid[-radius:radius + 1, -radius:radius + 1].astype(np.float64)
+
+
+# ---- End -----------------------------------------------------------------------------------------------------------
+
+def settle(data, photons, state, enough, window, radius, gate, scratch=None):
+    return settled(data, photons, state, own_intensity(data, state), relief(state, window, radius, gate, data.num_bins),
+                   enough)
+
+
+# ---- Memory --------------------------------------------------------------------------------------------------------
+
+class Scratch:
+    def array(self, name, shape, zero=False):
+        return np.zeros(shape)
+
+
+def array(values):
+    return values
+
+
+numpy = array

@@ -54,7 +54,7 @@ def _left(photons, others) -> float:
     return max(photons - others, LEFT) if photons > 0 else 0.0
 
 
-def propose(data, state, window, gate, spread):
+def propose(data, state, window, gate, spread, scratch=None):
     state = state.astype(np.float64)
     own = evidence(data, state)
     for step in range(1 + spread):

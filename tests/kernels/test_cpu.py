@@ -127,13 +127,12 @@ def test_nothing_appears_outside_the_image_or_in_masked_pixels():
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("surfaces", "light"), [(1, 1), (1, FAINT), (2, 1), (2, 0.1)])
-def test_whole_reconstructions_agree(shape, surfaces, light):
+def test_whole_reconstructions_agree(shape, surfaces, light, monkeypatch):
     sensor = make_sensor(*shape, seed=5)
     sketch = make_sketch(sensor, 5, light)
-    srt3d = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)
-    fast = srt3d(sketch)
-    srt3d.kernels = reference
-    slow = srt3d(sketch)
+    fast = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)(sketch)
+    monkeypatch.setattr("srt3d_ros.core.srt3d.kernels_for", lambda device: (device, reference))
+    slow = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)(sketch)
     for k in range(surfaces):
         depth = [cloud.image("depth_bins", k) for cloud in (fast, slow)]
         there = np.isfinite(depth[0])

@@ -5,15 +5,22 @@ depend on its photons, and results do not depend on the number of threads: no su
 """
 
 from srt3d_ros.kernels.cpu.apss import apss
-from srt3d_ros.kernels.cpu.descend import descend, explain
+from srt3d_ros.kernels.cpu.blur import blur
+from srt3d_ros.kernels.cpu.descend import descend
 from srt3d_ros.kernels.cpu.evidence import evidence
+from srt3d_ros.kernels.cpu.explain import explain, leave
 from srt3d_ros.kernels.cpu.intensity import own_intensity
+from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.pixelwise import pixelwise
 from srt3d_ros.kernels.cpu.poisson import poisson
+from srt3d_ros.kernels.cpu.prepare import prepare
 from srt3d_ros.kernels.cpu.propose import propose
 from srt3d_ros.kernels.cpu.relief import relief
+from srt3d_ros.kernels.cpu.scratch import Scratch, array, numpy
+from srt3d_ros.kernels.cpu.search import drop_weak, search
+from srt3d_ros.kernels.cpu.settle import collect, settle
 from srt3d_ros.kernels.cpu.sketch import sketch_continuous, sketch_gates, sketch_unsorted
-from srt3d_ros.kernels.cpu.start import blur, match
 
-__all__ = ["apss", "blur", "descend", "evidence", "explain", "match", "own_intensity", "pixelwise", "poisson",
-           "propose", "relief", "sketch_continuous", "sketch_gates", "sketch_unsorted"]
+__all__ = ["Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain", "leave",
+           "match", "numpy", "own_intensity", "pixelwise", "poisson", "prepare", "propose", "relief", "search",
+           "settle", "sketch_continuous", "sketch_gates", "sketch_unsorted"]

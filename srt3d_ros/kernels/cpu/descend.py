@@ -1,8 +1,6 @@
 """One iteration's gradient steps: measure every point's tangent plane, pool the sketches along it, climb.
 
-Written for vector registers. What a block of columns needs lives in one flat scratch array whose parts lie at offsets
-known at compile time, and indices are unsigned: only so can the compiler see that the parts do not overlap and that no
-index counts from the end.
+`pool` does what is to be done for a line of a window; here is the order in which a block of points goes through them.
 """
 
 import numpy as np
@@ -10,48 +8,61 @@ from numba import prange
 
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
-from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos, wrap
-
-FITS = 2                     # of a plane: the first decides which neighbours lie on it, the second goes through them
-FIT_RADIUS = 3               # pixels: farther neighbours pool, but no longer tilt the plane
-RIDGE = F32(1e-3)            # pixels²: keeps the plane finite where its support is a line
-STD_FLOOR = F32(0.01)        # bins²: keeps the plane's weights finite
-
-U = np.uint64
-B = U(BLOCK)
-DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, WINDOW, SCORE = (U(getattr(layout, name)) for name in (
-    "DEPTH", "SLOPE_COL", "SLOPE_ROW", "INTENSITY", "STD", "WINDOW", "SCORE"))
-
-# Offsets into the scratch array: single rows of BLOCK numbers, then groups of a row for each frequency.
-(T, SC, SR, VARIANCE, W, CLOSE, VALUE, SLOPE, BEND, D, NOISE, PHOTONS, EXPOSURE,
- F0, FX, FY, FXX, FYY, FXY, FE, FXE, FYE) = (U(k * BLOCK) for k in range(22))
-NEAR = U(22 * BLOCK)
-GROUP = U(MAX_SKETCH_SIZE * BLOCK)
-RE, IM, COL, ROW, LINE, AT = (U(22 * BLOCK + (MARGIN + 1) * BLOCK) + U(k) * GROUP for k in (0, 1, 2, 4, 6, 8))
-SCRATCH = int(AT + U(2) * GROUP)        # COL, ROW, LINE, AT: a group of sines, then one of cosines
-
-
-@inline
-def _rotate(s, p, step, m):
-    """Turn the phases at `p` by those at `step`."""
-    for l in range(m):
-        a, c = p + l * B, step + l * B
-        for x in range(B):
-            ps, pc = s[a + x], s[a + GROUP + x]
-            ts, tc = s[c + x], s[c + GROUP + x]
-            s[a + x] = ps * tc + pc * ts
-            s[a + GROUP + x] = pc * tc - ps * ts
-
-
-@inline
-def _copy_line(s, m):
-    """Phases at the start of a window's line."""
-    for l in range(m):
-        a, c = AT + l * B, LINE + l * B
-        for x in range(B):
-            s[a + x] = s[c + x]
-            s[a + GROUP + x] = s[c + GROUP + x]
+from srt3d_ros.kernels.constants import FIT_RADIUS, FITS, RIDGE
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos
+from srt3d_ros.kernels.cpu.explain import explain
+from srt3d_ros.kernels.cpu.pool import (
+    BASE,
+    BEND,
+    CLOSE,
+    COL,
+    DEPTH,
+    EXPOSURE,
+    F0,
+    FE,
+    FX,
+    FXE,
+    FXX,
+    FXY,
+    FY,
+    FYE,
+    FYY,
+    GROUP,
+    HALF_IM,
+    HALF_RE,
+    IM,
+    INTENSITY,
+    LINE_0,
+    LINE_1,
+    LINE_2,
+    LINE_3,
+    LINE_4,
+    LINE_5,
+    LINE_6,
+    NEAR,
+    NOISE,
+    PHOTONS,
+    RE,
+    ROW,
+    SC,
+    SCORE,
+    SCRATCH,
+    SLOPE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SR,
+    STD,
+    VALUE,
+    VARIANCE,
+    WINDOW,
+    B,
+    D,
+    T,
+    U,
+    W,
+    fit_line,
+    pool_line,
+)
 
 
 @inline
@@ -75,72 +86,20 @@ def _begin(s, state, point, wide, radius, gate):
 
 
 @inline
-def _aim(s, cycles, radius, m):
-    """Set the phases for the corner of the windows and for the steps along the planes, empty the pools."""
-    for x in range(F0 - NOISE):
-        s[NOISE + x] = ZERO
-    r = F32(radius)
-    for l in range(m):
-        k, a = cycles[l], l * B
-        for x in range(B):
-            s[RE + a + x] = ZERO
-            s[IM + a + x] = ZERO
-            s[COL + a + x], s[COL + GROUP + a + x] = sincos(k * s[SC + x])
-            s[ROW + a + x], s[ROW + GROUP + a + x] = sincos(k * s[SR + x])
-            s[LINE + a + x], s[LINE + GROUP + a + x] = sincos(k * (s[T + x] - (s[SC + x] + s[SR + x]) * r))
-
-
-@inline
-def _weigh(s, state, at, wide, q, surfaces, di, dj, gate, period):
-    """Weights of the neighbours at (di, dj) for their surface q: to pool them, and to fit planes through them.
-
-    A neighbour counts by its distance and by how well its surface lies on the point's plane: not at all beyond
-    sqrt(gate) standard deviations. A pixel with no surface counts by its distance alone, one with several by the
-    nearest.
-    """
-    dx, dy = F32(dj), F32(di)
-    near_row, near_col = NEAR + U(abs(di)) * B, NEAR + U(abs(dj)) * B
-    mine = at + q * U(FIELDS) * wide
-    for x in range(B):
-        rise = s[SC + x] * dx + s[SR + x] * dy
-        e = wrap(state[mine + DEPTH * wide + x] - s[T + x] - rise, period)
-        noisy = state[mine + STD * wide + x] * state[mine + STD * wide + x]
-        close = max(ONE - e * e / (s[VARIANCE + x] + gate * noisy), ZERO)
-        seen = state[mine + INTENSITY * wide + x] > ZERO
-        w = s[near_row + x] * s[near_col + x]
-        blank = w if q == 0 else ZERO
-        lit = w * close * close if seen else ZERO
-        s[W + x] = lit if seen else blank
-        s[CLOSE + x] = lit / (noisy + STD_FLOOR)
-        s[D + x] = e
-    for o in range(surfaces):
-        if o != q:
-            other = at + o * U(FIELDS) * wide
-            for x in range(B):
-                rise = s[SC + x] * dx + s[SR + x] * dy
-                e = wrap(state[other + DEPTH * wide + x] - s[T + x] - rise, period)
-                there = state[other + INTENSITY * wide + x] > ZERO
-                empty = state[mine + INTENSITY * wide + x] <= ZERO
-                drop = there and (empty or abs(e) < abs(s[D + x]))
-                s[W + x] = ZERO if drop else s[W + x]
-                s[CLOSE + x] = ZERO if drop else s[CLOSE + x]
-
-
-@inline
-def _fit(s, di, dj):
-    """Add the weighed neighbours to the sums of the planes, by moving least squares."""
-    dx, dy = F32(dj), F32(di)
-    for x in range(B):
-        f, e = s[CLOSE + x], s[D + x]
-        s[F0 + x] += f
-        s[FX + x] += f * dx
-        s[FY + x] += f * dy
-        s[FXX + x] += f * dx * dx
-        s[FYY + x] += f * dy * dy
-        s[FXY + x] += f * dx * dy
-        s[FE + x] += f * e
-        s[FXE + x] += f * e * dx
-        s[FYE + x] += f * e * dy
+def _fit(s, state, i, j, wide, layers, radius, gate, period):
+    """Sums of the planes through the surfaces around pixel (i, j) and the columns after it."""
+    surfaces = len(layers)
+    for x in range(BASE - F0):
+        s[F0 + x] = ZERO
+    for dy in range(-radius, radius + 1):
+        at = U((i + dy) * surfaces * FIELDS * wide + j - radius)
+        for q in range(surfaces):
+            if radius == 3:
+                fit_line(s, state, at, U(wide), q, layers, LINE_3, dy, gate, period)
+            elif radius == 2:
+                fit_line(s, state, at, U(wide), q, layers, LINE_2, dy, gate, period)
+            else:
+                fit_line(s, state, at, U(wide), q, layers, LINE_1, dy, gate, period)
 
 
 @inline
@@ -148,7 +107,7 @@ def _turn(s, steepness):
     """Turn the planes to the sums. A slope is held to 0 as by one measurement with variance 1 / steepness."""
     for x in range(B):
         f0 = s[F0 + x] + TINY
-        ridge = steepness / f0 + RIDGE
+        ridge = steepness / f0 + F32(RIDGE)
         mx, my, me = s[FX + x] / f0, s[FY + x] / f0, s[FE + x] / f0
         cxx, cyy = s[FXX + x] / f0 - mx * mx, s[FYY + x] / f0 - my * my
         cxy = s[FXY + x] / f0 - mx * my
@@ -161,20 +120,62 @@ def _turn(s, steepness):
 
 
 @inline
-def _pool(s, sketches, sketch, noise, exposure, at, wide, m):
-    """Add the weighted sketches of one offset, turned back by where the planes are there."""
-    for x in range(B):
-        w = s[W + x]
-        s[NOISE + x] += w * w * noise[at + x]
-        s[PHOTONS + x] += w * noise[at + x]
-        s[EXPOSURE + x] += w * exposure[at + x]
+def _aim(s, cycles, m):
+    """Set the phases of the steps along the planes, empty the pools."""
+    for x in range(F0 - NOISE):
+        s[NOISE + x] = ZERO
     for l in range(m):
-        re, im, a = sketch + l * wide, sketch + (m + l) * wide, l * B
+        k, a = cycles[l], l * B
         for x in range(B):
-            wr, wi = s[W + x] * sketches[re + x], s[W + x] * sketches[im + x]
-            sine, cosine = s[AT + a + x], s[AT + GROUP + a + x]
-            s[RE + a + x] += wr * cosine + wi * sine
-            s[IM + a + x] += wi * cosine - wr * sine
+            s[RE + a + x], s[IM + a + x], s[HALF_RE + a + x], s[HALF_IM + a + x] = ZERO, ZERO, ZERO, ZERO
+            s[COL + a + x], s[COL + GROUP + a + x] = sincos(k * s[SC + x])
+            s[ROW + a + x], s[ROW + GROUP + a + x] = sincos(k * s[SR + x])
+
+
+@inline
+def _turn_half(s, m, sign):
+    """Turn the sums of half a window back by the slope of a row."""
+    for l in range(m):
+        a = l * B
+        for x in range(B):
+            sine, cosine = sign * s[ROW + a + x], s[ROW + GROUP + a + x]
+            re, im = s[HALF_RE + a + x], s[HALF_IM + a + x]
+            s[HALF_RE + a + x] = re * cosine + im * sine
+            s[HALF_IM + a + x] = im * cosine - re * sine
+
+
+@inline
+def _add_half(s, m):
+    """Move the sums of half a window to those of the whole one."""
+    for x in range(m * B):
+        s[RE + x] += s[HALF_RE + x]
+        s[IM + x] += s[HALF_IM + x]
+        s[HALF_RE + x] = ZERO
+        s[HALF_IM + x] = ZERO
+
+
+@inline
+def _pool_row(s, maps, i, j, tall, wide, m, layers, half, dy, gate, period):
+    """Add row dy of the windows."""
+    surfaces = len(layers)
+    a, b = i + dy, j - half
+    at, pixel = U(a * surfaces * FIELDS * wide + b), U(a * wide + b)
+    for q in range(surfaces):
+        sketch = U((q * tall + a) * 2 * m * wide + b)
+        if half == 6:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_6, dy, gate, period)
+        elif half == 5:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_5, dy, gate, period)
+        elif half == 4:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_4, dy, gate, period)
+        elif half == 3:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_3, dy, gate, period)
+        elif half == 2:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_2, dy, gate, period)
+        elif half == 1:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_1, dy, gate, period)
+        else:
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_0, dy, gate, period)
 
 
 @inline
@@ -184,6 +185,13 @@ def _climb(s, cycles, total, curvature, steps, m):
     A step ends at the width of a peak: where the photons contradict the point the curvature says nothing.
     """
     reach = np.sqrt(total / curvature)
+    for l in range(m):
+        k, a = cycles[l], l * B
+        for x in range(B):
+            sine, cosine = sincos(k * s[T + x])
+            re, im = s[RE + a + x], s[IM + a + x]
+            s[RE + a + x] = re * cosine + im * sine
+            s[IM + a + x] = im * cosine - re * sine
     for x in range(B):
         s[D + x] = ZERO
     for step in range(steps + 1):
@@ -229,77 +237,37 @@ def _finish(s, state, point, out, wide, radius, moments, total, curvature, perio
 
 
 @parallel
-def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate, radius, steps, shape, state, out):
-    """The maps come flat, their `shape` is [rows', K, FIELDS, cols']."""
-    tall, surfaces, fields, wide = shape
-    m = len(energy)
+def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate, widths, fit, steps, layers, shape,
+             state, out):
+    """The maps come flat, their `shape` is [rows', K, FIELDS, cols']; `layers` is a tuple as long as K."""
+    tall, _, fields, wide = shape
+    surfaces, m, radius = len(layers), len(energy), len(widths) - 1
     period, total = F32(num_bins), energy.sum()
     curvature = (energy * cycles * cycles).sum() * F32(4 * np.pi**2)
+    maps = (state, sketches, noise, exposure)
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
         s = np.empty(SCRATCH, np.float32)
-        near = min(radius, FIT_RADIUS)
         for j in range(MARGIN, wide - MARGIN, BLOCK):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * wide + j)
                 _begin(s, state, point, U(wide), radius, gate)
-                for fit in range(FITS):
-                    for x in range(NEAR - F0):
-                        s[F0 + x] = ZERO
-                    for di in range(-near, near + 1):
-                        for dj in range(-near, near + 1):
-                            for q in range(surfaces):
-                                at = U((i + di) * surfaces * fields * wide + j + dj)
-                                _weigh(s, state, at, U(wide), U(q), U(surfaces), di, dj, gate, period)
-                                _fit(s, di, dj)
+                for _ in range(FITS):
+                    _fit(s, state, i, j, wide, layers, fit, gate, period)
                     _turn(s, curvature / total)
-                _aim(s, cycles, radius, U(m))
-                for di in range(-radius, radius + 1):
-                    _copy_line(s, U(m))
-                    for dj in range(-radius, radius + 1):
-                        a, b = i + di, j + dj
-                        for q in range(surfaces):
-                            _weigh(s, state, U(a * surfaces * fields * wide + b), U(wide), U(q), U(surfaces), di, dj,
-                                   gate, period)
-                            _pool(s, sketches, U((q * tall + a) * 2 * m * wide + b), noise, exposure, U(a * wide + b),
-                                  U(wide), U(m))
-                        _rotate(s, AT, COL, U(m))
-                    _rotate(s, LINE, ROW, U(m))
+                _aim(s, cycles, U(m))
+                for side in range(1, -2, -2):
+                    for d in range(radius, 0, -1):
+                        _pool_row(s, maps, i, j, tall, wide, m, layers, widths[d], side * d, gate, period)
+                        _turn_half(s, U(m), F32(side))
+                    _add_half(s, U(m))
+                _pool_row(s, maps, i, j, tall, wide, m, layers, widths[0], 0, gate, period)
+                _add_half(s, U(m))
                 _climb(s, cycles, total, curvature, steps, U(m))
                 _finish(s, state, point, out, U(wide), F32(radius), moments, total, curvature, period)
 
 
-@parallel
-def _explain(matched, exposure, energy, cycles, state, rest):
-    tall, surfaces, _, wide = state.shape
-    m = len(energy)
-    for i in prange(tall):
-        for j in range(wide):
-            for k in range(surfaces):
-                rest[k, i, :, j] = matched[i, :, j]
-                for o in range(surfaces):
-                    known = state[i, o, layout.INTENSITY, j] * exposure[i, j]
-                    if o != k and known > ZERO:
-                        for l in range(m):
-                            sine, cosine = sincos(cycles[l] * state[i, o, layout.DEPTH, j])
-                            rest[k, i, l, j] -= known * energy[l] * cosine
-                            rest[k, i, m + l, j] -= known * energy[l] * sine
-
-
-def explain(data, state):
-    """What is left of the pixels' sketches for each of their surfaces when the others are taken out.
-
-    Returns:
-        float32 [K, rows', 2m, cols'].
-    """
-    if state.shape[1] == 1:
-        return data.matched[None]
-    rest = np.empty((state.shape[1], *data.matched.shape), np.float32)
-    _explain(data.matched, data.exposure, data.energy, data.cycles, state, rest)
-    return rest
-
-
-def descend(data, state, radius, gate, steps=3):
+def descend(data, state, radius, gate, steps=3, out=None):
     """Gradient steps of every point on the sketches pooled around it.
 
     Args:
@@ -313,7 +281,10 @@ def descend(data, state, radius, gate, steps=3):
         The next state: depth, slopes, intensity (of the pool, per pixel), std and score.
     """
     sketches = explain(data, state)
-    after = np.zeros_like(state)
+    out = np.zeros_like(state) if out is None else out
+    fit = min(radius, FIT_RADIUS)
+    widths = np.array([layout.half_width(radius, line) for line in range(radius + 1)])
     _descend(sketches.reshape(-1), data.noise.reshape(-1), data.exposure.reshape(-1), data.energy, data.cycles,
-             data.num_bins, data.moments, F32(gate), radius, steps, state.shape, state.reshape(-1), after.reshape(-1))
-    return after
+             data.num_bins, data.moments, F32(gate), widths, fit, steps, (0,) * state.shape[1], state.shape,
+             state.reshape(-1), out.reshape(-1))
+    return out

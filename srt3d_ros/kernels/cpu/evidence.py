@@ -76,7 +76,7 @@ def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments
                                         SHARING if others > ZERO else LIKENESS, total, greatest, worth, moments)
 
 
-def evidence(data, state):
+def evidence(data, state, out=None):
     """Log-likelihood gain of every point by its own pixel's photons, nats.
 
     Args:
@@ -86,7 +86,8 @@ def evidence(data, state):
     Returns:
         float32 [rows', K, cols'], 0 where there is no point.
     """
-    out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
+    if out is None:
+        out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
     _evidence(data.matched, data.noise, data.exposure, data.energy, data.cycles, F32(data.greatest_response),
               data.rarity, data.intensity_moments, state, out)
     return out

@@ -21,12 +21,13 @@ def _own_intensity(matched, exposure, energy, cycles, state, out):
                 out[i, k, j] = share if state[i, k, INTENSITY, j] > ZERO else ZERO
 
 
-def own_intensity(data, state):
+def own_intensity(data, state, out=None):
     """Least-squares intensity of each point from its own pixel alone, the pixel's other surfaces taken out.
 
     Returns:
         float32 [rows', K, cols'], 0 where there is no point.
     """
-    out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
+    if out is None:
+        out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
     _own_intensity(data.matched, data.exposure, data.energy, data.cycles, state, out)
     return out

@@ -6,6 +6,7 @@ from numba import prange
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
+from srt3d_ros.kernels.cpu.scratch import borrow
 
 REACH = 2                    # pixels: of the neighbourhood that votes
 BELIEF = F32(0.45)           # nats that a neighbour's vote is worth before its own photons are asked
@@ -234,7 +235,7 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
                 _explain(rest, record[DEPTH], share, energy, cycles)
 
 
-def propose(data, state, window, gate, spread):
+def propose(data, state, window, gate, spread, scratch=None):
     """Let surfaces compete and spread: a pixel takes the neighbouring surface that photons speak for.
 
     The evidence for a surface is that of the pixel's own photons (`evidence.nats`) and a vote from each pixel around
@@ -249,17 +250,19 @@ def propose(data, state, window, gate, spread):
         window: σ of the neighbourhood that points pool from now on, at least, pixels.
         gate: as in `descend`.
         spread: pixels by which surfaces may grow into others that have room after the competition.
+        scratch: where results may lie until the next call.
 
     Returns:
         The next state.
     """
     # Depths nearer than the sketch can resolve are one surface, whatever their standard deviations.
     blur2 = F32(RESOLVED * data.resolution_bins)**2
-    own = evidence(data, state)
+    own = evidence(data, state, borrow(scratch, "evidence", state[:, :, 0].shape))
     for step in range(1 + spread):
         if step > 0 and not ((state[:, :, INTENSITY] <= ZERO).any(axis=1) & (data.exposure > ZERO)).any():
             break
-        after, own_after = np.zeros_like(state), np.zeros_like(own)
+        after = borrow(scratch, f"proposed {step % 2}", state.shape, scratch is None)
+        own_after = borrow(scratch, f"own {step % 2}", own.shape, scratch is None)
         _propose(data.matched, data.noise, data.exposure, data.energy, data.cycles, data.num_bins,
                  F32(data.greatest_response), data.rarity, data.intensity_moments, F32(gate), blur2, F32(window),
                  step > 0, state, own, after, own_after)

@@ -4,9 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.constants import STEP
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, parallel, wrap
-
-STEP = 2                     # pixels between the neighbours that are looked at: nearer ones share their photons
 
 
 @parallel
@@ -35,7 +34,7 @@ def _relief(state, near, gate, num_bins, out):
                 out[i, k, j] = np.sqrt(square[j] / (weight[j] + TINY)) if state[i, k, INTENSITY, j] > ZERO else ZERO
 
 
-def relief(state, window, radius, gate, num_bins):
+def relief(state, window, radius, gate, num_bins, out=None):
     """Root mean square distance of the neighbours' depths from each point's tangent plane, bins.
 
     A pool along a plane gives the depth of the plane: where the surface bends or is rough, it is wrong by about this.
@@ -51,6 +50,7 @@ def relief(state, window, radius, gate, num_bins):
         float32 [rows', K, cols'], 0 where there is no point.
     """
     near = np.exp(-np.arange(radius + 1)**2 / (2 * window**2)).astype(np.float32)
-    out = np.zeros((state.shape[0], state.shape[1], state.shape[3]), np.float32)
+    if out is None:
+        out = np.zeros((state.shape[0], state.shape[1], state.shape[3]), np.float32)
     _relief(state, near, F32(gate), num_bins, out)
     return out

@@ -1,0 +1,148 @@
+"""The matched filter on a sketch, and where it peaks."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.core.layout import BLOCK
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, inline, line, parallel, sincos
+
+U = np.uint64
+B = U(BLOCK)
+GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together
+LIST = GROUP * B
+
+
+def steering(cycles, num_bins):
+    """Tables for `peaks`: cosines and sines at the cells of a quarter turn, which k are odd, and the cells of a turn.
+
+    Returns:
+        float32 [m, cells / 4 + 1] twice, bool [m], int.
+    """
+    frequencies = np.rint(cycles.astype(np.float64) * num_bins)
+    cells = 16 * int(np.ceil(frequencies.max() / 4))
+    turns = np.outer(frequencies, np.arange(cells // 4 + 1)) / cells
+    return *(f(2 * np.pi * turns).astype(np.float32) for f in (np.cos, np.sin)), frequencies % 2 > 0, cells
+
+
+@line
+def _respond(z, cos, sin, odd, s, response):
+    """The matched filter Σ_l Re(z_l exp(−i ω_l t)) of BLOCK pixels at all cells of a turn.
+
+    With a and b the sums of Re z cos and Im z sin over even k, c and d over odd k, the filter is a + b + c + d in a
+    cell of the first quarter, and with other signs in its three mirror images: a quarter of the work finds all.
+    """
+    m, quarter = U(len(odd)), U(cos.shape[1] - 1)
+    for first in range(U(0), quarter + U(1), GROUP):
+        count = min(GROUP, quarter + U(1) - first)
+        for x in range(U(4) * LIST):
+            s[x] = ZERO
+        for l in range(m):
+            re, im = l * B, (m + l) * B
+            into = U(2) * LIST if odd[l] else U(0)
+            for g in range(count):
+                at, c, d = into + g * B, cos[l, first + g], sin[l, first + g]
+                for x in range(B):
+                    s[at + x] += c * z[re + x]
+                    s[at + LIST + x] += d * z[im + x]
+        for g in range(count):
+            at, cell = g * B, first + g
+            one, two = cell * B, (U(2) * quarter - cell) * B
+            three, four = (U(2) * quarter + cell) * B, (U(4) * quarter - cell) * B
+            for x in range(B):
+                a, b, c, d = s[at + x], s[at + LIST + x], s[at + U(2) * LIST + x], s[at + U(3) * LIST + x]
+                response[one + x] = a + b + c + d
+                response[two + x] = a - b - c + d
+                response[three + x] = a + b - c - d
+                response[four + x] = a - b + c - d
+
+
+@line
+def peaks(z, cos, sin, odd, cells, period, scratch, place, height):
+    """The highest peak of the filter of BLOCK pixels: its place in bins and its height, by a parabola through 3 cells.
+
+    Args:
+        z: float32 [2m · BLOCK], real parts before imaginary ones.
+        cos, sin, odd, cells: of `steering`.
+        period: T.
+        scratch: of `peaks_scratch`.
+        place, height: float32 [BLOCK], results.
+    """
+    sums, response, top = scratch
+    _respond(z, cos, sin, odd, sums, response)
+    for x in range(B):
+        height[x], top[x] = response[x], ZERO
+    for g in range(U(1), U(cells)):
+        at, here = g * B, F32(g)
+        for x in range(B):
+            r = response[at + x]
+            top[x] = here if r > height[x] else top[x]
+            height[x] = max(r, height[x])
+    for x in range(B):
+        best, cell = height[x], U(top[x])
+        before = response[(cell - U(1) if cell > U(0) else U(cells) - U(1)) * B + x]
+        after = response[(cell + U(1) if cell + U(1) < U(cells) else U(0)) * B + x]
+        bend = before - TWO * best + after
+        shift = HALF * (before - after) / bend if bend < ZERO else ZERO
+        place[x] = (top[x] + shift) * (period / F32(cells))
+        height[x] = best - F32(0.25) * (before - after) * shift
+
+
+@inline
+def peaks_scratch(cells):
+    """Scratch for `peaks`."""
+    return np.empty(U(4) * LIST, np.float32), np.empty((U(cells) + U(1)) * B, np.float32), np.empty(B, np.float32)
+
+
+@inline
+def load(z, matched, i, j, width):
+    """Columns j … j + width of row i of a map [rows, 2m, cols] into z, 0 beyond."""
+    for c in range(matched.shape[1]):
+        for x in range(width):
+            z[c * BLOCK + x] = matched[i, c, j + x]
+        for x in range(width, BLOCK):
+            z[c * BLOCK + x] = ZERO
+
+
+@parallel
+def _match(matched, energy, cycles, cos, sin, odd, cells, num_bins, depth, intensity):
+    rows, surfaces, cols = depth.shape
+    m, total = len(energy), energy.sum()
+    for i in prange(rows):
+        scratch, z = peaks_scratch(cells), np.empty(2 * m * BLOCK, np.float32)
+        place, height = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        for j in range(0, cols, BLOCK):
+            width = min(BLOCK, cols - j)
+            load(z, matched, i, j, width)
+            for k in range(surfaces):
+                peaks(z, cos, sin, odd, cells, F32(num_bins), scratch, place, height)
+                for x in range(width):
+                    depth[i, k, j + x] = place[x]
+                    intensity[i, k, j + x] = height[x] / total
+                if k + 1 < surfaces:
+                    for l in range(m):
+                        for x in range(BLOCK):
+                            sine, cosine = sincos(cycles[l] * place[x])
+                            z[l * BLOCK + x] -= height[x] / total * energy[l] * cosine
+                            z[(m + l) * BLOCK + x] -= height[x] / total * energy[l] * sine
+
+
+def match(matched, energy, cycles, num_bins, surfaces):
+    """The K strongest returns of every pixel by matched filter and matching pursuit.
+
+    The filter's response Σ_l Re(matched_l · exp(−i ω_l t)) has no frequency above max k: a grid of 4 · max k cells and
+    a parabola through the highest one find its peak, however many bins there are.
+
+    Args:
+        matched: float32 [rows, 2m, cols], conj(ĥ_l) · Σ_p exp(i ω_l x_p), real parts before imaginary ones.
+        energy: float32 [m], |ĥ_l|².
+        cycles: float32 [m], k_l / T.
+        num_bins: T.
+        surfaces: K.
+
+    Returns:
+        depth (bins) and intensity (Σ w r), float32 [rows, K, cols].
+    """
+    rows, _, cols = matched.shape
+    out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
+    _match(matched, energy, cycles, *steering(cycles, num_bins), num_bins, *out)
+    return out

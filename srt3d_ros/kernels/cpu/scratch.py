@@ -1,0 +1,36 @@
+"""Arrays on the device, which is this machine's memory.
+
+A reconstruction keeps its memory from frame to frame: to ask the system for it again costs more than some steps.
+"""
+
+import numpy as np
+
+
+class Scratch(dict):
+    """Arrays by name; an array lasts until it is asked for again."""
+
+    def array(self, name: str, shape: tuple, zero: bool = False) -> np.ndarray:
+        """The float32 array of this name, made anew if its shape has changed; what is in it is old, or 0."""
+        found = self.get(name)
+        if found is None or found.shape != shape:
+            found = self[name] = np.zeros(shape, np.float32)
+        elif zero:
+            found[:] = 0
+        return found
+
+
+def borrow(scratch: Scratch | None, name: str, shape: tuple, zero: bool = False) -> np.ndarray:
+    """The array of this name, or a new one if there is no scratch."""
+    if scratch is not None:
+        return scratch.array(name, shape, zero)
+    return np.zeros(shape, np.float32) if zero else np.empty(shape, np.float32)
+
+
+def array(values: np.ndarray) -> np.ndarray:
+    """A NumPy array on the device."""
+    return np.ascontiguousarray(values)
+
+
+def numpy(values: np.ndarray) -> np.ndarray:
+    """The NumPy array of an array on the device."""
+    return values

@@ -1,0 +1,142 @@
+"""One scale of the start: pool the sketches of open pixels, match them, and give sure pools' pixels their surface."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.core.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, wrap
+from srt3d_ros.kernels.cpu.blur import pool
+from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, steering
+from srt3d_ros.kernels.cpu.scratch import borrow
+
+
+@parallel
+def _find_open(exposure, state, layer, left):
+    rows, cols = left.shape
+    for i in prange(rows):
+        a = i + MARGIN
+        for j in range(cols):
+            b = j + MARGIN
+            is_open = exposure[a, b] > ZERO and state[a, layer, INTENSITY, b] == ZERO
+            if layer > 0:
+                is_open = is_open and state[a, layer - 1, INTENSITY, b] > ZERO
+            left[i, j] = ONE if is_open else ZERO
+
+
+@inline
+def _score(signal, noise, squash, total, greatest, worth):
+    """Evidence of a matched filter against "background alone", standard deviations; also right for few photons.
+
+    Args:
+        signal: Σ w r.
+        noise: Σ w² n.
+        squash: Σ w² / Σ w of the window: 1 for a single pixel, 1/2 for a Gaussian.
+        total, greatest, worth: the Frame's total_energy, greatest_response and rarity.
+    """
+    photons, steps = max(noise / squash, DIMMEST), len(worth) - 1
+    at = min(max(signal / photons * (total / greatest * F32(steps)), ZERO), F32(steps))
+    low = min(int(at), steps - 1)
+    return np.sqrt(photons / squash) * (worth[low] + (at - F32(low)) * (worth[low + 1] - worth[low]))
+
+
+@inline
+def _std(signal, noise, squash, moments, curvature, period):
+    """Standard deviation of a depth found in a window, bins; arguments as of `_score`."""
+    signal = max(signal, DIMMEST)
+    background = max(noise / squash - signal, ZERO)
+    spread = squash * (signal * moments[0] + background * moments[1])
+    return min(np.sqrt(spread) / (signal * curvature), period)
+
+
+@inline
+def _is_new(state, a, layer, b, depth, intensity, apart, period):
+    """Whether a surface stands beside those that pixel (a, b) already has: resolved from them, and not too faint."""
+    new = intensity > FAINTEST * state[a, 0, INTENSITY, b]
+    for k in range(layer):
+        near = abs(wrap(state[a, k, DEPTH, b] - depth, period)) <= apart
+        new = new and not (near and state[a, k, INTENSITY, b] > ZERO)
+    return new
+
+
+@parallel
+def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, energy, curvature, greatest, worth,
+            moments, clutter, cos, sin, odd, cells, num_bins, is_open, layer, state):
+    rows, cols = is_open.shape
+    m, total, period = len(energy), energy.sum(), F32(num_bins)
+    apart = APART * np.sqrt(total / curvature)
+    for i in prange(-(-rows // step)):
+        scratch, z = peaks_scratch(cells), np.empty(2 * m * BLOCK, np.float32)
+        place, height = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        last_row = min((i + 1) * step, rows)
+        for first in range(0, -(-cols // step), BLOCK):
+            width = min(BLOCK, -(-cols // step) - first)
+            if is_open[i * step:last_row, first * step:(first + width) * step].sum() == ZERO:
+                continue
+            load(z, matched, top + i, left + first, width)
+            peaks(z, cos, sin, odd, cells, period, scratch, place, height)
+            for x in range(width):
+                j = first + x
+                signal, photons, light = height[x] / total, noise[top + i, left + j], exposure[top + i, left + j]
+                depth = place[x] - period * np.floor(place[x] / period)
+                score = _score(signal, photons, squash, total, greatest, worth)
+                score /= clutter[int(np.rint(depth)) % len(clutter)]
+                if score <= enough:
+                    continue
+                intensity = signal / max(light, DIMMEST)
+                for p in range(i * step, last_row):
+                    for q in range(j * step, min((j + 1) * step, cols)):
+                        a, b = p + MARGIN, q + MARGIN
+                        if is_open[p, q] > ZERO and (layer == 0 or _is_new(state, a, layer, b, depth, intensity, apart,
+                                                                           period)):
+                            state[a, layer, DEPTH, b], state[a, layer, INTENSITY, b] = depth, intensity
+                            state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = ZERO, ZERO
+                            state[a, layer, STD, b] = _std(signal, photons, squash, moments, curvature, period)
+                            state[a, layer, WINDOW, b], state[a, layer, SCORE, b] = max(sigma, NARROWEST), score
+
+
+@parallel
+def _drop_weak(state, weak):
+    tall, surfaces, _, wide = state.shape
+    for i in prange(tall):
+        for k in range(surfaces):
+            for j in range(wide):
+                if state[i, k, SCORE, j] < weak:
+                    state[i, k, INTENSITY, j] = ZERO
+
+
+def drop_weak(state, weak):
+    """Remove the points with a score below `weak` standard deviations, in place: they are searched for anew."""
+    _drop_weak(state, F32(weak))
+
+
+def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None):
+    """Give the open pixels of which one scale is sure their surface.
+
+    Open are pixels that are used, have no surface `layer`, but one before it. With a window only what open pixels show
+    is pooled, else surfaces would grow over pixels that see background alone.
+
+    Args:
+        data: the frame, padded.
+        matched: float32 [rows', 2m, cols'], the frame's, or what known surfaces leave of it.
+        state: float32 [rows', K, FIELDS, cols'], changed in place.
+        layer: which surface of the pixels is searched for.
+        sigma: of the window, pixels; 0: every pixel on its own.
+        weights: float32, of the window, as for `blur`; not used if sigma is 0.
+        step: pixels along the side of the cells that share a window.
+        enough: the score that is enough, standard deviations.
+        scratch: memory to use.
+    """
+    rows, cols = data.shape
+    is_open = borrow(scratch, "open", (rows, cols))
+    _find_open(data.exposure, state, layer, is_open)
+    maps, top, squash = (matched, data.noise, data.exposure), MARGIN, ONE
+    if sigma > 0:
+        maps = (pool(matched, is_open, weights, step, MARGIN, MARGIN, cols, scratch, "matched"),
+                pool(data.noise[:, None], is_open, weights**2, step, MARGIN, MARGIN, cols, scratch, "noise")[:, 0],
+                pool(data.exposure[:, None], is_open, weights, step, MARGIN, MARGIN, cols, scratch, "exposure")[:, 0])
+        top, squash = 0, HALF
+    clutter = np.ones(1, np.float32) if data.clutter is None else data.clutter
+    _decide(*maps, top, top, step, squash, F32(sigma), F32(enough), data.energy, F32(data.curvature),
+            F32(data.greatest_response), data.rarity, data.moments, clutter, *steering(data.cycles, data.num_bins),
+            data.num_bins, is_open, layer, state)
