@@ -20,7 +20,6 @@ from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.evaluation.table import aligned
 
-ABOUT = "a frame's time and memory against its photons, for every method; a picture"
 TITLE = "Figure 1 of the paper: a frame's time against its photons, m = 10"
 SKETCH_SIZE = 10
 METHOD_NAMES = ("rt3d", "xcorr", "smle", "srt3d-paper", "srt3d")

@@ -19,7 +19,6 @@ from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.datasets import npz
 from srt3d_ros.evaluation.table import aligned
 
-ABOUT = "latency and the highest frame rate through real nodes"
 TITLE = "Through ROS 2: player, sketcher and reconstructor in processes of their own, m = 10"
 PPP, SKETCH_SIZE = 10.0, 10
 FIRST_HZ, LEAST_HZ, MOST_HZ = 10.0, 1.0, 5120.0

@@ -12,7 +12,6 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.evaluation.table import aligned
 
-ABOUT = "photons a second into a sketch: sorted, unsorted, gates"
 TITLE = "Sketching, m = 10"
 SKETCH_SIZE = 10
 FORMS = ("sorted", "unsorted", "gates")

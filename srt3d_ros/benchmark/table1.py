@@ -9,7 +9,6 @@ from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.evaluation.table import aligned
 
-ABOUT = "a frame's time against the size of image and sketch, and its memory"
 TITLE = "Table 1 of the paper: reconstruction of a frame"
 METHOD_NAMES = ("srt3d", "srt3d-paper")
 PPP = 10.0                  # the time does not depend on it: Figure 1
