@@ -1,17 +1,13 @@
 """What the tests of the CUDA kernels share."""
 
-from dataclasses import replace
-
 from srt3d_ros.core.frame import Frame
 
 from . import reference
 
-MAPS = ("matched", "noise", "exposure", "energy", "cycles", "moments", "intensity_moments", "rarity")
-
 
 def frame_on(cuda, frame: Frame) -> Frame:
     """The frame with its arrays on the device."""
-    return replace(frame, **{name: cuda.array(getattr(frame, name)) for name in MAPS})
+    return frame.on(cuda)
 
 
 def others() -> list:
