@@ -17,6 +17,18 @@ from srt3d_ros.kernels.cuda.pixelwise import pixelwise
 from srt3d_ros.kernels.cuda.poisson import poisson
 from srt3d_ros.kernels.cuda.propose import propose
 from srt3d_ros.kernels.cuda.relief import relief
+from srt3d_ros.kernels.cuda.sketch import (
+    find_stray,
+    fixed_rows,
+    inspect_events,
+    new_sums,
+    read_sums,
+    sketch_continuous,
+    sketch_gates,
+    sketch_sorted,
+    sketch_unsorted,
+)
 
-__all__ = ["DEVICE", "apss", "array", "blur", "descend", "evidence", "explain", "match", "numpy", "own_intensity",
-           "pixelwise", "poisson", "propose", "relief"]
+__all__ = ["DEVICE", "apss", "array", "blur", "descend", "evidence", "explain", "find_stray", "fixed_rows",
+           "inspect_events", "match", "new_sums", "numpy", "own_intensity", "pixelwise", "poisson", "propose",
+           "read_sums", "relief", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted"]
