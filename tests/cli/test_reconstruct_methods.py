@@ -58,7 +58,7 @@ def test_weighting_reaches_the_method(wall, tmp_path):
     (["--method", "srt3d-paper", "--false-alarm-rate", "0.1"], "false_alarm_rate is 0.1: expected nothing: srt3d-"),
     (["--method", "xcorr", "--sketch-size", "5"], "sketch_size is 5: expected nothing: xcorr makes no sketch"),
     (["--method", "rt3d", "--frequencies", "auto"], "frequencies is auto: expected nothing: rt3d makes no sketch"),
-    (["--method", "smle", "--device", "cuda"], "device is cuda: expected cpu or auto: smle has no CUDA kernels")])
+    (["--method", "xcorr", "--device", "cuda"], "device is cuda: expected cpu or auto: xcorr has no CUDA kernels")])
 def test_options_that_are_not_for_a_method_are_one_line(wall, tmp_path, capsys, options, line):
     assert main.main(["reconstruct", str(wall), "-o", str(tmp_path / "a.npz"), *options]) == 2
     printed = capsys.readouterr()

@@ -7,6 +7,7 @@ import pytest
 
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import consecutive
+from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.peers.fisher import irf_slope
 from srt3d_ros.core.peers.rt3d import Likelihood
 from srt3d_ros.core.peers.toa import by_pixel, exposure
@@ -74,3 +75,20 @@ def test_apss(cuda, shape, surfaces, spheres):
     close = np.abs(fast[2] - slow[2]).max(axis=0) < 1e-3
     assert (close | (slow[1] == 0)).mean() > 1 - SHARE_AT_TIES
     assert (fast[0][fast[1] == 0] == 0).all() and (fast[2][:, fast[1] == 0] == 0).all()
+
+
+@pytest.mark.parametrize("name", ["smle", "srt3d-paper", "rt3d"])
+def test_reconstructions_are_those_of_the_cpu(cuda, monkeypatch, name):
+    pytest.importorskip("numba")
+    from srt3d_ros.kernels import cpu
+    monkeypatch.setattr("srt3d_ros.core.peers.plug_and_play.ITERATIONS", 1)
+    sensor, clouds = make_sensor(4, 18), []
+    for kernels in (cuda, cpu):
+        monkeypatch.setattr("srt3d_ros.core.peers.options.kernels_for", lambda device, found=kernels: (device, found))
+        clouds.append(reconstruct(name, make_photons(sensor), sensor, consecutive(7), surfaces=2, device="cuda"))
+    ours, theirs = clouds
+    assert len(theirs) > 50
+    for field in ("row", "col", "surface"):
+        assert np.array_equal(getattr(ours, field), getattr(theirs, field)), field
+    for field in ("depth_bins", "intensity", "depth_std_bins", "background"):
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=2e-3, atol=2e-3, err_msg=field)

@@ -12,9 +12,11 @@ FAINTEST = 0.01             # of the mean intensity: points below are removed
 DEPTHS_PER_PITCH = 6.0      # pixel pitches in depth that smooth like one pixel across
 
 
-def plug_and_play(step: Callable, depth: np.ndarray, intensity: np.ndarray, exposure: np.ndarray, faintest: float,
-                  scale_bins: float, num_bins: int, kernels) -> tuple[np.ndarray, np.ndarray]:
+def plug_and_play(step: Callable, depth, intensity, exposure, faintest: float, scale_bins: float, num_bins: int,
+                  kernels) -> tuple:
     """APSS, then 25 times [gradient step, hard threshold on intensity, APSS], and a last step and threshold.
+
+    All arrays lie on the kernels' device.
 
     Args:
         step: called with depth and intensity, which it changes in place.

@@ -11,7 +11,8 @@ they are half the inverse curvature in log-intensity and a quarter of it in dept
 curvature at the mean.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +52,11 @@ class Likelihood:
     num_bins: int
     exposure: np.ndarray
 
+    def on(self, kernels) -> "Likelihood":
+        """The same with its arrays on the kernels' device."""
+        return replace(self, **{name: kernels.array(value) for name, value in vars(self).items()
+                                if isinstance(value, np.ndarray)})
+
 
 class RT3D:
     """Reconstructs frames of one sensor.
@@ -58,14 +64,14 @@ class RT3D:
     Args:
         sensor: geometry, IRF and calibration.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
-        device: "cpu" or "auto", which is the same here.
+        device: "cpu", "cuda", or "auto" for the best there is.
 
     Raises:
         InvalidInput: for a parameter that cannot be used.
     """
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
-        self.device, self.kernels = "cpu", kernels_of("rt3d", surfaces, device)
+        self.device, self.kernels = kernels_of(surfaces, device)
         self.sensor, self.surfaces = sensor, surfaces
         self._information = DepthInformation(sensor)
         self._irf = np.atleast_2d(sensor.irf)
@@ -74,23 +80,23 @@ class RT3D:
 
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
-        sensor, photons = self.sensor, by_pixel(frame, self.sensor)
-        start = correlate(photons, sensor, self.surfaces)
-        depth, intensity = start.depth, start.intensity
-        usual = usual_intensity(intensity, exposure(sensor))
-        data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6))
-        background = self._smooth(start.background * data.exposure * sensor.num_bins, data.exposure)
+        sensor, kernels, photons = self.sensor, self.kernels, by_pixel(frame, self.sensor)
+        start, seen = correlate(photons, sensor, self.surfaces), exposure(sensor)
+        usual = usual_intensity(start.intensity, seen)
+        data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6)).on(kernels)
+        smooth = self._smoother(seen)
+        background = smooth(kernels.array(np.float32(start.background * seen * sensor.num_bins)))
 
         def step(depth, intensity):
-            stray = self.kernels.poisson(data, background, RATE, usual, depth, intensity)
-            background[:] = self._smooth(stray, data.exposure)
+            background[:] = smooth(kernels.poisson(data, background, RATE, usual, depth, intensity))
 
-        scale = depth_scale_bins(sensor, depth, intensity, self._width_bins)
-        depth, intensity = plug_and_play(step, depth, intensity, data.exposure, FAINTEST * usual, scale,
-                                         sensor.num_bins, self.kernels)
-        std = self._information.std(intensity * data.exposure[:, None], (background * data.exposure)[:, None])
-        background = background * data.exposure * sensor.num_bins
-        return PointCloud.from_layers(sensor, depth, intensity, std, background, photons.stamp_ns)
+        scale = depth_scale_bins(sensor, start.depth, start.intensity, self._width_bins)
+        points = plug_and_play(step, kernels.array(start.depth), kernels.array(start.intensity), data.exposure,
+                               FAINTEST * usual, scale, sensor.num_bins, kernels)
+        depth, intensity, background = (kernels.numpy(values) for values in (*points, background))
+        std = self._information.std(intensity * seen[:, None], (background * seen)[:, None])
+        return PointCloud.from_layers(sensor, depth, intensity, std, background * seen * sensor.num_bins,
+                                      photons.stamp_ns)
 
     def _likelihood(self, photons: PixelToa, ratio: float) -> Likelihood:
         """The likelihood of some photons amid a background per bin of `ratio` times the signal."""
@@ -100,12 +106,16 @@ class RT3D:
         return Likelihood(photons.starts, toa, self._irf, self._slope, self.sensor.irf_ref,
                           float(self._information.per_photon(ratio)), self.sensor.num_bins, exposure(self.sensor))
 
-    def _smooth(self, stray: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """Background per bin at a gain of 1 from background photons, averaged over a window; float32 [rows, cols]."""
-        weights = window_weights(BACKGROUND_WINDOW, 1)
-        maps = np.stack([stray + LEAST_BACKGROUND * seen, seen], axis=1).astype(np.float32)
-        pooled = self.kernels.blur(maps, weights, 1)
-        return pooled[:, 0] / np.maximum(pooled[:, 1] * self.sensor.num_bins, 1e-6)
+    def _smoother(self, seen: np.ndarray) -> Callable:
+        """What makes background per bin, at a gain of 1, of background photons: their average over a window.
+
+        Both are float32 [rows, cols], on the device.
+        """
+        kernels, weights = self.kernels, self.kernels.array(window_weights(BACKGROUND_WINDOW, 1))
+        least = kernels.array(LEAST_BACKGROUND * seen[:, None])
+        pooled = kernels.numpy(kernels.blur(kernels.array(seen[:, None]), weights, 1))[:, 0]
+        bins = kernels.array(np.maximum(pooled * self.sensor.num_bins, 1e-6))
+        return lambda stray: kernels.blur(stray[:, None] + least, weights, 1)[:, 0] / bins
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""

@@ -19,7 +19,7 @@ class SketchedPeer:
         surfaces: K, the most surfaces in a pixel, 1 … 4.
         weighting: W of the data term, "identity" or "precision".
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
-        device: "cpu" or "auto", which is the same here.
+        device: "cpu", "cuda", or "auto" for the best there is.
 
     Raises:
         InvalidInput: for a parameter that cannot be used.
@@ -29,10 +29,11 @@ class SketchedPeer:
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int, weighting: str,
                  false_alarm_rate: float | None, device: str):
-        self.device, self.kernels = "cpu", kernels_of(self.name, surfaces, device, false_alarm_rate)
+        self.device, self.kernels = kernels_of(surfaces, device, false_alarm_rate)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
         self.steps = weighted_steps(sensor, self._matcher.frequencies, weighting)
+        self._table = self.kernels.array(self.steps.table)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
@@ -47,6 +48,10 @@ class SketchedPeer:
         """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""
         raise NotImplementedError
 
+    def step(self, frame: Frame, rate: float, usual: float, depth, intensity) -> None:
+        """A gradient step of all points, in place; frame and points lie on the device."""
+        self.kernels.pixelwise(frame, self._table, rate, usual, depth, intensity)
+
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
         shape, m = (self.sensor.rows, self.sensor.cols), len(self._matcher.frequencies)
@@ -54,7 +59,10 @@ class SketchedPeer:
 
 
 def matched_filter(frame: Frame, surfaces: int, kernels) -> tuple[np.ndarray, np.ndarray]:
-    """The start: depth and intensity of each pixel's strongest returns, float32 [rows, K, cols]; 0 where none."""
-    depth, intensity = kernels.match(frame.matched, frame.energy, frame.cycles, frame.num_bins, surfaces)
-    exposure = frame.exposure[:, None]
+    """The start: depth and intensity of each pixel's strongest returns, float32 [rows, K, cols]; 0 where none.
+
+    The frame lies on the kernels' device, the start does not.
+    """
+    found = kernels.match(frame.matched, frame.energy, frame.cycles, frame.num_bins, surfaces)
+    depth, intensity, exposure = (kernels.numpy(values) for values in (*found, frame.exposure[:, None]))
     return depth, np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)

@@ -36,10 +36,12 @@ class SMLE(SketchedPeer):
 
     def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         """Maximum likelihood depths and intensities, [rows, K, cols]."""
-        depth, intensity = matched_filter(frame, self.surfaces, self.kernels)
+        there = frame.on(self.kernels)
+        depth, intensity = matched_filter(there, self.surfaces, self.kernels)
         if self.false_alarm_rate is not None:
             score = significance(frame, intensity * frame.exposure[:, None], frame.noise[:, None], 1.0)
             intensity[score <= score_threshold(self.false_alarm_rate, frame)] = 0
+        depth, intensity = self.kernels.array(depth), self.kernels.array(intensity)
         for _ in range(STEPS):
-            self.kernels.pixelwise(frame, self.steps.table, RATE, 0.0, depth, intensity)
-        return depth, intensity
+            self.step(there, RATE, 0.0, depth, intensity)
+        return self.kernels.numpy(depth), self.kernels.numpy(intensity)

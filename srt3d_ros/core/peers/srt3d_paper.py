@@ -10,6 +10,8 @@ intensity and a quarter of it in depth, there that at the mean intensity for wea
 all pixels.
 """
 
+from functools import partial
+
 import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
@@ -45,14 +47,14 @@ class SRT3DPaper(SketchedPeer):
 
     def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         """Depths and intensities, [rows, K, cols]."""
-        depth, intensity = matched_filter(frame, self.surfaces, self.kernels)
-        usual = usual_intensity(intensity, frame.exposure)
-
-        def step(depth, intensity):
-            self.kernels.pixelwise(frame, self.steps.table, RATE, usual, depth, intensity)
-
+        kernels, there = self.kernels, frame.on(self.kernels)
+        start = matched_filter(there, self.surfaces, kernels)
+        usual = usual_intensity(start[1], frame.exposure)
+        step = partial(self.step, there, RATE, usual)
+        depth, intensity = (kernels.array(values) for values in start)
         for _ in range(STEPS_BEFORE):
             step(depth, intensity)
-        scale = depth_scale_bins(self.sensor, depth, intensity, frame.resolution_bins)
-        return plug_and_play(step, depth, intensity, frame.exposure, FAINTEST * usual, scale, frame.num_bins,
-                             self.kernels)
+        scale = depth_scale_bins(self.sensor, kernels.numpy(depth), kernels.numpy(intensity), frame.resolution_bins)
+        depth, intensity = plug_and_play(step, depth, intensity, there.exposure, FAINTEST * usual, scale,
+                                         frame.num_bins, kernels)
+        return kernels.numpy(depth), kernels.numpy(intensity)

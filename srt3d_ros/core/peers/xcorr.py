@@ -12,6 +12,7 @@ from srt3d_ros.core.peers.options import kernels_of
 from srt3d_ros.core.peers.toa import by_pixel, exposure
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import require
 
 
 class XCORR:
@@ -29,7 +30,8 @@ class XCORR:
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, false_alarm_rate: float | None = None,
                  device: str = "auto"):
-        kernels_of("xcorr", surfaces, device, false_alarm_rate)
+        require(device in ("auto", "cpu"), "device", device, "cpu or auto: xcorr has no CUDA kernels")
+        kernels_of(surfaces, "cpu", false_alarm_rate)
         self.device = "cpu"
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._information = DepthInformation(sensor)

@@ -60,7 +60,7 @@ def test_background_alone_shows_next_to_nothing(name):
 def test_the_papers_numbers_of_steps_and_denoisings_are_run():
     sensor, calls = make_sensor(8, 8), []
     method = METHODS["srt3d-paper"].build(sensor, (1, 2, 3))
-    method.kernels = SimpleNamespace(match=method.kernels.match, **{
+    method.kernels = SimpleNamespace(**vars(method.kernels) | {
         name: lambda *args, name=name, kernel=getattr(method.kernels, name): calls.append(name) or kernel(*args)
         for name in ("pixelwise", "apss")})
     method(sketch_photons(simulate(np.full((8, 8), 200.0), 10, 20), sensor, (1, 2, 3)))
