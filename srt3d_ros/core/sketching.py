@@ -90,9 +90,16 @@ def _kernels_of(device: str):
     require(device in ("cpu", "cuda"), "device", device, "cpu or cuda")
     if device == "cpu":
         from srt3d_ros.kernels.cpu import sketch
-        return sketch, np.ascontiguousarray
+        return sketch, _read_only
     from srt3d_ros.kernels.cuda import array, sketch
     return sketch, array
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    """A view that cannot be written: numba would compile the kernels anew for photons in read-only memory."""
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view
 
 
 def phase_table(frequencies, num_bins: int) -> np.ndarray:

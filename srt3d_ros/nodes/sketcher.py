@@ -107,6 +107,7 @@ def warm_up() -> None:
     for toa_dtype in TOA_DTYPES:
         for pixels in ([0, 1], [1, 0]):         # sorted and not
             sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, toa_dtype)))
+    sketcher.sketch()
 
 
 def main(args: list[str] | None = None) -> int:

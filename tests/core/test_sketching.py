@@ -11,6 +11,7 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher, phase_table, sketch_photons
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels.cpu import sketch as kernels
 
 FREQUENCIES = (1, 2, 7, 49)
 SENSOR = SensorModel(4, 6, 100, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
@@ -101,6 +102,17 @@ def test_photons_may_be_read_only(dtype, ordered):
     events = photons(dtype=dtype, ordered=ordered)
     events.pixel.flags.writeable = events.toa.flags.writeable = False
     sketch_photons(events, SENSOR, FREQUENCIES)
+
+
+@pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
+def test_photons_in_read_only_memory_compile_no_kernel_anew(ordered):
+    events = photons(ordered=ordered)
+    kernel = kernels._sketch_sorted if ordered else kernels._sketch_unsorted
+    sketch_photons(events, SENSOR, FREQUENCIES)
+    compiled = len(kernel.signatures)
+    events.pixel.flags.writeable = events.toa.flags.writeable = False
+    sketch_photons(events, SENSOR, FREQUENCIES)
+    assert len(kernel.signatures) == compiled
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])

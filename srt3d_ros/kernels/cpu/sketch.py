@@ -200,7 +200,7 @@ def _sketch_unsorted(pixel, toa, rows, sums, photons, shift, block):
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
     """As `sketch_sorted` for photons in any order."""
-    shift = max((len(sums) // BUCKETS).bit_length(), 5)
+    shift = min(max((len(sums) // BUCKETS).bit_length(), 5), 16)        # a pixel of a bucket has 16 bits
     _sketch_unsorted(pixel, toa, rows, sums, photons, shift, max(BLOCK, 8 * len(sums)))
 
 
@@ -265,6 +265,7 @@ def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons)
     widths = np.array([min(LANES, width - lane) for lane in blocks])
     chunk = min(len(toa), 2**16)
     numbers, room = np.arange(chunk, dtype=np.uint16), aligned(_whole(chunk) * width)
+    numbers.flags.writeable = toa.flags.writeable       # compiled as for ToA in bins
     add = sketch_sorted if ordered else sketch_unsorted
     for first in range(0, len(toa), chunk):
         part = toa[first:first + chunk]
