@@ -46,7 +46,7 @@ class Background:
         shape = matcher.sensor.background_shape if kind == "sensor" else None
         self._estimates = kind == "estimate"
         self._matched = None if shape is None else _matched(matcher, shape, self._omega)
-        self._clutter = None if shape is None else _clutter(matcher, shape, self._omega)
+        self.clutter = None if shape is None else _clutter(matcher, shape, self._omega)
 
     @property
     def is_flat(self) -> bool:
@@ -59,7 +59,7 @@ class Background:
             return frame
         from srt3d_ros.kernels import cpu as kernels  # cells are few: whatever the device, this runs beside it
         cells = _Cells.of(frame, kernels)
-        frame, matched = replace(frame, clutter=self._clutter), self._matched
+        frame, matched = replace(frame, clutter=self.clutter), self._matched
         if self._estimates:
             matched = self._estimate(frame, cells, kernels)[None, :, None]
         common = matched.shape[0] == matched.shape[2] == 1

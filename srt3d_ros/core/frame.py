@@ -114,10 +114,10 @@ class Matcher:
         if sensor.mask is not None:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
         pixels = len(equaliser)
-        self._equaliser = equaliser.astype(np.complex64).reshape(
+        self.equaliser = equaliser.astype(np.complex64).reshape(
             *((sensor.rows, sensor.cols) if pixels > 1 else (1, 1)), len(omega))
-        self._used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
-        self._exposure = self._used if sensor.gain is None else self._used * sensor.gain
+        self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
+        self._exposure = self.used if sensor.gain is None else self.used * sensor.gain
         self.spectrum = spectrum.mean(axis=0)
         energy, cycles = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
         greatest_response, rarity = _rarity(self.spectrum, self.frequencies)
@@ -130,20 +130,24 @@ class Matcher:
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""
         self.check(sketch)
-        noise = sketch.photons.astype(np.float32) * self._used
+        noise = sketch.photons.astype(np.float32) * self.used
         return Frame(self.matched(sketch.sums), noise, **self._constants)
 
-    def padded_on(self, kernels) -> Callable[..., Frame]:
-        """A function of sums and photons (on the kernels' device), and scratch, that gives the padded Frame there."""
+    def padded_on(self, kernels, clutter: np.ndarray | None) -> Callable[..., Frame]:
+        """What makes a padded Frame of padded maps on the kernels' device.
+
+        Args:
+            kernels: the device's kernels.
+            clutter: of the Frame.
+
+        Returns:
+            A function of `Frame.matched` and `Frame.noise`.
+        """
         constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
                      for name, value in self._constants.items()}
-        constants.update(exposure=kernels.array(layout.pad(self._exposure)), size=self._exposure.shape)
-        equaliser, used = kernels.array(self._equaliser), kernels.array(self._used)
-
-        def padded(sums, photons, scratch=None) -> Frame:
-            return Frame(*kernels.prepare(sums, photons, equaliser, used, scratch), **constants)
-
-        return padded
+        constants.update(exposure=kernels.array(layout.pad(self._exposure)), size=self._exposure.shape,
+                         clutter=None if clutter is None else kernels.array(clutter))
+        return lambda matched, noise: Frame(matched, noise, **constants)
 
     def check(self, sketch: Sketch) -> None:
         """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies."""
@@ -154,7 +158,7 @@ class Matcher:
 
     def matched(self, sums: np.ndarray) -> np.ndarray:
         """`Frame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
-        matched = (sums * self._equaliser).transpose(0, 2, 1)
+        matched = (sums * self.equaliser).transpose(0, 2, 1)
         return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 

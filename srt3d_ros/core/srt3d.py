@@ -11,6 +11,8 @@ each weighted by how surely it sees the same surface. Where photons are plenty t
 weights end at the finest relief; where they are few a point borrows from the whole window.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from srt3d_ros.core import layout
@@ -72,33 +74,55 @@ class SRT3D:
         self.surfaces = surfaces
         self.false_alarm_rate = false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
-        self._padded = self._matcher.padded_on(self.kernels)
         self._background = Background(self._matcher, background)
         require(weighting in WEIGHTINGS, "weighting", weighting, " or ".join(WEIGHTINGS))
         self._precision = Precision(sensor, self._matcher.frequencies) if weighting == "precision" else None
-        self._rays = self.kernels.array(sensor.rays)
+        array = self.kernels.array
+        self._padded = self._matcher.padded_on(self.kernels, self._background.clutter)
+        self._equaliser, self._used, self._rays = map(array, (self._matcher.equaliser, self._matcher.used, sensor.rays))
         self._scratch = self.kernels.Scratch()
+        # The precision weighting looks at the frame before it goes on, so it cannot be recorded and replayed.
+        self._pipeline = self.kernels.Pipeline(self._points, replays=self._precision is None)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
-        frame, photons = self._frame(sketch), self.kernels.array(sketch.photons)
+        return self.submit(sketch)()
+
+    def submit(self, sketch: Sketch) -> Callable[[], PointCloud]:
+        """Begin a frame; what is returned waits for its cloud.
+
+        On a GPU the next frame's sketch goes there, and the last one's cloud comes back, while a frame is computed: ask
+        for a cloud after the next frame has been submitted. On a CPU the cloud is ready at once.
+        """
+        self._matcher.check(sketch)
+        maps = (sketch.sums,)
+        if not self._background.is_flat:
+            frame = self._background.remove(self._matcher(sketch)).padded
+            maps = frame.matched, frame.noise
+        wait = self._pipeline.submit(sketch.photons, *maps)
+        return lambda: self._cloud(sketch.stamp_ns, *wait())
+
+    def _points(self, photons, *maps) -> tuple:
+        """The points of a frame and its background, of photons and sums, or of photons and a Frame's maps."""
+        kernels, scratch = self.kernels, self._scratch
+        if len(maps) == 1:
+            maps = kernels.prepare(*maps, photons, self._equaliser, self._used, scratch)
+        frame = self._padded(*maps)
         threshold = score_threshold(self.false_alarm_rate, frame, REST_SCALES[-1])
-        state = self._scratch.array("state", layout.state_shape(*frame.shape, self.surfaces), zero=True)
-        state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels, self._scratch)
+        state = scratch.array("state", layout.state_shape(*frame.shape, self.surfaces), zero=True)
+        state = find_surfaces(frame, state, SURE_SCALES, SURE, kernels, scratch)
         state = self._iterate(frame, state, WINDOWS[0])
-        self.kernels.drop_weak(state, WEAK)
-        state = find_surfaces(frame, state, REST_SCALES, threshold, self.kernels, self._scratch)
+        kernels.drop_weak(state, WEAK)
+        state = find_surfaces(frame, state, REST_SCALES, threshold, kernels, scratch)
         for window in WINDOWS[1:-1]:
             state = self._iterate(frame, state, window)
         state = self._iterate(frame, state, WINDOWS[-1], self._precision)
-        return self._cloud(frame, photons, state, sketch.stamp_ns)
-
-    def _frame(self, sketch: Sketch) -> Frame:
-        """What the iterations see of a sketch, on the device."""
-        if self._background.is_flat:
-            self._matcher.check(sketch)
-            return self._padded(self.kernels.array(sketch.sums), self.kernels.array(sketch.photons), self._scratch)
-        return self._background.remove(self._matcher(sketch)).padded.on(self.kernels)
+        enough = continuation_threshold(self.false_alarm_rate)
+        intensity, std, background = kernels.settle(frame, photons, state, enough, *RELIEF, SAME_SURFACE**2, scratch)
+        sensor = self._matcher.sensor
+        points = kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m, float(sensor.range_m(0)),
+                                 sensor.num_bins)
+        return background, *points
 
     def _iterate(self, frame: Frame, state, window, precision: Precision | None = None):
         """Let surfaces compete and spread, then step down the gradient of the data pooled over the window."""
@@ -118,20 +142,11 @@ class SRT3D:
         SRT3D(small, frequencies, self.surfaces, device=self.device)(
             Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
 
-    def _cloud(self, frame: Frame, photons, state, stamp_ns: int) -> PointCloud:
-        """The points that the photons speak for, with all that is told of them."""
-        sensor, kernels = self._matcher.sensor, self.kernels
-        enough = continuation_threshold(self.false_alarm_rate)
-        intensity, std, background = kernels.settle(frame, photons, state, enough, *RELIEF, SAME_SURFACE**2,
-                                                    self._scratch)
-        row, col, layer, rank, *values = kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
-                                                         float(sensor.range_m(0)), sensor.num_bins)
-        cloud = PointCloud(row, col, *values, rank, kernels.numpy(background), stamp_ns)
-        if self.upsampling == 1:
-            return cloud
-        view = layout.crop(kernels.numpy(state), *frame.shape)
-        slopes = (view[row, layer, field, col] for field in (layout.SLOPE_ROW, layout.SLOPE_COL))
-        return refine(cloud, self.upsampling, self.sensor, *slopes)
+    def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
+        """The cloud of a frame's points."""
+        depth, intensity, std, *slopes = values
+        cloud = PointCloud(row, col, depth, intensity, std, xyz, rank, background, stamp_ns)
+        return cloud if self.upsampling == 1 else refine(cloud, self.upsampling, self.sensor, *slopes)
 
 
 def check_options(surfaces: int, false_alarm_rate: float) -> None:

@@ -14,9 +14,9 @@ from .reference_propose import evidence, propose
 from .reference_settle import collect, settled
 from .reference_start import blur, drop_weak, leave, match, prepare, search
 
-__all__ = ["Scratch", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain", "leave", "match",
-           "numpy", "own_intensity", "prepare", "propose", "relief", "search", "settle", "sketch_continuous",
-           "sketch_gates", "sketch_unsorted"]
+__all__ = ["Pipeline", "Scratch", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain",
+           "leave", "match", "numpy", "own_intensity", "prepare", "propose", "relief", "search", "settle",
+           "sketch_continuous", "sketch_gates", "sketch_unsorted"]
 
 SLOPES = [SLOPE_COL, SLOPE_ROW]
 
@@ -198,3 +198,8 @@ def array(values):
 
 
 numpy = array
+
+
+class Pipeline:
+    def __init__(self, function, replays=True):
+        self.submit = lambda *frame: lambda: function(*frame)

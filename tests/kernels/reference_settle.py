@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.core import layout
-from srt3d_ros.core.layout import DEPTH, INTENSITY, SCORE, STD
+from srt3d_ros.core.layout import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
 
 from .reference_start import blur
@@ -40,8 +40,10 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     order = np.argsort(-intensity, axis=1, kind="stable")
     row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
     layer = order[row, rank, col]
-    depth = layout.crop(state, *rays.shape[:2])[row, layer, DEPTH, col]
+    view = layout.crop(state, *rays.shape[:2])
+    depth = view[row, layer, DEPTH, col]
     depth = np.where(depth < num_bins, depth, 0)
     xyz = rays[row, col] * (metres_per_bin * depth + metres)[:, None]
-    values = (a.astype(np.float32) for a in (depth, intensity[row, layer, col], std[row, layer, col], xyz))
-    return row.astype(np.uint16), col.astype(np.uint16), layer.astype(np.uint8), rank.astype(np.uint8), *values
+    slopes = view[row, layer, SLOPE_ROW, col], view[row, layer, SLOPE_COL, col]
+    values = np.stack([depth, intensity[row, layer, col], std[row, layer, col], *slopes])
+    return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values.astype(np.float32), xyz

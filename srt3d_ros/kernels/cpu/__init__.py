@@ -16,7 +16,7 @@ from srt3d_ros.kernels.cpu.poisson import poisson
 from srt3d_ros.kernels.cpu.prepare import prepare
 from srt3d_ros.kernels.cpu.propose import propose
 from srt3d_ros.kernels.cpu.relief import relief
-from srt3d_ros.kernels.cpu.scratch import Scratch, array, numpy
+from srt3d_ros.kernels.cpu.scratch import Pipeline, Scratch, array, numpy
 from srt3d_ros.kernels.cpu.search import drop_weak, search
 from srt3d_ros.kernels.cpu.settle import collect, settle
 from srt3d_ros.kernels.cpu.sketch import (
@@ -31,7 +31,7 @@ from srt3d_ros.kernels.cpu.sketch import (
     sketch_unsorted,
 )
 
-__all__ = ["Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain", "find_stray",
-           "fixed_rows", "inspect_events", "leave", "match", "new_sums", "numpy", "own_intensity", "pixelwise",
-           "poisson", "prepare", "propose", "read_sums", "relief", "search", "settle", "sketch_continuous",
-           "sketch_gates", "sketch_sorted", "sketch_unsorted"]
+__all__ = ["Pipeline", "Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain",
+           "find_stray", "fixed_rows", "inspect_events", "leave", "match", "new_sums", "numpy", "own_intensity",
+           "pixelwise", "poisson", "prepare", "propose", "read_sums", "relief", "search", "settle",
+           "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted"]

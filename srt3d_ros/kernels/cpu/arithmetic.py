@@ -14,7 +14,7 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
 F32 = np.float32
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY = F32(1e-12)
-parallel = njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+parallel = njit(parallel=True, nogil=True, fastmath=True, cache=True, error_model="numpy")
 line = njit(fastmath=True, error_model="numpy")             # called for a line of pixels or cells
 inline = njit(inline="always", fastmath=True, error_model="numpy")
 

@@ -4,9 +4,10 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, parallel, sincos, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
 from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.cpu.survey import HAD, OPEN, B, U, survey, survey_scratch
 
 REACH = 2                    # pixels: of the neighbourhood that votes
 BELIEF = F32(0.45)           # nats that a neighbour's vote is worth before its own photons are asked
@@ -39,34 +40,6 @@ def _surfaces(state, i, j, period):
     for k in range(state.shape[1]):
         count += 1 if _is_point(state, i, k, j, period) else 0
     return count
-
-
-@inline
-def _settled(i, j, had, state, gate, blur2, period):
-    """Whether nothing is to be decided at pixel (i, j).
-
-    Where it has surfaces, all of the 3 × 3 neighbourhood belong to them, and no neighbour has fewer; where it has none,
-    hardly any neighbour has one.
-    """
-    found, settled = 0, True
-    for di in range(-1, 2):
-        for dj in range(-1, 2):
-            a, b, count = i + di, j + dj, 0
-            for q in range(state.shape[1]):
-                if _is_point(state, a, q, b, period):
-                    count += 1
-                    rise = state[a, q, SLOPE_COL, b] * F32(dj) + state[a, q, SLOPE_ROW, b] * F32(di)
-                    noisy = state[a, q, STD, b] * state[a, q, STD, b]
-                    known = False
-                    for k in range(state.shape[1]):
-                        if _is_point(state, i, k, j, period):
-                            e = wrap(state[a, q, DEPTH, b] - rise - state[i, k, DEPTH, j], period)
-                            apart = gate * (noisy + state[i, k, STD, j] * state[i, k, STD, j]) + TWO * blur2
-                            known = known or e * e < apart
-                    settled = settled and (known or had == 0)
-            found += count
-            settled = settled and (count == 0 or count >= had)
-    return settled if had > 0 else found < ENOUGH
 
 
 @inline
@@ -198,19 +171,24 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
              before, own_before, after, own_after):
     tall, surfaces, fields, wide = before.shape
     period, total = F32(num_bins), energy.sum()
-    most = (2 * REACH + 1)**2 * surfaces
+    most, astray = (2 * REACH + 1)**2 * surfaces, F32(ASTRAY) * period
+    flat = before.reshape(-1)
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
         values, info = np.empty((most, 4), np.float32), np.empty((most, 6), np.int64)
+        s = survey_scratch()
         rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
-        after[i], own_after[i] = before[i], own_before[i]
+        for k in range(surfaces):
+            for f in range(fields):
+                after[i, k, f] = before[i, k, f]
+            after[i, k, WINDOW] = np.maximum(before[i, k, WINDOW], window)
+            own_after[i, k] = own_before[i, k]
         for j in range(MARGIN, wide - MARGIN):
-            for k in range(surfaces):
-                after[i, k, WINDOW, j] = max(before[i, k, WINDOW, j], window)
-            had = _surfaces(before, i, j, period)
-            if exposure[i, j] <= ZERO or (fill and had == surfaces):
-                continue
-            if _settled(i, j, had, before, gate, blur2, period):
+            x = U(j - MARGIN) % B
+            if x == 0:
+                survey(s, flat, i * surfaces * fields * wide + j, surfaces, U(wide), gate, blur2, period, astray)
+            had = int(s[HAD + x])
+            if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO or (fill and had == surfaces):
                 continue
             found, blank = _candidates(i, j, before, own_before, noise, gate, blur2, period, values, info)
             rest[:] = matched[i, :, j]

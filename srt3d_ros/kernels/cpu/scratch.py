@@ -3,6 +3,8 @@
 A reconstruction keeps its memory from frame to frame: to ask the system for it again costs more than some steps.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 
@@ -34,3 +36,20 @@ def array(values: np.ndarray) -> np.ndarray:
 def numpy(values: np.ndarray) -> np.ndarray:
     """The NumPy array of an array on the device."""
     return values
+
+
+class Pipeline:
+    """Frames through a sequence of kernels. Here a frame is done when it has been submitted.
+
+    Args:
+        function: of the frame's arrays; returns a tuple of arrays.
+        replays: whether it is the same sequence of kernels for every frame.
+    """
+
+    def __init__(self, function: Callable, replays: bool = True):
+        self._function = function
+
+    def submit(self, *frame: np.ndarray) -> Callable[[], tuple]:
+        """Begin a frame; what is returned waits for the results."""
+        results = self._function(*map(array, frame))
+        return lambda: results

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, STD
+from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.constants import DIMMEST, FAINTEST, LEAST_SHARE, SHARE_WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, parallel
 from srt3d_ros.kernels.cpu.blur import blur
@@ -100,7 +100,7 @@ def _count(intensity, counts):
 
 
 @parallel
-def _collect(state, intensity, std, rays, metres_per_bin, metres, num_bins, first, row, col, layer, rank, values, xyz):
+def _collect(state, intensity, std, rays, metres_per_bin, metres, num_bins, first, row, col, rank, values, xyz):
     rows, surfaces, cols = intensity.shape
     for i in prange(rows):
         n = first[i]
@@ -117,8 +117,10 @@ def _collect(state, intensity, std, rays, metres_per_bin, metres, num_bins, firs
                 above, place = best, k
                 depth = state[i + MARGIN, k, DEPTH, j + MARGIN]
                 depth = depth if depth < F32(num_bins) else ZERO
-                row[n], col[n], layer[n], rank[n] = i, j, k, order
+                row[n], col[n], rank[n] = i, j, order
                 values[0, n], values[1, n], values[2, n] = depth, best, std[i, k, j]
+                values[3, n] = state[i + MARGIN, k, SLOPE_ROW, j + MARGIN]
+                values[4, n] = state[i + MARGIN, k, SLOPE_COL, j + MARGIN]
                 range_m = np.float64(depth) * metres_per_bin + metres
                 for c in range(3):
                     xyz[n, c] = rays[i, j, c] * range_m
@@ -136,15 +138,15 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
         num_bins: T.
 
     Returns:
-        row, col (uint16), layer, rank (uint8), depth, intensity, std (float32), each [N], and xyz, float32 [N, 3].
+        row, col (uint16 [N]), rank (uint8 [N]), values (float32 [5, N]): depth, intensity, std, slopes down and to the
+        right, bins and photons; xyz, float32 [N, 3], metres.
     """
     counts = np.empty(len(intensity), np.int64)
     _count(intensity, counts)
     ends = np.cumsum(counts)
     points = int(ends[-1])
     row, col = (np.empty(points, np.uint16) for _ in range(2))
-    layer, rank = (np.empty(points, np.uint8) for _ in range(2))
-    values, xyz = np.empty((3, points), np.float32), np.empty((points, 3), np.float32)
-    _collect(state, intensity, std, rays, metres_per_bin, metres, num_bins, ends - counts, row, col, layer, rank,
-             values, xyz)
-    return row, col, layer, rank, *values, xyz
+    rank = np.empty(points, np.uint8)
+    values, xyz = np.empty((5, points), np.float32), np.empty((points, 3), np.float32)
+    _collect(state, intensity, std, rays, metres_per_bin, metres, num_bins, ends - counts, row, col, rank, values, xyz)
+    return row, col, rank, values, xyz
