@@ -114,6 +114,14 @@ def test_gates(device, pixels, first_word, no_detection):
     assert_close(found, reference.sketch_gates(words, table, first_word, no_detection)[:2], EACH[device.name])
 
 
+def test_gates_of_more_cycles_than_are_read_together():
+    words = np.random.default_rng(0).integers(0, T + 1, (2 * sketch.CYCLES + 5, 3)).astype(np.uint16)
+    sums, photons = sketch.new_sums(3, 2)
+    sketch.sketch_gates(words, sketch.fixed_rows(phase_table((3,), T)), 0, T, sums, photons)
+    expected = reference.sketch_gates(words, phase_table((3,), T), 0, T)[:2]
+    assert_close((*sketch.read_sums(sums, photons, 2), sums), expected, EACH["cpu"])
+
+
 @pytest.mark.parametrize("word", [0, 9, 60, 65_535])
 @pytest.mark.parametrize("pixel", [0, 8, 16])
 def test_a_stray_word_is_found_in_any_pixel(device, word, pixel):

@@ -18,7 +18,7 @@ PART = 2**14        # photons that are worth a thread
 BLOCK = 2**20       # unsorted photons that are sorted together: 4 MB of scratch
 STRIPS = 16         # of a block, sorted in parallel
 BUCKETS = 2**8      # about as many streams as can be written at once
-WIDE = 128          # pixels of a gated array that one thread reads, 256 bytes of a cycle
+WIDE, CYCLES = 64, 128      # pixels and cycles of a gated array that are read together, 16 kB
 TURN = 2**32
 TILE = 2**8         # photons whose cosines a thread computes
 
@@ -284,17 +284,18 @@ def _whole(photons):
 def _sketch_gates(words, rows, first_word, no_detection, sums, photons):
     gates, pixels = words.shape
     for strip in prange((pixels + WIDE - 1) // WIDE):
-        start, end = strip * WIDE, min((strip + 1) * WIDE, pixels)
-        pairs = np.empty(PART + WIDE, np.uint32)
-        found = np.uint32(0)
-        for g in range(gates):
-            own = words[g, start:end]
-            for p in range(len(own)):           # written always, kept if it is a photon: no branch to guess wrong
-                pairs[found] = np.uint32(p) << np.uint32(16) | np.uint16(own[p] - first_word)
-                found += np.uint32(own[p] != no_detection)
-            if found >= PART or g == gates - 1:
-                _add_bucket(pairs, 0, found, rows, sums[start:end], photons[start:end])
+        toa = np.empty(CYCLES, np.uint16)
+        for first in range(0, gates, CYCLES):           # words that stay in the cache while pixel after pixel is read
+            tile = words[first:first + CYCLES, strip * WIDE:(strip + 1) * WIDE]
+            for p in range(tile.shape[1]):
                 found = np.uint32(0)
+                for g in range(len(tile)):              # written always, kept if it is a photon: no branch to guess
+                    word = tile[g, p]
+                    toa[found] = word - first_word
+                    found += np.uint32(word != no_detection)
+                if found > 0:
+                    add_run(rows, toa, None, 0, np.int64(found), sums[strip * WIDE + p])
+                    photons[strip * WIDE + p] += found
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
