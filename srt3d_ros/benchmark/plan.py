@@ -23,7 +23,7 @@ class Plan:
         rate_s: how long each frame rate is tried through ROS, seconds.
         rate_steps: bisections in search of the highest rate.
         patience_s: a work that has taken so long at a setting is not repeated there.
-        limit_s: a method that needs longer for a frame is not run on frames of more photons.
+        limit_s: a method is not run on frames of so many photons that it would take longer than this for one.
     """
 
     device: str = "cpu"
@@ -36,7 +36,7 @@ class Plan:
     cycles: int = 15_040
     rate_s: float = 3.0
     rate_steps: int = 4
-    patience_s: float = 20.0
+    patience_s: float = 10.0
     limit_s: float = 60.0
 
 

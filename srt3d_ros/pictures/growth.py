@@ -21,6 +21,7 @@ TIME_LABELS = {"sketching": "sketching, while photons come", "rt3d": "rt3d (all 
                "xcorr": "xcorr (histograms)"}
 INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", "srt3d": "sketch, for the others"}
 _GRID, _GOAL = "#d9dce0", "#6b7280"
+_HIGHEST = 0.97             # label: the title is above
 _LABEL_GAP = 0.047          # of the height, between the middles of two labels
 
 
@@ -120,7 +121,7 @@ def _label_ends(ax: Axes, lines: Sequence[_Line]) -> None:
     to_axes = ax.transData + ax.transAxes.inverted()
     ends = [to_axes.transform((line.x[-1], line.y[-1])) for line in lines]
     heights = np.array(spaced([end[1] for end in ends], _LABEL_GAP))
-    heights -= max(heights.max() - 1, 0)
+    heights -= max(heights.max() - _HIGHEST, 0)
     for line, (x, y), height in zip(lines, ends, heights):
         ax.plot([x + 0.005, 1.045], [y, height], transform=ax.transAxes, color=line.style["color"], linewidth=0.7,
                 clip_on=False)
