@@ -5,6 +5,9 @@ one table row added per photon. The sums are integers (kernels/cpu/rows.py): wha
 only, bit for bit, not on their order, their packets or the number of threads.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates
@@ -22,7 +25,7 @@ class Sketcher:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
         device: "cpu", or "cuda": photons are copied to the GPU, sums stay there, and the arrays of `sketch()` are
-            tensors on it.
+            tensors on it. There, `resident(frame)` copies a frame's photons and returns a function that adds them.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, device: str = "cpu"):
@@ -32,6 +35,8 @@ class Sketcher:
         self._rows = self._kernels.fixed_rows(self._array(phase_table(self.frequencies, sensor.num_bins)))
         self._sums, self._photons = self._kernels.new_sums(sensor.pixels, 2 * len(self.frequencies))
         self._stamp_ns: int | None = None
+        if device == "cuda":            # on the CPU there is nothing to bring
+            self.resident = self._resident
 
     def reset(self) -> None:
         """Forget all photons."""
@@ -45,11 +50,14 @@ class Sketcher:
         Raises:
             InvalidInput: if a photon lies outside the sensor's pixels or bins; nothing is added then.
         """
+        self._resident(frame)()
+
+    def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
+        """Brings the photons to the device; what is returned adds them, as often as it is called."""
         if isinstance(frame, PhotonGates):
-            self._add_gates(frame)
-        else:
-            self._add_events(frame)
-        self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
+            gates, rows, cols = frame.words.shape
+            return partial(self._add_gates, frame, self._array(frame.words.reshape(gates, rows * cols)))
+        return partial(self._add_events, frame, self._array(frame.pixel), self._array(frame.toa))
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
@@ -57,32 +65,33 @@ class Sketcher:
         sums, photons = self._kernels.read_sums(self._sums, self._photons, 2 * m)
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
 
-    def _add_events(self, events: PhotonEvents) -> None:
-        if events.photons == 0:
-            return
-        kernels, pixel, toa = self._kernels, self._array(events.pixel), self._array(events.toa)
-        inside, ordered = kernels.inspect_events(pixel, toa, self.sensor.pixels, self.sensor.num_bins)
-        if not inside:
-            events.check(self.sensor)           # says which photon
-        into = self._sums, self._photons
-        if events.toa.dtype.kind == "f":
-            kernels.sketch_continuous(pixel, toa, self.frequencies, self.sensor.num_bins, bool(ordered), *into)
-        elif ordered:
-            kernels.sketch_sorted(pixel, toa, self._rows, *into)
-        else:
-            kernels.sketch_unsorted(pixel, toa, self._rows, *into)
+    def _add_events(self, events: PhotonEvents, pixel, toa) -> None:
+        kernels, sums, photons = self._kernels, self._sums, self._photons
+        if events.photons > 0:
+            inside, ordered = kernels.inspect_events(pixel, toa, self.sensor.pixels, self.sensor.num_bins)
+            if not inside:
+                events.check(self.sensor)           # says which photon
+            if events.toa.dtype.kind == "f":
+                kernels.sketch_continuous(pixel, toa, self.frequencies, self.sensor.num_bins, ordered, sums, photons)
+            elif ordered:
+                kernels.sketch_sorted(pixel, toa, self._rows, sums, photons)
+            else:
+                kernels.sketch_unsorted(pixel, toa, self._rows, sums, photons)
+        self._note(events.stamp_ns)
 
-    def _add_gates(self, gates: PhotonGates) -> None:
+    def _add_gates(self, gates: PhotonGates, words) -> None:
         form, shape = self.sensor.gates, (self.sensor.rows, self.sensor.cols)
         require(gates.words.shape[1:] == shape, "gates shape", gates.words.shape, f"[cycles, rows, cols] with {shape}")
         require(form is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
-        if gates.words.size == 0:
-            return
-        words = self._array(gates.words.reshape(len(gates.words), -1))
-        stray = int(self._kernels.find_stray(words, form.first_word, form.no_detection, self.sensor.num_bins))
-        last = form.first_word + self.sensor.num_bins - 1
-        require(stray < 0, "gates word", stray, f"{form.first_word} … {last}, or {form.no_detection} for no photon")
-        self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
+        if gates.words.size > 0:
+            stray = self._kernels.find_stray(words, form.first_word, form.no_detection, self.sensor.num_bins)
+            last = form.first_word + self.sensor.num_bins - 1
+            require(stray < 0, "gates word", stray, f"{form.first_word} … {last}, or {form.no_detection} for no photon")
+            self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
+        self._note(gates.stamp_ns)
+
+    def _note(self, stamp_ns: int) -> None:
+        self._stamp_ns = stamp_ns if self._stamp_ns is None else min(self._stamp_ns, stamp_ns)
 
 
 def _kernels_of(device: str):

@@ -121,6 +121,11 @@ def test_no_photons_are_an_empty_sketch(dtype):
     assert not sketch.sums.any() and not sketch.photons.any() and sketch.sums.shape == (4, 6, 4)
 
 
+def test_no_cycles_are_an_empty_sketch():
+    sketch = sketch_photons(PhotonGates(np.zeros((0, 4, 6), np.uint16)), SENSOR, FREQUENCIES)
+    assert not sketch.sums.any() and not sketch.photons.any()
+
+
 def packets(events: PhotonEvents, owner: np.ndarray) -> list[PhotonEvents]:
     """The photons by who owns them, in their order; the packets are stamped by number."""
     return [PhotonEvents(events.pixel[owner == k], events.toa[owner == k], stamp_ns=100 + k)

@@ -107,7 +107,7 @@ def test_gates(device, pixels, first_word, no_detection):
     kernels = device.kernels
     table = phase_table((1, 3, 24), T)
     sums, photons = kernels.new_sums(pixels, 6)
-    assert int(kernels.find_stray(device.array(words), first_word, no_detection, T)) == -1
+    assert kernels.find_stray(device.array(words), first_word, no_detection, T) == -1
     kernels.sketch_gates(device.array(words), kernels.fixed_rows(device.array(table)), first_word, no_detection, sums,
                          photons)
     found = [device.numpy(a) for a in (*kernels.read_sums(sums, photons, 6), sums)]
@@ -127,7 +127,7 @@ def test_gates_of_more_cycles_than_are_read_together():
 def test_a_stray_word_is_found_in_any_pixel(device, word, pixel):
     words = np.full((5, 17), 3, np.uint16)
     words[2, pixel] = word
-    assert int(device.kernels.find_stray(device.array(words), 10, 3, T)) == word
+    assert device.kernels.find_stray(device.array(words), 10, 3, T) == word
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
@@ -137,7 +137,7 @@ def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(device, dtype, w
     pixel, toa = np.full(10_001, 5, np.uint32), np.full(10_001, T - 1, dtype)
 
     def inspect(pixel, toa):
-        return tuple(bool(x) for x in device.kernels.inspect_events(device.array(pixel), device.array(toa), 6, T))
+        return device.kernels.inspect_events(device.array(pixel), device.array(toa), 6, T)
 
     assert inspect(pixel, toa) == (True, True)
     wrong = toa.copy()
@@ -225,6 +225,18 @@ def test_a_sketcher_on_cuda_gives_the_sketch_of_one_on_the_cpu(cuda):
     assert (np.abs(one.sums - cuda.numpy(other.sums)) <= EACH["cuda"] * np.maximum(one.photons, 1)[..., None]).all()
     sketchers[1].reset()
     assert not sketchers[1].sketch().sums.any() and not cuda.numpy(sketchers[1].sketch().photons).any()
+
+
+def test_photons_that_lie_on_cuda_are_added_as_often_as_asked_for(cuda):
+    sensor = SensorModel(4, 10, T, 1e-10, [1, 2, 1])
+    sketcher, frame = Sketcher(sensor, (1, 3), "cuda"), PhotonEvents(*draw(ordered=True))
+    add = sketcher.resident(frame)
+    assert not sketcher.sketch().sums.any()
+    add()
+    once = cuda.numpy(sketcher.sketch().sums)
+    add()
+    np.testing.assert_allclose(cuda.numpy(sketcher.sketch().sums), 2 * once, rtol=1e-6)
+    assert not hasattr(Sketcher(sensor, (1, 3), "cpu"), "resident")
 
 
 @pytest.mark.parametrize(("frame", "message"), [

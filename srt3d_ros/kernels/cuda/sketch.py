@@ -70,10 +70,11 @@ def _inspect_events(pixel, toa, count, pixels, num_bins, found, BLOCK: tl.conste
 
 
 def inspect_events(pixel, toa, pixels, num_bins):
-    """Whether all photons lie inside the sensor, and whether they are sorted by pixel: tensors of one bool."""
+    """Whether all photons lie inside the sensor, and whether they are sorted by pixel; waits for the answer."""
     found = torch.zeros(2, dtype=torch.int32, device=pixel.device)
     _inspect_events[(triton.cdiv(len(pixel), BLOCK),)](pixel, toa, len(pixel), pixels, num_bins, found, BLOCK=BLOCK)
-    return found[0] == 0, found[1] == 0
+    outside, drops = found.tolist()
+    return not outside, not drops
 
 
 @triton.jit
@@ -87,7 +88,7 @@ def _find_stray(words, count, first_word, no_detection, num_bins, stray, BLOCK: 
 
 
 def find_stray(words, first_word, no_detection, num_bins):
-    """A word that is neither a bin nor `no_detection`, or −1: a tensor of one number.
+    """A word that is neither a bin nor `no_detection`, or −1; waits for the answer.
 
     Args:
         words: uint16 [G, pixels].
@@ -95,7 +96,7 @@ def find_stray(words, first_word, no_detection, num_bins):
     count = words.numel()
     stray = torch.full((1,), -1, dtype=torch.int32, device=words.device)
     _find_stray[(triton.cdiv(count, BLOCK),)](words, count, first_word, no_detection, num_bins, stray, BLOCK=BLOCK)
-    return stray[0]
+    return stray.item()
 
 
 # ---- Sums of photons that lie pixel by pixel
