@@ -30,9 +30,9 @@ def test_time_and_memory_have_a_line_for_each_method(path):
         seen = coloured(path, COLOURS[method])
         half = seen.shape[1] // 2
         assert seen[:, :half].sum() > 300 and seen[:, half:].sum() > 300
-    assert coloured(path, "#6b7280").sum() > 50                                # the goal
+    with_goal = coloured(path, "#6b7280").sum()
     draw_growth(path, lines, "", None, {"rt3d": "over 60 s"})
-    assert not coloured(path, "#6b7280").any() and not coloured(path, COLOURS["smle"]).any()
+    assert with_goal > coloured(path, "#6b7280").sum() + 50 and not coloured(path, COLOURS["smle"]).any()
 
 
 def test_a_line_may_end_early_and_memory_may_be_unknown(path):
