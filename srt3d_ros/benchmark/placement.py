@@ -1,6 +1,7 @@
 """Where a frame lies when its clock starts: in the host's memory, or already on the device.
 
 The one place that knows how a backend is handed data on its device:
+- A reconstructor with `submit` begins a frame while others are under way, which on the CPU gains nothing.
 - A Sketcher on "cuda" gives sketches whose arrays are tensors there; a reconstructor there takes them as they are.
 - A Sketcher that can sketch photons which are already there has `resident(frame)`, which copies a frame to the device
   and returns a function without arguments that sketches it.
@@ -19,7 +20,8 @@ from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
 
-HOST, DEVICE = "host", "device"
+HOST, DEVICE, PIPELINED = "host", "device", "host, pipelined"
+FRAMES = {PIPELINED: 16}    # in a call; of the others one
 
 
 def built(method: Method, sensor: SensorModel, frequencies, device: str):
@@ -47,12 +49,28 @@ def on_host(sketch: Sketch) -> Sketch:
 
 
 def reconstructions(reconstructor, sketch: Sketch) -> dict[str, Callable[[], object]]:
-    """What to time, by where the sketch lies: on the host and, if the reconstructor is where `sketch` is, there."""
+    """What to time, by where the sketch lies: on the host and, if the reconstructor is where `sketch` is, there.
+
+    A pipelined call is of FRAMES[PIPELINED] frames, each cloud awaited when the next frame has been submitted.
+    """
     held = on_host(sketch)
     calls = {HOST: lambda: reconstructor(held)}
-    if reconstructor.device != "cpu" and not isinstance(sketch.sums, np.ndarray):
+    if reconstructor.device == "cpu":
+        return calls
+    if not isinstance(sketch.sums, np.ndarray):
         calls[DEVICE] = lambda: reconstructor(sketch)
+    if hasattr(reconstructor, "submit"):
+        calls[PIPELINED] = lambda: _stream(reconstructor, held)
     return calls
+
+
+def _stream(reconstructor, sketch: Sketch) -> None:
+    wait = reconstructor.submit(sketch)
+    for _ in range(FRAMES[PIPELINED] - 1):
+        following = reconstructor.submit(sketch)
+        wait()
+        wait = following
+    wait()
 
 
 def sketchings(sketcher: Sketcher, frame: PhotonFrame,

@@ -43,7 +43,8 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
                     continue
                 for place, call in placement.reconstructions(reconstructor, sketch).items():
                     key = name, m, place
-                    works[key] = timing.Work(call, reconstructor.device, f"{side}², m = {m}: {name}")
+                    works[key] = timing.Work(call, reconstructor.device, f"{side}², m = {m}: {name}",
+                                             frames=placement.FRAMES.get(place, 1))
                     facts[key] = {"what": "reconstruct", "method": name, "rows": side, "cols": side,
                                   "num_bins": sensor.num_bins, "sketch_size": m, "ppp": PPP, "sbr": frames.SBR,
                                   "device": reconstructor.device, "frame_from": place,

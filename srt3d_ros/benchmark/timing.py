@@ -22,12 +22,14 @@ class Work:
         title: for the progress bar.
         settles: True if its first run also allocates or captures what later ones use: it is then not timed. The first
             run is the one whose memory is measured.
+        frames: that a call does; the time is that of one.
     """
 
     call: Callable[[], object]
     device: str
     title: str
     settles: bool = True
+    frames: int = 1
 
 
 @dataclass(eq=False)
@@ -99,7 +101,7 @@ def _seconds(work: Work) -> float:
     synchronise(work.device)
     elapsed = time.perf_counter() - started
     del result              # not within the time: what a user does with a cloud is his
-    return elapsed
+    return elapsed / work.frames
 
 
 def _first(work: Work) -> Timing:

@@ -63,6 +63,24 @@ def test_a_sketch_on_the_device_is_timed_from_there_and_from_the_host():
     assert list(placement.reconstructions(reconstructor, Sketch((1,), SUMS, PHOTONS))) == ["host"]
 
 
+def test_pipelined_frames_are_awaited_when_the_next_has_been_submitted(monkeypatch):
+    events = []
+
+    class Reconstructor:
+        device = "cuda"
+
+        def submit(self, sketch):
+            number = sum(event[0] == "submit" for event in events)
+            events.append(("submit", number))
+            return lambda: events.append(("wait", number))
+
+    monkeypatch.setitem(placement.FRAMES, placement.PIPELINED, 3)
+    placement.reconstructions(Reconstructor(), Sketch((1,), SUMS, PHOTONS))[placement.PIPELINED]()
+    assert events == [("submit", 0), ("submit", 1), ("wait", 0), ("submit", 2), ("wait", 1), ("wait", 2)]
+    Reconstructor.device = "cpu"
+    assert placement.PIPELINED not in placement.reconstructions(Reconstructor(), Sketch((1,), SUMS, PHOTONS))
+
+
 def test_photons_are_sketched_from_the_device_if_they_can_be():
     sketcher = SimpleNamespace(add=lambda frame: ("host", frame))
     assert {place: call() for place, call in placement.sketchings(sketcher, 7, lambda frame: -frame).items()} == {
