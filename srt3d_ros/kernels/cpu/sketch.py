@@ -15,7 +15,7 @@ __all__ = ["find_stray", "fixed_rows", "inspect_events", "new_sums", "read_sums"
            "sketch_sorted", "sketch_unsorted"]
 
 PART = 2**14        # photons that are worth a thread
-BLOCK = 2**20       # unsorted photons that are sorted together: 4 MB of scratch
+BLOCK = 2**21       # unsorted photons that are sorted together: 8 MB of scratch
 STRIPS = 16         # of a block, sorted in parallel
 BUCKETS = 2**8      # about as many streams as can be written at once
 WIDE, CYCLES = 64, 128      # pixels and cycles of a gated array that are read together, 16 kB
