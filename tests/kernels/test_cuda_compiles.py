@@ -10,8 +10,13 @@ from types import SimpleNamespace
 
 import pytest
 
-KERNELS = ["_apss", "_blur_cols", "_blur_rows", "_choose", "_descend", "_evidence", "_explain", "_match",
-           "_own_intensity", "_pixelwise", "_poisson", "_relief", "survey"]
+KERNELS = {
+    "apss": ["_apss"], "blur": ["_blur_cols", "_blur_rows"], "collect": ["_collect", "_count"], "descend": ["_descend"],
+    "evidence": ["_evidence"], "explain": ["_explain", "_leave"], "intensity": ["_own_intensity"], "match": ["_match"],
+    "pixelwise": ["_pixelwise"], "poisson": ["_poisson"], "prepare": ["_prepare"], "propose": ["_choose"],
+    "relief": ["_relief"], "search": ["_decide", "_pool_rows"], "settle": ["_excess", "_settle"],
+    "sketch": ["_count", "_find_stray", "_inspect_events", "_place", "_starts", "_sum_rows", "_sum_waves"],
+    "survey": ["survey"]}
 
 
 def test_kernels_compile_for_an_h100():
@@ -19,7 +24,7 @@ def test_kernels_compile_for_an_h100():
     environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
     run = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.split() == KERNELS
+    assert run.stdout.split() == [f"{module}.{name}" for module, names in KERNELS.items() for name in names]
 
 
 def compile_all() -> list[str]:
@@ -33,19 +38,23 @@ def compile_all() -> list[str]:
 
     def compile_only(kernel, *args, grid, warmup, **options):
         machine_code = run(kernel, *args, grid=grid, warmup=True, **options).asm["cubin"]
-        compiled.update([kernel.__name__] if machine_code else [])
+        compiled.update([f"{kernel.fn.__module__.rsplit('.')[-1]}.{kernel.__name__}"] if machine_code else [])
 
     JITFunction.run = compile_only
     driver.set_active(SimpleNamespace(get_current_device=lambda: 0, get_current_stream=lambda device: 0,
                                       get_current_target=lambda: GPUTarget("cuda", 90, 32)))
     from srt3d_ros.core import layout
+    from srt3d_ros.core.start import window_weights
     from srt3d_ros.kernels import cuda
+    for module in ("device", "scratch", "sketch"):
+        sys.modules[f"srt3d_ros.kernels.cuda.{module}"].DEVICE = "cpu"          # where the arguments lie
 
     m, surfaces, shape, rows, cols = 10, 2, (16, 76), 4, 64
     maps = {name: torch.zeros(size) for name, size in {
         "matched": (shape[0], 2 * m, shape[1]), "noise": shape, "exposure": shape, "energy": m, "cycles": m,
         "moments": 2, "intensity_moments": 2, "rarity": 257}.items()}
-    data = SimpleNamespace(**maps, num_bins=300, greatest_response=1.0)
+    data = SimpleNamespace(**maps, num_bins=300, greatest_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
+                           shape=(rows, cols))
     state = torch.zeros(shape[0], surfaces, layout.FIELDS, shape[1])
     cuda.blur(torch.zeros(rows, 2 * m, cols), torch.zeros(12), 2)
     cuda.match(torch.zeros(rows, 2 * m, cols), data.energy, data.cycles, 300, surfaces)
@@ -54,14 +63,40 @@ def compile_all() -> list[str]:
     cuda.own_intensity(data, state)
     cuda.relief(state, 5.0, layout.MARGIN, 23.0, 300)
     cuda.propose(data, state[:, :1].contiguous(), 1.5, 23.0, 1)
-    points, image = torch.zeros(rows, surfaces, cols), torch.zeros(rows, cols)
+    image, counts = torch.zeros(rows, cols), torch.zeros(rows, cols, dtype=torch.uint32)
+    sums = torch.zeros(rows, cols, m, dtype=torch.complex64)
+    for equaliser in (sums, sums[:1, :1]):
+        cuda.prepare(sums, counts, equaliser, image)
+    for clutter in (None, torch.ones(300)):
+        data.clutter = clutter
+        for layer, (sigma, step) in enumerate(((0.0, 1), (6.0, 4))):
+            cuda.search(data, data.matched, state, layer, sigma, window_weights(sigma, step), step, 5.0, cuda.Scratch())
+        intensity, std, _ = cuda.settle(data, counts, state, 5.0, 5.0, layout.MARGIN, 23.0, cuda.Scratch())
+    cuda.leave(data, state, 1)
+    cuda.collect(state, intensity, std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)
+    cuda.collect(state[:, :1], intensity[:, :1], std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)
+    points = torch.zeros(rows, surfaces, cols)
     cuda.pixelwise(data, torch.zeros(65, 4, m), 0.5, 1.0, points, points)
     photons = SimpleNamespace(starts=torch.zeros(rows * cols + 1, dtype=torch.int64), toa=image, irf=image, slope=image,
                               exposure=image, ref=1, information=1.0, num_bins=300)
     cuda.poisson(photons, image, 0.5, 1.0, points, points)
     cuda.apss(points, points, None, image, 5.0, 300)
     cuda.apss(points, points, torch.stack([points, points]), image, 5.0, 300)
+    compile_sketching(cuda, torch, rows * cols)
     return sorted(compiled)
+
+
+def compile_sketching(cuda, torch, pixels):
+    table, (sums, photons) = cuda.fixed_rows(torch.zeros(300, 20)), cuda.new_sums(pixels, 20)
+    pixel, toa = torch.zeros(1000, dtype=torch.uint32), torch.zeros(1000, dtype=torch.uint16)
+    words = torch.zeros(9, pixels, dtype=torch.uint16)
+    cuda.inspect_events(pixel, toa, pixels, 300)
+    cuda.find_stray(words, 0, 300, 300)
+    cuda.sketch_sorted(pixel, toa, table, sums, photons)
+    cuda.sketch_unsorted(pixel, toa, table, sums, photons)
+    cuda.sketch_gates(words, table, 0, 300, sums, photons)
+    for ordered in (False, True):
+        cuda.sketch_continuous(pixel, toa.to(torch.float32), (1, 2, 3), 300, ordered, sums, photons)
 
 
 if __name__ == "__main__":

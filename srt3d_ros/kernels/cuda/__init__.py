@@ -7,16 +7,21 @@ inner loops of the CPU kernels; what it adds up stays in registers.
 
 from srt3d_ros.kernels.cuda.apss import apss
 from srt3d_ros.kernels.cuda.blur import blur
+from srt3d_ros.kernels.cuda.collect import collect, unpack
 from srt3d_ros.kernels.cuda.descend import descend
 from srt3d_ros.kernels.cuda.device import DEVICE, array, numpy
 from srt3d_ros.kernels.cuda.evidence import evidence
-from srt3d_ros.kernels.cuda.explain import explain
+from srt3d_ros.kernels.cuda.explain import explain, leave
 from srt3d_ros.kernels.cuda.intensity import own_intensity
 from srt3d_ros.kernels.cuda.match import match
 from srt3d_ros.kernels.cuda.pixelwise import pixelwise
 from srt3d_ros.kernels.cuda.poisson import poisson
+from srt3d_ros.kernels.cuda.prepare import prepare
 from srt3d_ros.kernels.cuda.propose import propose
 from srt3d_ros.kernels.cuda.relief import relief
+from srt3d_ros.kernels.cuda.scratch import Scratch
+from srt3d_ros.kernels.cuda.search import drop_weak, search
+from srt3d_ros.kernels.cuda.settle import settle
 from srt3d_ros.kernels.cuda.sketch import (
     find_stray,
     fixed_rows,
@@ -29,6 +34,7 @@ from srt3d_ros.kernels.cuda.sketch import (
     sketch_unsorted,
 )
 
-__all__ = ["DEVICE", "apss", "array", "blur", "descend", "evidence", "explain", "find_stray", "fixed_rows",
-           "inspect_events", "match", "new_sums", "numpy", "own_intensity", "pixelwise", "poisson", "propose",
-           "read_sums", "relief", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted"]
+__all__ = ["DEVICE", "Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain",
+           "find_stray", "fixed_rows", "inspect_events", "leave", "match", "new_sums", "numpy", "own_intensity",
+           "pixelwise", "poisson", "prepare", "propose", "read_sums", "relief", "search", "settle",
+           "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]

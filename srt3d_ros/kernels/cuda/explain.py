@@ -3,8 +3,10 @@
 import triton
 import triton.language as tl
 
-from srt3d_ros.kernels.cuda.arithmetic import axis, sincos
+from srt3d_ros.kernels.cuda.arithmetic import TINY, axis, sincos
+from srt3d_ros.kernels.cuda.evidence import own_response
 from srt3d_ros.kernels.cuda.layout import BLOCK, DEPTH, FIELDS, INTENSITY
+from srt3d_ros.kernels.cuda.scratch import borrow
 
 
 @triton.jit
@@ -50,4 +52,45 @@ def explain(data, state, out=None):
     _explain[(triton.cdiv(wide, BLOCK.value), tall)](
         data.matched, data.exposure, data.energy, data.cycles, m, wide, state, out, SURFACES=surfaces, M=axis(m),
         num_warps=max(axis(m) // 16, 1))
+    return out
+
+
+@triton.jit
+def _leave(matched, exposure, energy, cycles, m, wide, state, rest, LAYER: tl.constexpr, SURFACES: tl.constexpr,
+           M: tl.constexpr):
+    i, j, l = tl.program_id(1), tl.program_id(0) * BLOCK + tl.arange(0, BLOCK), tl.arange(0, M)
+    inside, known = j < wide, (l < m)[:, None] & (j < wide)[None, :]
+    real = (i * 2 * m + l)[:, None] * wide + j[None, :]
+    share = tl.load(energy + l, mask=l < m, other=0.0)
+    cycle, total = tl.load(cycles + l, mask=l < m, other=0.0)[:, None], tl.sum(share)
+    lit = tl.load(exposure + i * wide + j, mask=inside, other=0.0)
+    re = tl.load(matched + real, mask=known, other=0.0)
+    im = tl.load(matched + real + m * wide, mask=known, other=0.0)
+    for o in tl.static_range(SURFACES):
+        if o != LAYER:
+            point = state + (i * SURFACES + o) * FIELDS * wide + j
+            there = tl.load(point + INTENSITY * wide, mask=inside, other=0.0) > 0.0
+            own = own_response(matched, energy, cycles, lit, state, i, o, j, inside, wide, m, SURFACES, M)
+            own = tl.maximum(own / (total * tl.maximum(lit, TINY)), 0.0)
+            photons = tl.where(there, own * lit, 0.0)[None, :] * share[:, None]
+            sine, cosine = sincos(cycle * tl.load(point + DEPTH * wide, mask=inside, other=0.0)[None, :])
+            re -= photons * cosine
+            im -= photons * sine
+    tl.store(rest + real, re, mask=known)
+    tl.store(rest + real + m * wide, im, mask=known)
+
+
+def leave(data, state, layer, scratch=None):
+    """What the surfaces before `layer` leave of the pixels' sketches, each as strong as its own pixel shows it.
+
+    Why so strong is told in kernels/cpu/explain.py. A pixel's 8m bytes are read from memory and written once.
+
+    Returns:
+        float32 [rows', 2m, cols'].
+    """
+    tall, surfaces, _, wide = state.shape
+    out, m = borrow(scratch, "left", data.matched.shape), len(data.energy)
+    _leave[(triton.cdiv(wide, BLOCK.value), tall)](
+        data.matched, data.exposure, data.energy, data.cycles, m, wide, state, out, LAYER=layer, SURFACES=surfaces,
+        M=axis(m), num_warps=max(axis(m) // 16, 1))
     return out

@@ -1,0 +1,93 @@
+"""The CUDA kernels of the start, `prepare`, `search` and `leave`, against the float64 reference and the CPU kernels."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.start import REST_SCALES, SURE_SCALES, window_weights
+
+from .frames import FAINT, T, assert_states_agree, make_frame, make_sensor, make_sketch, make_state
+from .on_device import frame_on, others
+
+
+@pytest.mark.parametrize("shape", [(3, 40), (1, 5), (4, 1)])
+@pytest.mark.parametrize("each", [False, True])
+def test_prepare(cuda, shape, each):
+    sensor = make_sensor(*shape, seed=2)
+    if each:        # an equaliser for each pixel, and masked ones
+        sensor = sensor.replace(delay_bins=np.random.default_rng(0).uniform(-9, 9, shape))
+    sketch = make_sketch(sensor, seed=2)
+    matcher = Matcher(sensor, sketch.frequencies)
+    arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used
+    scratch = cuda.Scratch()
+    for maps in (scratch.array("matched", (shape[0] + 12, 2 * len(sketch.frequencies), 44 if shape[1] < 33 else 76)),
+                 scratch.array("noise", (shape[0] + 12, 44 if shape[1] < 33 else 76))):
+        maps.fill_(np.nan)
+    found = [cuda.numpy(maps) for maps in cuda.prepare(*(cuda.array(a) for a in arguments), scratch)]
+    for other in others():
+        for one, expected in zip(found, other.prepare(*arguments)):
+            np.testing.assert_allclose(one, expected, atol=1e-5 * np.abs(expected).max())
+
+
+SCALES = [*SURE_SCALES, *REST_SCALES]
+
+
+@pytest.mark.parametrize(("shape", "scale", "light", "clutter"), [
+    ((4, 35), SCALES[0], 1, False), ((7, 35), SCALES[1], FAINT, False), ((7, 35), SCALES[2], FAINT, True),
+    ((5, 33), SCALES[3], FAINT, False), ((9, 67), SCALES[4], FAINT, False), ((1, 1), SCALES[2], 1, False)])
+def test_search(cuda, shape, scale, light, clutter):
+    frame = make_frame(shape, 3, light)
+    if clutter:
+        frame = replace(frame, clutter=np.random.default_rng(0).uniform(1, 3, T).astype(np.float32))
+    state = make_state(frame, 1, 3)
+    state[:, 0, layout.INTENSITY, ::3] = 0
+    check_search(cuda, frame, state, 0, scale, 4.0 if light < 1 else 9.0)
+
+
+@pytest.mark.parametrize(("surfaces", "scale"), [(2, SCALES[0]), (2, SCALES[2]), (3, SCALES[1])])
+def test_search_for_further_surfaces(cuda, surfaces, scale):
+    frame = make_frame((6, 35), 4)
+    state = make_state(frame, surfaces, 4)
+    state[:, -1, layout.INTENSITY, ::2] = 0
+    state[:, :, layout.DEPTH, ::3] = (state[:, :, layout.DEPTH, ::3] + 40) % T      # so that the photons show others
+    check_search(cuda, frame, state, surfaces - 1, scale, 3.0)
+
+
+def check_search(cuda, frame, state, layer, scale, enough):
+    (sigma, step), given = scale, cuda.array(state)
+    weights, padded = window_weights(sigma, step), frame.padded
+    on = frame_on(cuda, padded)
+    cuda.search(on, on.matched, given, layer, sigma, weights, step, enough, cuda.Scratch())
+    found, before = cuda.numpy(given), (state[:, layer, layout.INTENSITY] > 0).sum()
+    if frame.shape != (1, 1):
+        assert (found[:, layer, layout.INTENSITY] > 0).sum() > before + 10
+    for other in others():
+        expected = state.copy()
+        other.search(padded, padded.matched, expected, layer, sigma, weights, step, enough)
+        if frame.shape != (1, 1):
+            assert_states_agree(found, expected, frame.shape)
+        was = expected[:, layer, layout.INTENSITY] == state[:, layer, layout.INTENSITY]
+        assert np.array_equal(found[:, layer].swapaxes(0, 1)[:, was], state[:, layer].swapaxes(0, 1)[:, was])
+
+
+@pytest.mark.parametrize(("surfaces", "layer"), [(2, 1), (3, 1)])
+def test_leave(cuda, surfaces, layer):
+    frame = make_frame((4, 33), 1).padded
+    state = make_state(make_frame((4, 33), 1), surfaces, 1)
+    found = cuda.numpy(cuda.leave(frame_on(cuda, frame), cuda.array(state), layer, cuda.Scratch()))
+    for other in others():
+        expected = other.leave(frame, state, layer)
+        np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+    assert not np.allclose(found, frame.matched)
+
+
+def test_weak_points_are_dropped(cuda):
+    state = make_state(make_frame((4, 33), 1), 2, 1)
+    found = cuda.array(state)
+    cuda.drop_weak(found, 10.0)
+    expected = state.copy()
+    expected[:, :, layout.INTENSITY][state[:, :, layout.SCORE] < 10] = 0
+    assert np.array_equal(cuda.numpy(found), expected) and not np.array_equal(expected, state)
