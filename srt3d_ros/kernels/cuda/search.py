@@ -50,7 +50,7 @@ def _pool_rows(matched, noise, exposure, state, weights, rows, cols, wide, chann
     first = tl.program_id(2) * STEP - (TAPS - STEP) // 2
     total = tl.zeros([CHANNELS, COLS], tl.float32)
     light, photons = tl.zeros([COLS], tl.float32), tl.zeros([COLS], tl.float32)
-    for tap in tl.static_range(TAPS):
+    for tap in tl.range(TAPS, loop_unroll_factor=4):
         i, weight = first + tap, tl.load(weights + tap)
         pixel = (i + MARGIN) * wide + j + MARGIN
         inside = j < tl.where((i >= 0) & (i < rows), cols, 0)
@@ -99,17 +99,16 @@ def _decide(matched, noise, light, line, across, line_of_one, exposure, state, w
     """
     cell_row, cell, l = tl.program_id(1), tl.program_id(0) * PIXELS + tl.arange(0, PIXELS), tl.arange(0, M)
     some = tl.zeros([PIXELS], tl.int32)
-    for p in tl.static_range(STEP):
-        for q in tl.static_range(STEP):
-            i, j = cell_row * STEP + p, cell * STEP + q
-            inside = j < tl.where(i < rows, cols, 0)
-            some |= _is_open(exposure, state, i, j, inside, wide, LAYER, SURFACES).to(tl.int32)
+    for own in tl.range(STEP * STEP, loop_unroll_factor=4):
+        i, j = cell_row * STEP + own // STEP, cell * STEP + own % STEP
+        inside = j < tl.where(i < rows, cols, 0)
+        some |= _is_open(exposure, state, i, j, inside, wide, LAYER, SURFACES).to(tl.int32)
     if tl.max(some, axis=0) == 0:
         return
 
     re, im = tl.zeros([M, PIXELS], tl.float32), tl.zeros([M, PIXELS], tl.float32)
     photons, lit = tl.zeros([PIXELS], tl.float32), tl.zeros([PIXELS], tl.float32)
-    for tap in tl.static_range(TAPS):
+    for tap in tl.range(TAPS, loop_unroll_factor=4):
         j, weight = cell * STEP + (tap - (TAPS - STEP) // 2), tl.load(weights + tap)
         inside = (j >= 0) & (j < cols)
         at, known = matched + cell_row * line + l[:, None] * across + j[None, :], (l < m)[:, None] & inside[None, :]
@@ -128,27 +127,27 @@ def _decide(matched, noise, light, line, across, line_of_one, exposure, state, w
         score = score / tl.load(clutter + tl.floor(depth + 0.5).to(tl.int32) % BINS)
     intensity, std = signal / tl.maximum(lit, DIMMEST), _std(signal, photons, squash, moments, curvature, period)
     apart = APART * tl.sqrt(total / curvature)
-    for p in tl.static_range(STEP):
-        for q in tl.static_range(STEP):
-            i, j = cell_row * STEP + p, cell * STEP + q
-            inside = j < tl.where(i < rows, cols, 0)
-            new = _is_open(exposure, state, i, j, inside, wide, LAYER, SURFACES) & (score > enough)
-            first = state + (i + MARGIN) * SURFACES * FIELDS * wide + j + MARGIN
-            if LAYER > 0:       # a surface beside those that the pixel has: resolved from them, and not too faint
-                new = new & (intensity > FAINTEST * tl.load(first + INTENSITY * wide, mask=new, other=0.0))
-                for k in tl.static_range(LAYER):
-                    known = first + k * FIELDS * wide
-                    e = wrap(tl.load(known + DEPTH * wide, mask=new, other=0.0) - depth, period)
-                    there = tl.load(known + INTENSITY * wide, mask=new, other=0.0) > 0.0
-                    new = new & ~((tl.abs(e) <= apart) & there)
-            into = first + LAYER * FIELDS * wide
-            tl.store(into + DEPTH * wide, depth, mask=new)
-            tl.store(into + SLOPE_COL * wide, 0.0, mask=new)
-            tl.store(into + SLOPE_ROW * wide, 0.0, mask=new)
-            tl.store(into + INTENSITY * wide, intensity, mask=new)
-            tl.store(into + STD * wide, std, mask=new)
-            tl.store(into + WINDOW * wide, window, mask=new)
-            tl.store(into + SCORE * wide, score, mask=new)
+    for own in range(STEP * STEP):
+        i, j = cell_row * STEP + own // STEP, cell * STEP + own % STEP
+        inside = j < tl.where(i < rows, cols, 0)
+        new = _is_open(exposure, state, i, j, inside, wide, LAYER, SURFACES) & (score > enough)
+        first = state + (i + MARGIN) * SURFACES * FIELDS * wide + j + MARGIN
+        if LAYER > 0:       # a surface beside those that the pixel has: resolved from them, and not too faint
+            new = new & (intensity > FAINTEST * tl.load(first + INTENSITY * wide, mask=new, other=0.0))
+            for k in tl.static_range(LAYER):
+                known = first + k * FIELDS * wide
+                e = wrap(tl.load(known + DEPTH * wide, mask=new, other=0.0) - depth, period)
+                there = tl.load(known + INTENSITY * wide, mask=new, other=0.0) > 0.0
+                new = new & ~((tl.abs(e) <= apart) & there)
+        tl.debug_barrier()      # threads that share a pixel have all seen it open
+        into = first + LAYER * FIELDS * wide
+        tl.store(into + DEPTH * wide, depth, mask=new)
+        tl.store(into + SLOPE_COL * wide, 0.0, mask=new)
+        tl.store(into + SLOPE_ROW * wide, 0.0, mask=new)
+        tl.store(into + INTENSITY * wide, intensity, mask=new)
+        tl.store(into + STD * wide, std, mask=new)
+        tl.store(into + WINDOW * wide, window, mask=new)
+        tl.store(into + SCORE * wide, score, mask=new)
 
 
 def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None):
