@@ -20,7 +20,8 @@ def add_parser(subparsers) -> None:
                         help="where srt3d computes (auto: the GPU if there is one)")
     parser.add_argument("--repeats", type=int, metavar="N", help="timed runs of each, of which median, min and max "
                         "are told (5)")
-    parser.add_argument("--quick", action="store_true", help="a first look: less of everything; to <machine>-quick.jsonl")
+    parser.add_argument("--quick", action="store_true",
+                        help="a first look: less of everything; to <machine>-quick.jsonl")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR",
                         help="folder of the results (%(default)s)")
     parser.set_defaults(run=run)

@@ -48,7 +48,8 @@ def continuation_threshold(false_alarm_rate: float) -> float:
     return -NormalDist().inv_cdf(math.sqrt(false_alarm_rate))
 
 
-def find_surfaces(frame: Frame, state, scales, enough: float, kernels, scratch=None):
+def find_surfaces(frame: Frame, state, scales, enough: float, kernels, scratch=None, carried=None,
+                  confirmed: float = 0.0):
     """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
     A scale pools the pixels that finer ones, or an earlier search, left open. At the last scale less is enough. Further
@@ -61,6 +62,8 @@ def find_surfaces(frame: Frame, state, scales, enough: float, kernels, scratch=N
         enough: the score that is enough at the last scale, standard deviations.
         kernels: the device's kernels.
         scratch: memory to use.
+        carried: as `state`, the last frame's surfaces; they need less evidence.
+        confirmed: the score that is enough for them.
 
     Returns:
         The state.
@@ -69,7 +72,8 @@ def find_surfaces(frame: Frame, state, scales, enough: float, kernels, scratch=N
         matched = frame.matched if layer == 0 else kernels.leave(frame, state, layer, scratch)
         for sigma, step in scales:
             least = enough if (sigma, step) == scales[-1] and layer == 0 else max(SURE, enough)
-            kernels.search(frame, matched, state, layer, sigma, window_weights(sigma, step), step, least, scratch)
+            kernels.search(frame, matched, state, layer, sigma, window_weights(sigma, step), step, least, scratch,
+                           carried, confirmed)
     return state
 
 

@@ -4,6 +4,7 @@
 NARROWEST = 0.7     # window of a point that its own pixel shows, pixels
 FAINTEST = 0.05     # of a pixel's first surface that a further one must give: less may be a wrong IRF's
 APART = 4.0         # widths of the matched filter beyond which a pixel's surfaces are two
+STAY = 1.5          # nats by which another depth must be better than that of the last frame
 DIMMEST = 1e-6      # photons that are divided by, at least
 
 # The tangent plane of a point (`descend`).

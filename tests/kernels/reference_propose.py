@@ -5,17 +5,20 @@ from types import SimpleNamespace
 import numpy as np
 
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.cpu.evidence import DEAD, LEFT, LIKENESS, SHARING
-from srt3d_ros.kernels.cpu.propose import (
+from srt3d_ros.kernels.constants import (
     ALONE,
     BELIEF,
     BLANK,
     CREATE,
+    DEAD,
     ENOUGH,
     FILL_WINDOW,
+    LEFT,
+    LIKENESS,
     REACH,
     RESOLVED,
     SAME,
+    SHARING,
     VOTES,
 )
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, STD, WINDOW
-from srt3d_ros.kernels.constants import APART, FAINTEST, NARROWEST
+from srt3d_ros.kernels.constants import APART, FAINTEST, NARROWEST, STAY
 
 from .reference_arithmetic import angular, expected, pixel_z, response_of, unexplained, wrap
 
@@ -49,7 +49,7 @@ def match(matched, energy, cycles, num_bins, surfaces):
     return depth, intensity
 
 
-def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None):
+def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None, carried=None, confirmed=0.0):
     size = data.shape
     view, exposure = layout.crop(state, *size), layout.crop(data.exposure, *size)
     is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
@@ -68,6 +68,15 @@ def search(data, matched, state, layer, sigma, weights, step, enough, scratch=No
         point[DEPTH], point[INTENSITY] = depth[a, b] % data.num_bins, signal[a, b] / max(light[a, b], 1e-6)
         point[STD] = _std(data, signal[a, b], noise[a, b], squash)
         point[WINDOW], point[SCORE] = max(sigma, NARROWEST), score
+        if carried is not None and carried[MARGIN + i, layer, INTENSITY, MARGIN + j] > 0:
+            old = carried[MARGIN + i, layer, :, MARGIN + j].astype(float)
+            signal_there = response_of(pixel_z(pooled, a, b), old[DEPTH], data) / data.total_energy
+            known = _score(data, signal_there, noise[a, b], squash) / data.noise_ratio(old[DEPTH])
+            if known > confirmed and score**2 - known**2 < 2 * STAY:
+                old[INTENSITY], old[SCORE] = signal_there / max(light[a, b], 1e-6), known
+                old[STD], old[WINDOW] = _std(data, signal_there, noise[a, b], squash), point[WINDOW]
+                view[i, layer, :, j] = old
+                continue
         if score > enough and (layer == 0 or _is_new(data, view[i, :layer, :, j], point)):
             view[i, layer, :, j] = point
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core import layout
-from srt3d_ros.kernels import constants
 
 from .frames import FAINT, GATE, assert_states_agree, exact_frame, exact_state, make_frame, make_state
 from .on_device import frame_on, others
@@ -75,13 +74,3 @@ def test_what_is_settled_stays_but_for_wider_windows(cuda):
     view = layout.crop(state, 3, 5)
     view[:, :, layout.WINDOW] = 1.5
     assert np.array_equal(layout.crop(after, 3, 5), view)
-
-
-@pytest.mark.parametrize("name", ["LIKENESS", "SHARING", "DEAD", "LEFT", "REACH", "BELIEF", "VOTES", "BLANK", "ENOUGH",
-                                  "CREATE", "SAME", "ALONE", "RESOLVED", "FILL_WINDOW", "NEVER"])
-def test_the_rules_are_those_of_the_cpu(name):
-    pytest.importorskip("numba")
-    ours = np.float32(getattr(constants, name))
-    modules = [import_module(f"srt3d_ros.kernels.cpu.{module}") for module in ("evidence", "propose")]
-    theirs = [getattr(module, name, None) for module in modules]
-    assert any(np.array_equal(ours, np.float32(value)) for value in theirs if value is not None)

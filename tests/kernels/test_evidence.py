@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core import layout
 from srt3d_ros.kernels import cpu
-from srt3d_ros.kernels.cpu.evidence import DEAD, LIKENESS
+from srt3d_ros.kernels.constants import DEAD, LIKENESS
 from srt3d_ros.kernels.cpu.evidence import nats as kernel
 
 from . import reference_propose as reference

@@ -5,8 +5,8 @@ import pytest
 
 from srt3d_ros.core import layout
 from srt3d_ros.kernels import cpu
-from srt3d_ros.kernels.cpu.evidence import DEAD as DEAD_NATS
-from srt3d_ros.kernels.cpu.propose import ALONE, CREATE, ENOUGH, VOTES
+from srt3d_ros.kernels.constants import ALONE, CREATE, ENOUGH, VOTES
+from srt3d_ros.kernels.constants import DEAD as DEAD_NATS
 
 from . import reference_propose as reference
 from .frames import FAINT, GATE, STATES, T, assert_states_agree, exact_frame, exact_state, make_frame, make_state

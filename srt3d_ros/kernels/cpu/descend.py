@@ -9,7 +9,7 @@ from numba import prange
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import FIT_RADIUS, FITS, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, inline, parallel, sincos
 from srt3d_ros.kernels.cpu.explain import explain
 from srt3d_ros.kernels.cpu.pool import (
     BASE,
@@ -247,7 +247,7 @@ def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate,
     maps = (state, sketches, noise, exposure)
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
-        s = np.empty(SCRATCH, np.float32)
+        s = aligned(SCRATCH)
         for j in range(MARGIN, wide - MARGIN, BLOCK):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * wide + j)

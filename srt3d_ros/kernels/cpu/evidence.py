@@ -4,12 +4,11 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY
+from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos
 
-# Neighbours' intensities may differ by this factor and still be one surface's; and where surfaces share pixels.
-LIKENESS, SHARING = F32(2), F32(4)
-DEAD = F32(-1)               # nats that a pixel without any photon speaks against a surface, at most: it may be dead
-LEFT = F32(1e-6)             # photons that a pixel with some keeps, at least, without those of its other surfaces
+DEAD, LEFT = F32(constants.DEAD), F32(constants.LEFT)
+LIKENESS, SHARING = F32(constants.LIKENESS), F32(constants.SHARING)
 
 
 @inline

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import BLOCK
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, inline, line, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, inline, line, parallel, sincos
 
 U = np.uint64
 B = U(BLOCK)
@@ -16,22 +16,22 @@ def steering(cycles, num_bins):
     """Tables for `peaks`: cosines and sines at the cells of a quarter turn, which k are odd, and the cells of a turn.
 
     Returns:
-        float32 [m, cells / 4 + 1] twice, bool [m], int.
+        float32 [m, cells / 4 + 4] twice, bool [m], int.
     """
     frequencies = np.rint(cycles.astype(np.float64) * num_bins)
     cells = 16 * int(np.ceil(frequencies.max() / 4))
-    turns = np.outer(frequencies, np.arange(cells // 4 + 1)) / cells
+    turns = np.outer(frequencies, np.arange(cells // 4 + 4)) / cells
     return *(f(2 * np.pi * turns).astype(np.float32) for f in (np.cos, np.sin)), frequencies % 2 > 0, cells
 
 
 @line
-def _respond(z, cos, sin, odd, s, response):
+def _respond(z, cos, sin, odd, cells, s, response):
     """The matched filter Σ_l Re(z_l exp(−i ω_l t)) of BLOCK pixels at all cells of a turn.
 
     With a and b the sums of Re z cos and Im z sin over even k, c and d over odd k, the filter is a + b + c + d in a
     cell of the first quarter, and with other signs in its three mirror images: a quarter of the work finds all.
     """
-    m, quarter = U(len(odd)), U(cos.shape[1] - 1)
+    m, quarter = U(len(odd)), U(cells // 4)
     for first in range(U(0), quarter + U(1), GROUP):
         count = min(GROUP, quarter + U(1) - first)
         for x in range(U(4) * LIST):
@@ -39,21 +39,33 @@ def _respond(z, cos, sin, odd, s, response):
         for l in range(m):
             re, im = l * B, (m + l) * B
             into = U(2) * LIST if odd[l] else U(0)
-            for g in range(count):
-                at, c, d = into + g * B, cos[l, first + g], sin[l, first + g]
+            for g in range(U(0), count, U(4)):          # four at once: a short loop's checks cost more than it does
+                at, cell = into + g * B, first + g
+                c0, c1, c2, c3 = cos[l, cell], cos[l, cell + U(1)], cos[l, cell + U(2)], cos[l, cell + U(3)]
+                d0, d1, d2, d3 = sin[l, cell], sin[l, cell + U(1)], sin[l, cell + U(2)], sin[l, cell + U(3)]
                 for x in range(B):
-                    s[at + x] += c * z[re + x]
-                    s[at + LIST + x] += d * z[im + x]
+                    u, v = z[re + x], z[im + x]
+                    s[at + x] += c0 * u
+                    s[at + B + x] += c1 * u
+                    s[at + U(2) * B + x] += c2 * u
+                    s[at + U(3) * B + x] += c3 * u
+                    s[at + LIST + x] += d0 * v
+                    s[at + LIST + B + x] += d1 * v
+                    s[at + LIST + U(2) * B + x] += d2 * v
+                    s[at + LIST + U(3) * B + x] += d3 * v
         for g in range(count):
             at, cell = g * B, first + g
             one, two = cell * B, (U(2) * quarter - cell) * B
             three, four = (U(2) * quarter + cell) * B, (U(4) * quarter - cell) * B
+            b, c, d = at + LIST, at + U(2) * LIST, at + U(3) * LIST
             for x in range(B):
-                a, b, c, d = s[at + x], s[at + LIST + x], s[at + U(2) * LIST + x], s[at + U(3) * LIST + x]
-                response[one + x] = a + b + c + d
-                response[two + x] = a - b - c + d
-                response[three + x] = a + b - c - d
-                response[four + x] = a - b + c - d
+                response[one + x] = s[at + x] + s[b + x] + s[c + x] + s[d + x]
+            for x in range(B):
+                response[two + x] = s[at + x] - s[b + x] - s[c + x] + s[d + x]
+            for x in range(B):
+                response[three + x] = s[at + x] + s[b + x] - s[c + x] - s[d + x]
+            for x in range(B):
+                response[four + x] = s[at + x] - s[b + x] + s[c + x] - s[d + x]
 
 
 @line
@@ -68,7 +80,7 @@ def peaks(z, cos, sin, odd, cells, period, scratch, place, height):
         place, height: float32 [BLOCK], results.
     """
     sums, response, top = scratch
-    _respond(z, cos, sin, odd, sums, response)
+    _respond(z, cos, sin, odd, cells, sums, response)
     for x in range(B):
         height[x], top[x] = response[x], ZERO
     for g in range(U(1), U(cells)):
@@ -90,7 +102,7 @@ def peaks(z, cos, sin, odd, cells, period, scratch, place, height):
 @inline
 def peaks_scratch(cells):
     """Scratch for `peaks`."""
-    return np.empty(U(4) * LIST, np.float32), np.empty((U(cells) + U(1)) * B, np.float32), np.empty(B, np.float32)
+    return aligned(4 * int(LIST)), aligned((cells + 1) * BLOCK), aligned(BLOCK)
 
 
 @inline
@@ -108,8 +120,8 @@ def _match(matched, energy, cycles, cos, sin, odd, cells, num_bins, depth, inten
     rows, surfaces, cols = depth.shape
     m, total = len(energy), energy.sum()
     for i in prange(rows):
-        scratch, z = peaks_scratch(cells), np.empty(2 * m * BLOCK, np.float32)
-        place, height = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
+        place, height = aligned(BLOCK), aligned(BLOCK)
         for j in range(0, cols, BLOCK):
             width = min(BLOCK, cols - j)
             load(z, matched, i, j, width)

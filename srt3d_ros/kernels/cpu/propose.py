@@ -4,23 +4,17 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.constants import ENOUGH, REACH, RESOLVED, VOTE_SIGMA
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
 from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.survey import HAD, OPEN, B, U, survey, survey_scratch
 
-REACH = 2                    # pixels: of the neighbourhood that votes
-BELIEF = F32(0.45)           # nats that a neighbour's vote is worth before its own photons are asked
-VOTES = (F32(0), F32(0.7))  # nats that it is worth at least and at most
-BLANK = F32(0.2)            # nats that a neighbour with photons, but no surface, speaks against a new one
-ENOUGH = 3                   # neighbours that must agree on a new surface
-CREATE = F32(0.6)            # nats in favour of a new surface
-SAME = F32(0.7)              # agreement of candidates that need no judgement of their own
-ALONE = F32(0.5)             # nats that a neighbour with fewer surfaces speaks against a further one
-RESOLVED = 0.7               # widths of the matched filter within which depths are one surface, for sure
-FILL_WINDOW = F32(2)         # pixels: window of a point that an empty pixel got from its neighbours
-NEVER = F32(-1e30)
-NEAR = tuple(F32(np.exp(-d / (2 * 1.2**2))) for d in range(2 * REACH**2 + 1))     # a vote's weight by squared distance
+ALONE, BELIEF, BLANK, CREATE, FILL_WINDOW, NEVER, SAME = (F32(getattr(constants, name)) for name in (
+    "ALONE", "BELIEF", "BLANK", "CREATE", "FILL_WINDOW", "NEVER", "SAME"))
+VOTES = F32(constants.VOTES[0]), F32(constants.VOTES[1])
+NEAR = tuple(F32(np.exp(-d / (2 * VOTE_SIGMA**2))) for d in range(2 * REACH**2 + 1))  # a vote's weight by distance²
 
 # Columns of the candidates' tables.
 ROW, COL, SURFACE, COUNT, OWN, FREE = range(6)
@@ -186,7 +180,8 @@ def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth
         for j in range(MARGIN, wide - MARGIN):
             x = U(j - MARGIN) % B
             if x == 0:
-                survey(s, flat, i * surfaces * fields * wide + j, surfaces, U(wide), gate, blur2, period, astray)
+                survey(s, flat, i * surfaces * fields * wide + j, surfaces, U(wide), gate, blur2, period, astray,
+                       fill)
             had = int(s[HAD + x])
             if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO or (fill and had == surfaces):
                 continue

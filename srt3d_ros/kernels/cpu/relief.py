@@ -6,7 +6,7 @@ from numba import prange
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import ASTRAY, BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import STEP
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, line, parallel, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, aligned, line, parallel, wrap
 
 U = np.uint64
 B = U(BLOCK)
@@ -37,7 +37,7 @@ def _relief(state, shape, near, gate, num_bins, out):
     period, radius, astray = F32(num_bins), len(near) - 1, F32(ASTRAY * num_bins)
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN
-        s = np.empty(3 * BLOCK, np.float32)
+        s = aligned(3 * BLOCK)
         for j in range(MARGIN, wide - MARGIN, BLOCK):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * FIELDS * wide + j)

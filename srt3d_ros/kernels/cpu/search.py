@@ -4,8 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, wrap
+from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST, STAY
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.blur import pool
 from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
@@ -59,15 +59,25 @@ def _is_new(state, a, layer, b, depth, intensity, apart, period):
     return new
 
 
+@inline
+def _response(z, x, cycles, depth):
+    """The filter's response of pixel x of BLOCK at a depth."""
+    response, m = ZERO, len(cycles)
+    for l in range(m):
+        sine, cosine = sincos(cycles[l] * depth)
+        response += z[l * BLOCK + x] * cosine + z[(m + l) * BLOCK + x] * sine
+    return response
+
+
 @parallel
 def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, energy, curvature, greatest, worth,
-            moments, clutter, cos, sin, odd, cells, num_bins, is_open, layer, state):
+            moments, clutter, cycles, cos, sin, odd, cells, num_bins, is_open, layer, carried, confirmed, state):
     rows, cols = is_open.shape
     m, total, period = len(energy), energy.sum(), F32(num_bins)
-    apart = APART * np.sqrt(total / curvature)
+    apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
     for i in prange(-(-rows // step)):
-        scratch, z = peaks_scratch(cells), np.empty(2 * m * BLOCK, np.float32)
-        place, height = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+        scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
+        place, height = aligned(BLOCK), aligned(BLOCK)
         last_row = min((i + 1) * step, rows)
         for first in range(0, -(-cols // step), BLOCK):
             width = min(BLOCK, -(-cols // step) - first)
@@ -81,14 +91,27 @@ def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, en
                 depth = place[x] - period * np.floor(place[x] / period)
                 score = _score(signal, photons, squash, total, greatest, worth)
                 score /= clutter[int(np.rint(depth)) % len(clutter)]
-                if score <= enough:
+                if score <= enough and not warm:
                     continue
                 intensity = signal / max(light, DIMMEST)
                 for p in range(i * step, last_row):
                     for q in range(j * step, min((j + 1) * step, cols)):
                         a, b = p + MARGIN, q + MARGIN
-                        if is_open[p, q] > ZERO and (layer == 0 or _is_new(state, a, layer, b, depth, intensity, apart,
-                                                                           period)):
+                        if is_open[p, q] == ZERO:
+                            continue
+                        if warm and carried[a, layer, INTENSITY, b] > ZERO:
+                            old = _response(z, x, cycles, carried[a, layer, DEPTH, b]) / total
+                            known = _score(old, photons, squash, total, greatest, worth)
+                            known /= clutter[int(np.rint(carried[a, layer, DEPTH, b])) % len(clutter)]
+                            if known > confirmed and score * score - known * known < TWO * F32(STAY):
+                                for f in range(state.shape[2]):
+                                    state[a, layer, f, b] = carried[a, layer, f, b]
+                                state[a, layer, INTENSITY, b] = old / max(light, DIMMEST)
+                                state[a, layer, STD, b] = _std(old, photons, squash, moments, curvature, period)
+                                state[a, layer, WINDOW, b], state[a, layer, SCORE, b] = max(sigma, NARROWEST), known
+                                continue
+                        if score > enough and (layer == 0 or _is_new(state, a, layer, b, depth, intensity, apart,
+                                                                     period)):
                             state[a, layer, DEPTH, b], state[a, layer, INTENSITY, b] = depth, intensity
                             state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = ZERO, ZERO
                             state[a, layer, STD, b] = _std(signal, photons, squash, moments, curvature, period)
@@ -110,7 +133,7 @@ def drop_weak(state, weak):
     _drop_weak(state, F32(weak))
 
 
-def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None):
+def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None, carried=None, confirmed=0.0):
     """Give the open pixels of which one scale is sure their surface.
 
     Open are pixels that are used, have no surface `layer`, but one before it. With a window only what open pixels show
@@ -126,8 +149,12 @@ def search(data, matched, state, layer, sigma, weights, step, enough, scratch=No
         step: pixels along the side of the cells that share a window.
         enough: the score that is enough, standard deviations.
         scratch: memory to use.
+        carried: float32 [rows', K, FIELDS, cols'], surfaces of the last frame. One for which there is a score above
+            `confirmed` is kept, unless another is better by STAY nats.
+        confirmed: see there, standard deviations.
     """
     rows, cols = data.shape
+    carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
     is_open = borrow(scratch, "open", (rows, cols))
     _find_open(data.exposure, state, layer, is_open)
     maps, top, squash = (matched, data.noise, data.exposure), MARGIN, ONE
@@ -138,5 +165,5 @@ def search(data, matched, state, layer, sigma, weights, step, enough, scratch=No
         top, squash = 0, HALF
     clutter = np.ones(1, np.float32) if data.clutter is None else data.clutter
     _decide(*maps, top, top, step, squash, F32(sigma), F32(enough), data.energy, F32(data.curvature),
-            F32(data.greatest_response), data.rarity, data.moments, clutter, *steering(data.cycles, data.num_bins),
-            data.num_bins, is_open, layer, state)
+            F32(data.greatest_response), data.rarity, data.moments, clutter, data.cycles,
+            *steering(data.cycles, data.num_bins), data.num_bins, is_open, layer, carried, F32(confirmed), state)

@@ -5,7 +5,7 @@ import numpy as np
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS
 from srt3d_ros.kernels.constants import ENOUGH
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, inline, line, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, aligned, inline, line, wrap
 
 U = np.uint64
 B = U(BLOCK)
@@ -17,11 +17,11 @@ HAD, FOUND, OPEN, COUNT, THERE, KNOWN, AT, NOISY = (U(k * BLOCK) for k in range(
 @inline
 def survey_scratch():
     """Scratch for `survey`."""
-    return np.empty(8 * BLOCK, np.float32)
+    return aligned(8 * BLOCK)
 
 
 @line
-def survey(s, state, here, surfaces, wide, gate, blur2, period, astray):
+def survey(s, state, here, surfaces, wide, gate, blur2, period, astray, room_only):
     """Set BLOCK numbers from OPEN on in s to 1 where something is to be decided, else 0.
 
     Where a pixel has surfaces, nothing is if all of the 3 × 3 neighbourhood belong to them, and no neighbour has fewer;
@@ -35,6 +35,7 @@ def survey(s, state, here, surfaces, wide, gate, blur2, period, astray):
         gate, blur2: of `propose`: points are one surface if e² < gate · variances + 2 blur2.
         period: T.
         astray: std from which on a point says nothing of the depth, bins.
+        room_only: whether nothing is to be decided where pixels have all K surfaces.
     """
     for x in range(B):
         s[HAD + x], s[FOUND + x], s[OPEN + x] = ZERO, ZERO, ZERO
@@ -43,6 +44,12 @@ def survey(s, state, here, surfaces, wide, gate, blur2, period, astray):
         for x in range(B):
             there = (state[mine + INTENSITY * wide + x] > ZERO) & (state[mine + STD * wide + x] < astray)
             s[HAD + x] += ONE if there else ZERO
+    if room_only:
+        least = F32(surfaces)
+        for x in range(B):
+            least = min(least, s[HAD + x])
+        if least == F32(surfaces):
+            return
     for di in range(-1, 2):
         for dj in range(-1, 2):
             for x in range(B):
