@@ -53,7 +53,7 @@ class Method:
 
 METHODS = {method.name: method for method in (
     Method("srt3d", "sketches pooled along surfaces", "sketch", "srt3d_ros.core.srt3d:SRT3D",
-           options=("false_alarm_rate", "background", "weighting", "upsampling")),
+           options=("false_alarm_rate", "background", "weighting", "warm_start", "upsampling")),
     Method("srt3d-paper", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.peers.srt3d_paper:SRT3DPaper", "consecutive", ("weighting",)),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.peers.smle:SMLE",

@@ -58,10 +58,16 @@ class PipelineNode(Node):
         self.stopping = threading.Event()       # set by a node that is done, and by close()
         self.exit_code = 0
         self.worker = Worker(LOSSLESS if self.lossless else queue_limit, self._failed, self.diagnostics.drop)
+        self._stages = [self.worker]
 
     def configure(self) -> None:
         """Open, compile, advertise and, last, subscribe; InvalidInput if an input or a parameter cannot be used."""
         raise NotImplementedError
+
+    def add_stage(self) -> Worker:
+        """A worker that goes on with frames where the last one leaves off; it drops none."""
+        self._stages.append(Worker(LOSSLESS, self._failed, self.diagnostics.drop))
+        return self._stages[-1]
 
     def subscribe(self, message_type: type, topic: str, handle: Callable[[bytes], None]) -> None:
         """Have the worker call `handle` with the CDR bytes of the frames on `topic`."""
@@ -143,7 +149,8 @@ class PipelineNode(Node):
     def close(self, drain: bool = False) -> None:
         """Finish the frame in hand (with `drain` all that wait), publish the last diagnostics, leave the graph."""
         self.stopping.set()
-        self.worker.close(drain)
+        for first, stage in enumerate(self._stages):
+            stage.close(drain or first > 0)
         self.diagnostics.close()
         self.destroy_node()
 

@@ -1,7 +1,10 @@
 """reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while someone looks."""
 
 import sys
+import threading
 import time
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -11,6 +14,7 @@ from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
+from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, DEVICES, MAX_SURFACES
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.messages import images as image_message
@@ -22,6 +26,8 @@ from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
 
 AS_PUBLISHED = "auto"
+PIPELINES = ("latency", "throughput")
+IN_FLIGHT = 2           # frames that may be under way at once
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but srt3d are published with the "
@@ -33,6 +39,11 @@ PARAMETERS = (
               "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS),
     Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for srt3d and what the "
               "others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
+    Parameter("warm_start", False, "srt3d: begin with the last frame's surfaces where this one's photons confirm them: "
+              "less error while the scene goes on.", live=True),
+    Parameter("pipeline", PIPELINES[0], "latency: a frame is published before the next one begins. throughput: one is "
+              "published while the next is reconstructed, and on a GPU copied to and fro; more frames a second.",
+              choices=PIPELINES),
     Parameter("upsampling", 1, "srt3d: finer pixels of `points` and of the images along the side of each pixel.",
               low=1, high=MAX_UPSAMPLING, live=True),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
@@ -56,6 +67,9 @@ class ReconstructorNode(PipelineNode):
         self._sensor: SensorModel | None = None
         self._frequencies: tuple[int, ...] = ()
         self._reconstructor = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
+        # What publishes: in the worker itself, or beside it.
+        self._publisher = self.add_stage() if self.parameters["pipeline"] == "throughput" else None
+        self._in_flight = threading.Semaphore(IN_FLIGHT)
         self.parameters.on_change = lambda: self.worker.call(self._rebuild)
         self._points = self.advertise(PointCloud2, "points")
         self._images = {name: self.advertise(Image, name) for name in ("depth", "intensity", "background")}
@@ -90,24 +104,52 @@ class ReconstructorNode(PipelineNode):
         if self._sensor is None:
             raise Dropped("no_sensor", "nobody has described the sketch on `sketch/sensor` yet")
         header, sketch = sketch_message.decode_cdr(raw, self._frequencies, self._sensor)
-        started = time.perf_counter()
-        cloud = self._reconstructor(sketch)
-        self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
+        photons, sensor = int(sketch.photons.sum()), self._reconstructor.sensor
         frame_id = self.parameters["frame_id"] or header.frame_id
-        data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"],
-                                         self._reconstructor.sensor)
-        self.publish_frame(self._points, data, cloud.stamp_ns)
-        self.diagnostics.count(points=len(cloud), photons=int(sketch.photons.sum()))
-        self._publish_images(cloud, frame_id)
+        if self._publisher is None:
+            self._publish(self._begin(sketch), sensor, frame_id, photons)
+            return
+        self._in_flight.acquire()
+        try:
+            self._publisher.offer(self._publish_beside, self._begin(sketch), sensor, frame_id, photons)
+        except BaseException:
+            self._in_flight.release()
+            raise
 
-    def _publish_images(self, cloud: PointCloud, frame_id: str) -> None:
+    def _begin(self, sketch: Sketch) -> Callable[[], PointCloud]:
+        """Begin to reconstruct; what is returned waits for the cloud."""
+        started = time.perf_counter()
+        submit = getattr(self._reconstructor, "submit", None)
+        wait = submit(sketch) if submit else partial(lambda cloud: cloud, self._reconstructor(sketch))
+
+        def finish() -> PointCloud:
+            cloud = wait()
+            self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
+            return cloud
+
+        return finish
+
+    def _publish_beside(self, *frame) -> None:
+        try:
+            self._publish(*frame)
+        finally:
+            self._in_flight.release()
+
+    def _publish(self, wait: Callable[[], PointCloud], sensor: SensorModel, frame_id: str, photons: int) -> None:
+        cloud = wait()
+        data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"], sensor)
+        self.publish_frame(self._points, data, cloud.stamp_ns)
+        self.diagnostics.count(points=len(cloud), photons=photons)
+        self._publish_images(cloud, sensor, frame_id)
+
+    def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
         draw = {"depth": cloud.range_image, "intensity": lambda: cloud.image("intensity"),
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():
             if publisher.get_subscription_count():
                 publisher.publish(image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
-            camera_info = image_message.camera_info(self._reconstructor.sensor, cloud.stamp_ns, frame_id)
+            camera_info = image_message.camera_info(sensor, cloud.stamp_ns, frame_id)
             if camera_info is not None:         # a scanner is no camera
                 self._camera_info.publish(camera_info)
 

@@ -24,7 +24,8 @@ def searched(kernels, frame, state, layer, scale, **options):
 def test_search_of_first_surfaces(shape, scale):
     frame = make_frame(shape, seed=2).padded
     state = layout.no_surfaces(*shape, 1)
-    state[:, :, layout.INTENSITY, ::3] = make_state(make_frame(shape, seed=2), 1, 0)[:, :, layout.INTENSITY, ::3]   # some known
+    known = make_state(make_frame(shape, seed=2), 1, 0)
+    state[:, :, layout.INTENSITY, ::3] = known[:, :, layout.INTENSITY, ::3]
     fast, slow = (searched(kernels, frame, state, 0, scale) for kernels in (cpu, reference))
     assert_states_agree(fast, slow, shape)
     known = state[:, 0, layout.INTENSITY] > 0

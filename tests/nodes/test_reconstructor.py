@@ -110,6 +110,21 @@ def test_bad_sketches_are_counted_and_survived(graph, sensor, sketch, send):
     assert "Traceback" not in process.text
 
 
+def test_throughput_publishes_every_frame_once_in_the_order_in_which_they_came(graph, sensor, sketch, send):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor", lossless=True, pipeline="throughput", warm_start=True, fields="full").ready()
+    frames = [dataclasses.replace(sketch, stamp_ns=STAMP_NS + i) for i in range(12)]
+    bad = sketch_message.encode_cdr(sketch, "spad")[:200]
+    messages = [sketch_message.encode_cdr(frame, "spad") for frame in frames]
+    send(*messages[:5], bad, *messages[5:])
+    graph.wait(lambda: len(clouds) == len(frames), "all clouds")
+    decoded = [points_message.decode(cloud) for cloud in clouds]
+    assert [header.stamp_ns for header, _ in decoded] == [frame.stamp_ns for frame in frames]
+    assert all(len(points["xyz"]) > 0.9 * sensor.pixels for _, points in decoded)
+    report = graph.reports("reconstructor", "frames_out", len(frames))
+    assert (report["frames_in"], report["dropped.malformed"], report["dropped"]) == ("13", "1", "1")
+
+
 @pytest.mark.parametrize("parameters", [{"method": "smle"}, {"method": "srt3d-paper", "weighting": "precision"}])
 def test_other_methods_on_sketches_can_be_chosen(graph, sensor, sketch, send, parameters):
     clouds = graph.collect(PointCloud2, "points")
@@ -121,7 +136,8 @@ def test_other_methods_on_sketches_can_be_chosen(graph, sensor, sketch, send, pa
     assert abs(np.median(ranges) - sensor.range_m(50)) < sensor.range_m(1) - sensor.range_m(0)
 
 
-@pytest.mark.parametrize("name, value", [("method", "rt3d"), ("weighting", "half"), ("upsampling", 5)])
+@pytest.mark.parametrize("name, value", [("method", "rt3d"), ("weighting", "half"), ("upsampling", 5),
+                                        ("pipeline", "fast")])
 def test_what_a_sketch_is_not_enough_for_is_one_line_and_exit_code_2(graph, name, value):
     process = graph.start("reconstructor", **{name: value})
     assert process.code() == 2
