@@ -1,5 +1,7 @@
 """The matched filter on a sketch, and where it peaks."""
 
+from functools import lru_cache
+
 import numpy as np
 from numba import prange
 
@@ -13,12 +15,18 @@ LIST = GROUP * B
 
 
 def steering(cycles, num_bins):
+    """As `_steering`, of float32 [m] cycles per bin."""
+    return _steering(tuple(np.rint(cycles.astype(np.float64) * num_bins)))
+
+
+@lru_cache
+def _steering(frequencies):
     """Tables for `peaks`: cosines and sines at the cells of a quarter turn, which k are odd, and the cells of a turn.
 
     Returns:
         float32 [m, cells / 4 + 4] twice, bool [m], int.
     """
-    frequencies = np.rint(cycles.astype(np.float64) * num_bins)
+    frequencies = np.array(frequencies)
     cells = 16 * int(np.ceil(frequencies.max() / 4))
     turns = np.outer(frequencies, np.arange(cells // 4 + 4)) / cells
     return *(f(2 * np.pi * turns).astype(np.float32) for f in (np.cos, np.sin)), frequencies % 2 > 0, cells

@@ -157,11 +157,11 @@ def search(data, matched, state, layer, sigma, weights, step, enough, scratch=No
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
     is_open = borrow(scratch, "open", (rows, cols))
     _find_open(data.exposure, state, layer, is_open)
+    if not is_open.any():
+        return
     maps, top, squash = (matched, data.noise, data.exposure), MARGIN, ONE
     if sigma > 0:
-        maps = (pool(matched, is_open, weights, step, MARGIN, MARGIN, cols, scratch, "matched"),
-                pool(data.noise[:, None], is_open, weights**2, step, MARGIN, MARGIN, cols, scratch, "noise")[:, 0],
-                pool(data.exposure[:, None], is_open, weights, step, MARGIN, MARGIN, cols, scratch, "exposure")[:, 0])
+        maps = pool(*maps, is_open, weights, step, scratch)
         top, squash = 0, HALF
     clutter = np.ones(1, np.float32) if data.clutter is None else data.clutter
     _decide(*maps, top, top, step, squash, F32(sigma), F32(enough), data.energy, F32(data.curvature),
