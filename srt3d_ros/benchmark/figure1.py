@@ -104,7 +104,7 @@ def _input(name: str, photons: PhotonEvents, sensor: SensorModel, device: str) -
     """What the method is given."""
     if METHODS[name].needs == "photons":
         return photons
-    return placement.on_host(placement.sketched(photons, sensor, _frequencies(name, sensor), device))
+    return placement.sketched(photons, sensor, _frequencies(name, sensor), device).on_host()
 
 
 def input_bytes(name: str, frame: PhotonEvents | Sketch, sensor: SensorModel) -> int:

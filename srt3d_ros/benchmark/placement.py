@@ -9,7 +9,6 @@ What can be is measured both ways.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -43,17 +42,12 @@ def sketched(photons: PhotonEvents, sensor: SensorModel, frequencies, device: st
     return sketcher.sketch()
 
 
-def on_host(sketch: Sketch) -> Sketch:
-    """The sketch with its arrays in the host's memory."""
-    return replace(sketch, sums=_numpy(sketch.sums), photons=_numpy(sketch.photons))
-
-
 def reconstructions(reconstructor, sketch: Sketch) -> dict[str, Callable[[], object]]:
     """What to time, by where the sketch lies: on the host and, if the reconstructor is where `sketch` is, there.
 
     A pipelined call is of FRAMES[PIPELINED] frames, each cloud awaited when the next frame has been submitted.
     """
-    held = on_host(sketch)
+    held = sketch.on_host()
     calls = {HOST: lambda: reconstructor(held)}
     if reconstructor.device == "cpu":
         return calls
@@ -79,7 +73,3 @@ def sketchings(sketcher: Sketcher, frame: PhotonFrame,
     calls = {HOST: lambda: sketcher.add(anew(frame))}
     resident = getattr(sketcher, "resident", None)
     return calls if resident is None else calls | {DEVICE: resident(frame)}
-
-
-def _numpy(array) -> np.ndarray:
-    return array if isinstance(array, np.ndarray) else array.cpu().numpy()

@@ -54,7 +54,7 @@ def _works(sensor: SensorModel, frame, form: str, ppp: float, device: str, facts
     frequencies = choose("auto", sensor, SKETCH_SIZE)
     sketcher = Sketcher(sensor, frequencies, device=device)
     sketcher.add(frame)         # compiles
-    works, photons = {}, int(placement.on_host(sketcher.sketch()).photons.sum())
+    works, photons = {}, int(sketcher.sketch().on_host().photons.sum())
     for place, call in placement.sketchings(sketcher, frame, anew).items():
         key = form, ppp, place
         works[key] = timing.Work(call, device, f"{form}, {ppp:g} photons per pixel")

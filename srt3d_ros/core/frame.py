@@ -130,6 +130,7 @@ class Matcher:
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""
         self.check(sketch)
+        sketch = sketch.on_host()
         noise = sketch.photons.astype(np.float32) * self.used
         return Frame(self.matched(sketch.sums), noise, **self._constants)
 

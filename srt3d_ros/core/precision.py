@@ -32,13 +32,16 @@ class Precision:
         self._spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies)).mean(axis=0)
         self._table = weighted_steps(sensor, frequencies, "precision").table
 
-    def __call__(self, frame: Frame, state) -> Frame:
-        """The padded frame, weighted for the share of signal among its photons that the state's points show."""
-        signal = float((state[:, :, layout.INTENSITY] * frame.exposure[:, None]).sum())
-        return self.weighted(frame, min(signal / max(float(frame.noise.sum()), 1), 1))
+    def __call__(self, frame: Frame, state, kernels) -> Frame:
+        """The padded frame, weighted for the share of signal among its photons that the state's points show.
 
-    def weighted(self, frame: Frame, share: float) -> Frame:
-        """The frame weighted for a share of signal among the photons, 0 … 1."""
+        Frame and state lie on the kernels' device.
+        """
+        signal = float((state[:, :, layout.INTENSITY] * frame.exposure[:, None]).sum())
+        return self.weighted(frame, min(signal / max(float(frame.noise.sum()), 1), 1), kernels.array).on(kernels)
+
+    def weighted(self, frame: Frame, share: float, array=np.asarray) -> Frame:
+        """The frame weighted for a share of signal among the photons, 0 … 1; `array` brings arrays to its device."""
         real, imaginary = self._table[round(share * (LEVELS - 1)), :2].astype(np.float64)
         weights = (imaginary + 1j * real) / self._omega
         filters = np.conj(self._spectrum) * weights
@@ -46,14 +49,16 @@ class Precision:
         scale = energy.sum() / (np.abs(filters)**2).sum()       # then energy is that of signal and of noise alike
         weights, filters, energy = weights * scale, filters * scale, energy * scale
         moments = score_moments(self._sensor, self._omega, filters, np.abs(filters)**2)
-        return replace(frame, matched=_turned(frame.matched, weights), energy=energy.astype(np.float32),
+        return replace(frame, matched=_turned(frame.matched, weights, array), energy=energy.astype(np.float32),
                        moments=moments[0], intensity_moments=moments[1],
                        **curvatures(energy, self._omega / (2 * np.pi)))
 
 
-def _turned(matched: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _turned(matched, weights: np.ndarray, array):
     """`Frame.matched`, each frequency multiplied by its complex weight."""
     m = len(weights)
-    real, imaginary = matched[:, :m], matched[:, m:]
-    a, b = (part.astype(np.float32)[:, None] for part in (weights.real, weights.imag))
-    return np.concatenate([real * a - imaginary * b, real * b + imaginary * a], axis=1)
+    a, b = (array(np.tile(part, 2).astype(np.float32)[:, None]) for part in (weights.real, weights.imag))
+    turned = matched * a
+    turned[:, :m] -= matched[:, m:] * b[m:]
+    turned[:, m:] += matched[:, :m] * b[:m]
+    return turned

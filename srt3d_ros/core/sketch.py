@@ -33,7 +33,7 @@ class Sketch:
 
     Args:
         frequencies: the integers k_l.
-        sums: complex64 [rows, cols, m].
+        sums: complex64 [rows, cols, m]; may lie on a device, as a tensor, like the photons.
         photons: uint32 [rows, cols], n.
         stamp_ns: start of acquisition of the earliest photons.
     """
@@ -54,6 +54,10 @@ class Sketch:
         """The paper's sketch, sums / n; complex64 [rows, cols, m], 0 where a pixel saw no photon."""
         return self.sums / np.maximum(self.photons, 1)[..., None].astype(np.float32)
 
+    def on_host(self) -> "Sketch":
+        """The same with NumPy arrays, if these are tensors on a device."""
+        return replace(self, sums=_numpy(self.sums), photons=_numpy(self.photons))
+
     def __add__(self, other: "Sketch") -> "Sketch":
         """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
@@ -71,3 +75,7 @@ class Sketch:
         blocks = (rows // factor, factor, cols // factor, factor)
         return replace(self, sums=self.sums.reshape(*blocks, m).sum(axis=(1, 3)),
                        photons=self.photons.reshape(blocks).sum(axis=(1, 3), dtype=np.uint32))
+
+
+def _numpy(values) -> np.ndarray:
+    return values if isinstance(values, np.ndarray) else values.cpu().numpy()

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from srt3d_ros.core.device import check_cuda
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
@@ -100,6 +101,7 @@ def _kernels_of(device: str):
     if device == "cpu":
         from srt3d_ros.kernels.cpu import sketch
         return sketch, _read_only
+    check_cuda()
     from srt3d_ros.kernels.cuda import array, sketch
     return sketch, array
 

@@ -19,6 +19,7 @@ import numpy as np
 from srt3d_ros.core import layout
 from srt3d_ros.core.background import Background
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.precision import Precision
 from srt3d_ros.core.sensor import SensorModel
@@ -33,11 +34,11 @@ from srt3d_ros.core.start import (
 )
 from srt3d_ros.core.upsampling import refine
 from srt3d_ros.core.weighting import WEIGHTINGS
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 
-DEVICES = ("auto", "cpu", "cuda")
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
+WARM_FRAMES = 4                     # after which a GPU has recorded what it does: each of two frames on their way twice
 WINDOWS = ((2.0, 3), (3.0, 4), (4.0, 6))    # σ and radius of the pooling window in each iteration, pixels
 RELIEF = (5.0, 6)                   # σ and radius of the neighbourhood whose relief counts as uncertainty, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
@@ -54,7 +55,7 @@ class SRT3D:
         surfaces: K, the most surfaces in a pixel, 1 … 4.
         false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours have
             a say.
-        device: "cpu", or "auto" for the best there is.
+        device: "cpu", "cuda", or "auto" for the best there is.
         background: how it spreads over the bins: as the "sensor" says, "flat", or an "estimate" from each frame.
         weighting: W of the data term in the last iteration, "identity" or "precision": with the inverse covariance of
             the sketch depths are a few percent better where signal is plenty and the IRF exact, and worse where it is
@@ -98,9 +99,12 @@ class SRT3D:
         """Begin a frame; what is returned waits for its cloud.
 
         On a GPU the next frame's sketch goes there, and the last one's cloud comes back, while a frame is computed: ask
-        for a cloud after the next frame has been submitted. On a CPU the cloud is ready at once.
+        for a cloud after the next frame has been submitted. A sketch that is there already stays there. On a CPU the
+        cloud is ready at once.
         """
         self._matcher.check(sketch)
+        if self.device == "cpu":
+            sketch = sketch.on_host()
         maps = (sketch.sums,)
         if not self._background.is_flat:
             frame = self._background.remove(self._matcher(sketch)).padded
@@ -116,7 +120,7 @@ class SRT3D:
         if len(maps) == 1:
             maps = kernels.prepare(*maps, photons, self._equaliser, self._used, scratch)
         frame = self._padded(*maps)
-        threshold = score_threshold(self.false_alarm_rate, frame, REST_SCALES[-1])
+        threshold = score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
         state = self._begin(frame, warm)
         state = find_surfaces(frame, state, REST_SCALES, threshold, kernels, scratch)
         for window in WINDOWS[1:-1]:
@@ -148,18 +152,23 @@ class SRT3D:
         sigma, radius = window
         proposed = self.kernels.propose(frame, state, sigma, SAME_SURFACE**2, SPREAD, self._scratch)
         if precision:
-            frame = precision(frame, proposed)
+            frame = precision(frame, proposed, self.kernels)
         return self.kernels.descend(frame, proposed, radius, SAME_SURFACE**2, out=state)
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
-        rng = np.random.default_rng(0)
-        small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
-            -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
-        frequencies = self._matcher.frequencies
-        sums = rng.normal(size=(8, 8, len(frequencies), 2)).astype(np.float32).view(np.complex64)[..., 0]
-        SRT3D(small, frequencies, self.surfaces, device=self.device)(
-            Sketch(frequencies, sums, np.full((8, 8), 9, np.uint32)))
+        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others.
+
+        On a GPU the memory of the frames is made too, and what is computed recorded: for frames of this size.
+        """
+        if self.device == "cuda":
+            for _ in range(WARM_FRAMES + self._warm_start):
+                self(_noise(self._matcher.sensor, self._matcher.frequencies))
+            self._warm = False
+        else:
+            small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
+                -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
+            SRT3D(small, self._matcher.frequencies, self.surfaces, device=self.device)(
+                _noise(small, self._matcher.frequencies))
 
     def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
         """The cloud of a frame's points."""
@@ -175,10 +184,8 @@ def check_options(surfaces: int, false_alarm_rate: float) -> None:
     require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
 
 
-def kernels_for(device: str):
-    """The device that is meant and its kernels."""
-    require(device in DEVICES, "device", device, "auto, cpu or cuda")
-    if device == "cuda":
-        raise InvalidInput("device", device, "cpu or auto: this version has no CUDA kernels")
-    from srt3d_ros.kernels import cpu
-    return "cpu", cpu
+def _noise(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+    """A sketch that shows nothing."""
+    rng = np.random.default_rng(0)
+    sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
+    return Sketch(frequencies, sums.view(np.complex64)[..., 0], np.full((sensor.rows, sensor.cols), 9, np.uint32))

@@ -26,17 +26,16 @@ def window_weights(sigma: float, step: int) -> np.ndarray:
     return np.exp(-x**2 / (2 * sigma**2)).astype(np.float32)
 
 
-def score_threshold(false_alarm_rate: float, frame: Frame, scale=SINGLE) -> float:
-    """The score at a scale with which background alone shows a point in this share of the pixels.
+def score_threshold(false_alarm_rate: float, highest: int, scale=SINGLE) -> float:
+    """The score at a scale with which background alone shows a point in this share of the pixels; k_max is `highest`.
 
     A matched filter over frequencies up to k_max has about 2 k_max independent depths; each exceeds z with probability
     Q(z). One that does fills its cell, and from there spreads over the 4πσ² pixels of its window: so with cells of s²
     pixels Q(z) = P / (2 k_max) · s² / 4πσ².
     """
     sigma, step = scale
-    depths = max(2 * float(frame.cycles.max()) * frame.num_bins, 1.0)
     share = step**2 / max(4 * math.pi * sigma**2, step**2)
-    return -NormalDist().inv_cdf(max(false_alarm_rate / depths * share, SMALLEST))
+    return -NormalDist().inv_cdf(max(false_alarm_rate / (2 * highest) * share, SMALLEST))
 
 
 def continuation_threshold(false_alarm_rate: float) -> float:

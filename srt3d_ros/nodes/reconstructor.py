@@ -12,10 +12,11 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, DEVICES, MAX_SURFACES
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message

@@ -70,7 +70,8 @@ def compile_all() -> list[str]:
     for clutter in (None, torch.ones(300)):
         data.clutter = clutter
         for layer, (sigma, step) in enumerate(((0.0, 1), (6.0, 4))):
-            cuda.search(data, data.matched, state, layer, sigma, window_weights(sigma, step), step, 5.0, cuda.Scratch())
+            cuda.search(data, data.matched, state, layer, sigma, window_weights(sigma, step), step, 5.0, cuda.Scratch(),
+                        state if layer else None)
         intensity, std, _ = cuda.settle(data, counts, state, 5.0, 5.0, layout.MARGIN, 23.0, cuda.Scratch())
     cuda.leave(data, state, 1)
     cuda.collect(state, intensity, std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)

@@ -56,21 +56,37 @@ def test_search_for_further_surfaces(cuda, surfaces, scale):
     check_search(cuda, frame, state, surfaces - 1, scale, 3.0)
 
 
-def check_search(cuda, frame, state, layer, scale, enough):
+@pytest.mark.parametrize(("surfaces", "scale", "clutter"), [(1, SCALES[0], False), (1, SCALES[2], True),
+                                                            (2, SCALES[1], False)])
+def test_search_keeps_carried_surfaces_that_photons_confirm(cuda, surfaces, scale, clutter):
+    frame = make_frame((6, 40), 2, 0.2)
+    if clutter:
+        frame = replace(frame, clutter=np.random.default_rng(0).uniform(1, 3, T).astype(np.float32))
+    carried = make_state(frame, surfaces, 1)
+    state = make_state(frame, surfaces, 1)
+    state[:, -1, layout.INTENSITY] = 0
+    found = check_search(cuda, frame, state, surfaces - 1, scale, 4.0, carried)
+    there = found[:, -1, layout.INTENSITY] > 0
+    same = found[:, -1, layout.DEPTH][there] == carried[:, -1, layout.DEPTH][there]
+    assert same.sum() > 10 and (~same).sum() > 2
+
+
+def check_search(cuda, frame, state, layer, scale, enough, carried=None):
     (sigma, step), given = scale, cuda.array(state)
     weights, padded = window_weights(sigma, step), frame.padded
-    on = frame_on(cuda, padded)
-    cuda.search(on, on.matched, given, layer, sigma, weights, step, enough, cuda.Scratch())
+    on, last = frame_on(cuda, padded), None if carried is None else cuda.array(carried)
+    cuda.search(on, on.matched, given, layer, sigma, weights, step, enough, cuda.Scratch(), last, 2.0)
     found, before = cuda.numpy(given), (state[:, layer, layout.INTENSITY] > 0).sum()
     if frame.shape != (1, 1):
         assert (found[:, layer, layout.INTENSITY] > 0).sum() > before + 10
     for other in others():
         expected = state.copy()
-        other.search(padded, padded.matched, expected, layer, sigma, weights, step, enough)
+        other.search(padded, padded.matched, expected, layer, sigma, weights, step, enough, None, carried, 2.0)
         if frame.shape != (1, 1):
             assert_states_agree(found, expected, frame.shape)
         was = expected[:, layer, layout.INTENSITY] == state[:, layer, layout.INTENSITY]
         assert np.array_equal(found[:, layer].swapaxes(0, 1)[:, was], state[:, layer].swapaxes(0, 1)[:, was])
+    return found
 
 
 @pytest.mark.parametrize(("surfaces", "layer"), [(2, 1), (3, 1)])

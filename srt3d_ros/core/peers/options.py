@@ -1,6 +1,7 @@
 """The options that all peers share."""
 
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, check_options, kernels_for
+from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, check_options
 
 
 def kernels_of(surfaces: int, device: str, false_alarm_rate: float | None = None):

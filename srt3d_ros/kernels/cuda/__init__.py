@@ -14,6 +14,7 @@ from srt3d_ros.kernels.cuda.evidence import evidence
 from srt3d_ros.kernels.cuda.explain import explain, leave
 from srt3d_ros.kernels.cuda.intensity import own_intensity
 from srt3d_ros.kernels.cuda.match import match
+from srt3d_ros.kernels.cuda.pipeline import Pipeline
 from srt3d_ros.kernels.cuda.pixelwise import pixelwise
 from srt3d_ros.kernels.cuda.poisson import poisson
 from srt3d_ros.kernels.cuda.prepare import prepare
@@ -34,7 +35,7 @@ from srt3d_ros.kernels.cuda.sketch import (
     sketch_unsorted,
 )
 
-__all__ = ["DEVICE", "Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain",
-           "find_stray", "fixed_rows", "inspect_events", "leave", "match", "new_sums", "numpy", "own_intensity",
-           "pixelwise", "poisson", "prepare", "propose", "read_sums", "relief", "search", "settle",
+__all__ = ["DEVICE", "Pipeline", "Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence",
+           "explain", "find_stray", "fixed_rows", "inspect_events", "leave", "match", "new_sums", "numpy",
+           "own_intensity", "pixelwise", "poisson", "prepare", "propose", "read_sums", "relief", "search", "settle",
            "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]

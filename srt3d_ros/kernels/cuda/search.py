@@ -10,7 +10,7 @@ import triton.language as tl
 
 from srt3d_ros.core import layout
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cuda.arithmetic import axis, wrap
+from srt3d_ros.kernels.cuda.arithmetic import axis, sincos, wrap
 from srt3d_ros.kernels.cuda.layout import (
     DEPTH,
     FIELDS,
@@ -25,7 +25,8 @@ from srt3d_ros.kernels.cuda.layout import (
 from srt3d_ros.kernels.cuda.match import CELLS, PIXELS, peak
 from srt3d_ros.kernels.cuda.scratch import borrow, constant
 
-FAINTEST, APART, DIMMEST = (tl.constexpr(getattr(constants, name)) for name in ("FAINTEST", "APART", "DIMMEST"))
+FAINTEST, APART, DIMMEST, STAY = (tl.constexpr(getattr(constants, name)) for name in (
+    "FAINTEST", "APART", "DIMMEST", "STAY"))
 COLS, CHANNELS = 32, 16         # columns and channels whose rows one program pools
 
 
@@ -77,6 +78,14 @@ def _score(signal, noise, squash, total, greatest, worth, STEPS: tl.constexpr):
 
 
 @triton.jit
+def _rarer(score, depth, clutter, BINS: tl.constexpr):
+    """The score in standard deviations of the background at this depth; BINS of `clutter`, 0 for none."""
+    if BINS > 0:
+        score = score / tl.load(clutter + tl.floor(depth + 0.5).to(tl.int32) % BINS)
+    return score
+
+
+@triton.jit
 def _std(signal, noise, squash, moments, curvature, period):
     """Standard deviation of a depth found in a window, bins; arguments as of `_score`."""
     signal = tl.maximum(signal, DIMMEST)
@@ -86,15 +95,16 @@ def _std(signal, noise, squash, moments, curvature, period):
 
 
 @triton.jit
-def _decide(matched, noise, light, line, across, line_of_one, exposure, state, weights, squash, window, enough, energy,
-            cycles, curvature, greatest, worth, moments, clutter, period, rows, cols, wide, m, LAYER: tl.constexpr,
-            SURFACES: tl.constexpr, STEP: tl.constexpr, TAPS: tl.constexpr, STEPS: tl.constexpr, BINS: tl.constexpr,
-            M: tl.constexpr, PIXELS: tl.constexpr, CELLS: tl.constexpr):
+def _decide(matched, noise, light, line, across, line_of_one, exposure, state, carried, weights, squash, window, enough,
+            confirmed, energy, cycles, curvature, greatest, worth, moments, clutter, period, rows, cols, wide, m,
+            WARM: tl.constexpr, LAYER: tl.constexpr, SURFACES: tl.constexpr, STEP: tl.constexpr, TAPS: tl.constexpr,
+            STEPS: tl.constexpr, BINS: tl.constexpr, M: tl.constexpr, PIXELS: tl.constexpr, CELLS: tl.constexpr):
     """Pool the columns of PIXELS cells of a row, match the pools, and write the surfaces of those that are sure.
 
     Args:
         matched, noise, light: pools of rows, or the maps themselves.
         line, across, line_of_one: from a row, and a channel, of `matched` to the next; from one of the others.
+        WARM: whether there are carried surfaces.
         BINS: of `clutter`; 0 for none.
     """
     cell_row, cell, l = tl.program_id(1), tl.program_id(0) * PIXELS + tl.arange(0, PIXELS), tl.arange(0, M)
@@ -123,15 +133,15 @@ def _decide(matched, noise, light, line, across, line_of_one, exposure, state, w
     depth, height = peak(re, im, tl.floor(cycle * period + 0.5), period, CELLS)
     depth, signal = depth - period * tl.floor(depth / period), height / total
     score = _score(signal, photons, squash, total, greatest, worth, STEPS)
-    if BINS > 0:
-        score = score / tl.load(clutter + tl.floor(depth + 0.5).to(tl.int32) % BINS)
+    score = _rarer(score, depth, clutter, BINS)
     intensity, std = signal / tl.maximum(lit, DIMMEST), _std(signal, photons, squash, moments, curvature, period)
     apart = APART * tl.sqrt(total / curvature)
     for own in range(STEP * STEP):
         i, j = cell_row * STEP + own // STEP, cell * STEP + own % STEP
         inside = j < tl.where(i < rows, cols, 0)
-        new = _is_open(exposure, state, i, j, inside, wide, LAYER, SURFACES) & (score > enough)
-        first = state + (i + MARGIN) * SURFACES * FIELDS * wide + j + MARGIN
+        room = _is_open(exposure, state, i, j, inside, wide, LAYER, SURFACES)
+        record = (i + MARGIN) * SURFACES * FIELDS * wide + j + MARGIN
+        new, first = room & (score > enough), state + record
         if LAYER > 0:       # a surface beside those that the pixel has: resolved from them, and not too faint
             new = new & (intensity > FAINTEST * tl.load(first + INTENSITY * wide, mask=new, other=0.0))
             for k in tl.static_range(LAYER):
@@ -139,8 +149,25 @@ def _decide(matched, noise, light, line, across, line_of_one, exposure, state, w
                 e = wrap(tl.load(known + DEPTH * wide, mask=new, other=0.0) - depth, period)
                 there = tl.load(known + INTENSITY * wide, mask=new, other=0.0) > 0.0
                 new = new & ~((tl.abs(e) <= apart) & there)
-        tl.debug_barrier()      # threads that share a pixel have all seen it open
         into = first + LAYER * FIELDS * wide
+        if WARM:
+            old = carried + record + LAYER * FIELDS * wide
+            stays = room & (tl.load(old + INTENSITY * wide, mask=room, other=0.0) > 0.0)
+            was = tl.load(old + DEPTH * wide, mask=stays, other=0.0)
+            sine, cosine = sincos(cycle[:, None] * was[None, :])
+            shown = tl.sum(re * cosine + im * sine, axis=0) / total
+            known = _rarer(_score(shown, photons, squash, total, greatest, worth, STEPS), was, clutter, BINS)
+            stays = stays & (known > confirmed) & (score * score - known * known < 2.0 * STAY)
+            new = new & ~stays
+            tl.debug_barrier()
+            tl.store(into + DEPTH * wide, was, mask=stays)
+            tl.store(into + SLOPE_COL * wide, tl.load(old + SLOPE_COL * wide, mask=stays, other=0.0), mask=stays)
+            tl.store(into + SLOPE_ROW * wide, tl.load(old + SLOPE_ROW * wide, mask=stays, other=0.0), mask=stays)
+            tl.store(into + INTENSITY * wide, shown / tl.maximum(lit, DIMMEST), mask=stays)
+            tl.store(into + STD * wide, _std(shown, photons, squash, moments, curvature, period), mask=stays)
+            tl.store(into + WINDOW * wide, window, mask=stays)
+            tl.store(into + SCORE * wide, known, mask=stays)
+        tl.debug_barrier()      # threads that share a pixel have all seen it open
         tl.store(into + DEPTH * wide, depth, mask=new)
         tl.store(into + SLOPE_COL * wide, 0.0, mask=new)
         tl.store(into + SLOPE_ROW * wide, 0.0, mask=new)
@@ -150,7 +177,7 @@ def _decide(matched, noise, light, line, across, line_of_one, exposure, state, w
         tl.store(into + SCORE * wide, score, mask=new)
 
 
-def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None):
+def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None, carried=None, confirmed=0.0):
     """Give the open pixels of which one scale is sure their surface.
 
     Open are pixels that are used, have no surface `layer`, but one before it. With a window only what open pixels show
@@ -166,6 +193,9 @@ def search(data, matched, state, layer, sigma, weights, step, enough, scratch=No
         step: pixels along the side of the cells that share a window.
         enough: the score that is enough, standard deviations.
         scratch: memory to use.
+        carried: float32 [rows', K, FIELDS, cols'], surfaces of the last frame. One for which there is a score above
+            `confirmed` is kept, unless another is better by STAY nats.
+        confirmed: see there, standard deviations.
     """
     (rows, cols), channels, wide, surfaces = data.shape, matched.shape[1], matched.shape[2], state.shape[1]
     high, m = triton.cdiv(rows, step), channels // 2
@@ -182,9 +212,10 @@ def search(data, matched, state, layer, sigma, weights, step, enough, scratch=No
         lines, squash = (channels * wide, wide, wide), 1.0
     clutter, bins = (data.noise, 0) if data.clutter is None else (data.clutter, len(data.clutter))
     _decide[(triton.cdiv(triton.cdiv(cols, step), PIXELS), high)](
-        *maps, *lines, data.exposure, state, weights, squash, max(sigma, constants.NARROWEST), enough, data.energy,
-        data.cycles, data.curvature, data.greatest_response, data.rarity, data.moments, clutter, float(data.num_bins),
-        rows, cols, wide, m, **sizes, STEPS=len(data.rarity) - 1, BINS=bins, M=max(axis(m), 16), PIXELS=PIXELS,
+        *maps, *lines, data.exposure, state, state if carried is None else carried, weights, squash,
+        max(sigma, constants.NARROWEST), enough, confirmed, data.energy, data.cycles, data.curvature,
+        data.greatest_response, data.rarity, data.moments, clutter, float(data.num_bins), rows, cols, wide, m,
+        WARM=carried is not None, **sizes, STEPS=len(data.rarity) - 1, BINS=bins, M=max(axis(m), 16), PIXELS=PIXELS,
         CELLS=CELLS, num_warps=4)
 
 

@@ -1,0 +1,61 @@
+"""Which device computes, and its kernels."""
+
+import ctypes
+import logging
+import os
+from functools import lru_cache
+from importlib.util import find_spec
+
+from srt3d_ros.errors import InvalidInput, require
+
+DEVICES = ("auto", "cpu", "cuda")
+DRIVER = "libcuda.so.1"
+
+
+def kernels_for(device: str):
+    """The device that is meant, "cpu" or "cuda", and its kernels.
+
+    Where "auto" finds no GPU it says so once, to Python's log.
+
+    Raises:
+        InvalidInput: there is no such device, or what it needs is not installed.
+    """
+    require(device in DEVICES, "device", device, "auto, cpu or cuda")
+    if device == "auto":
+        missing = missing_for_cuda()
+        if missing:
+            _say(f"{missing}: computing on the CPU")
+        device = "cpu" if missing else "cuda"
+    if device == "cpu":
+        from srt3d_ros.kernels import cpu
+        return device, cpu
+    check_cuda()
+    from srt3d_ros.kernels import cuda
+    return device, cuda
+
+
+def check_cuda() -> None:
+    """Raise InvalidInput unless the CUDA kernels can run: on a GPU or, with TRITON_INTERPRET=1, interpreted."""
+    interpreted = os.environ.get("TRITON_INTERPRET") == "1" and find_spec("triton") is not None
+    missing = "" if interpreted else missing_for_cuda()
+    if missing:
+        raise InvalidInput("device", "cuda", f"cpu or auto: {missing}")
+
+
+def missing_for_cuda() -> str:
+    """What the CUDA kernels lack to run on a GPU; empty if nothing."""
+    try:
+        ctypes.CDLL(DRIVER)     # before torch, whose import would keep all who have no GPU waiting
+    except OSError:
+        return "no CUDA device"
+    if find_spec("triton") is None:
+        return "triton is not installed"
+    import torch
+    if torch.version.cuda is None:
+        return f"torch {torch.__version__} is built without CUDA"
+    return "" if torch.cuda.is_available() else "no CUDA device"
+
+
+@lru_cache
+def _say(text: str) -> None:
+    logging.getLogger(__name__).info(text)
