@@ -37,6 +37,7 @@ class SketchedPeer:
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
+        sketch = sketch.on_host()
         frame = self._matcher(sketch)
         depth, intensity = self.points(frame)
         signal = intensity * frame.exposure[:, None]

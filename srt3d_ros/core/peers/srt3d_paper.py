@@ -43,7 +43,7 @@ class SRT3DPaper(SketchedPeer):
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
-        return super().__call__(sketch if self.upsampling == 1 else sketch.split_pixels(self.upsampling))
+        return super().__call__(sketch if self.upsampling == 1 else sketch.on_host().split_pixels(self.upsampling))
 
     def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         """Depths and intensities, [rows, K, cols]."""
