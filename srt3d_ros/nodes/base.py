@@ -14,6 +14,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.gaps import Gaps
 from srt3d_ros.nodes.parameters import Parameter, Parameters
+from srt3d_ros.nodes.relay import Relay
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, Dropped, Worker
 
 PUBLISH_DEPTH, SUBSCRIBE_DEPTH = 5, 2
@@ -59,6 +60,7 @@ class PipelineNode(Node):
         self.exit_code = 0
         self.worker = Worker(LOSSLESS if self.lossless else queue_limit, self._failed, self.diagnostics.drop)
         self._stages = [self.worker]
+        self._relay = Relay(self.get_logger())
 
     def configure(self) -> None:
         """Open, compile, advertise and, last, subscribe; InvalidInput if an input or a parameter cannot be used."""
@@ -152,6 +154,7 @@ class PipelineNode(Node):
         for first, stage in enumerate(self._stages):
             stage.close(drain or first > 0)
         self.diagnostics.close()
+        self._relay.close()
         self.destroy_node()
 
     def _failed(self, error: Exception, is_frame: bool) -> None:

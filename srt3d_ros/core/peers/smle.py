@@ -40,7 +40,7 @@ class SMLE(SketchedPeer):
         depth, intensity = matched_filter(there, self.surfaces, self.kernels)
         if self.false_alarm_rate is not None:
             score = significance(frame, intensity * frame.exposure[:, None], frame.noise[:, None], 1.0)
-            intensity[score <= score_threshold(self.false_alarm_rate, max(self.frequencies))] = 0
+            intensity[score <= score_threshold(self.false_alarm_rate, max(self._matcher.frequencies))] = 0
         depth, intensity = self.kernels.array(depth), self.kernels.array(intensity)
         for _ in range(STEPS):
             self.step(there, RATE, 0.0, depth, intensity)
