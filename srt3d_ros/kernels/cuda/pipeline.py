@@ -42,9 +42,10 @@ class Pipeline:
             results = self._function(*frame)
             return lambda: _read(results)
         key = tuple((values.shape, values.dtype) for values in frame)
-        slots = self._slots.setdefault(key, [_Slot(self._function, self._replays, frame) for _ in range(SLOTS)])
+        if key not in self._slots:
+            self._slots[key] = [_Slot(self._function, self._replays, frame) for _ in range(SLOTS)]
         self._submitted += 1
-        return slots[self._submitted % SLOTS].submit(frame)
+        return self._slots[key][self._submitted % SLOTS].submit(frame)
 
 
 class _Slot:
@@ -53,6 +54,7 @@ class _Slot:
     def __init__(self, function: Callable, replays: bool, frame: list[torch.Tensor]):
         self._function, self._replays = function, replays
         self._frame = [torch.empty(values.shape, dtype=values.dtype, device=DEVICE) for values in frame]
+        torch.cuda.synchronize()            # who had this memory before is done with it: other streams will write there
         self._graph, self._results, self._runs = None, (), 0
         self._computed, self._downloaded = torch.cuda.Event(), torch.cuda.Event()
 
@@ -85,10 +87,11 @@ class _Slot:
     def _compute(self, stream: torch.cuda.Stream) -> None:
         """The first frame compiles and finds its memory; then what the kernels do is recorded, but not yet done."""
         if self._replays and self._graph is None and self._runs > 0:
-            self._graph = torch.cuda.CUDAGraph()
-            # Only this thread's allocations would spoil a recording: another may use the GPU as it likes.
-            with torch.cuda.graph(self._graph, stream=stream, capture_error_mode="thread_local"):
+            graph = torch.cuda.CUDAGraph()
+            # What other threads do with the GPU meanwhile, such as to wait for a frame, does not spoil the recording.
+            with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
                 self._results = self._function(*self._frame)
+            self._graph = graph
         if self._graph is None:
             self._results = self._function(*self._frame)
         else:
