@@ -140,7 +140,7 @@ class SRT3D:
         if warm:
             carried = scratch.array("carried", state.shape)
             carried[:] = state
-        state[:] = 0
+        state = scratch.array("state", state.shape, zero=True)
         state = find_surfaces(frame, state, SURE_SCALES, SURE, self.kernels, scratch, carried,
                               continuation_threshold(self.false_alarm_rate))
         state = self._iterate(frame, state, WINDOWS[0])
