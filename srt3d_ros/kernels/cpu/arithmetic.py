@@ -1,6 +1,7 @@
 """What the CPU kernels share: how numba compiles them, float32 constants, sine and cosine in vector registers."""
 
 import os
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -46,6 +47,17 @@ def sincos(turns):
     c = c * y + _COS[1]
     c = c * y + _COS[0]
     return s * x, c
+
+
+@lru_cache
+def fair_order(rows, threads, strip=8):
+    """The rows in an order of which every thread's contiguous share holds strips from the whole image.
+
+    numba gives each thread one range of a loop; what costs more at edges and in gaps, of which one part of an image
+    has more than another, would leave some threads waiting.
+    """
+    strips = np.arange(rows) // strip
+    return np.lexsort((np.arange(rows), strips // threads, strips % threads))
 
 
 @inline

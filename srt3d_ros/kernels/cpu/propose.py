@@ -1,12 +1,12 @@
 """Creation, competition and removal of points: a pixel's surfaces are chosen anew among its neighbourhood's."""
 
 import numpy as np
-from numba import prange
+from numba import get_num_threads, prange
 
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import ENOUGH, REACH, RESOLVED, VOTE_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, parallel, sincos, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, fair_order, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
 from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.survey import HAD, OPEN, B, U, survey, survey_scratch
@@ -162,13 +162,13 @@ def _explain(rest, at, photons, energy, cycles):
 
 @parallel
 def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth, moments, gate, blur2, window, fill,
-             before, own_before, after, own_after):
+             before, own_before, after, own_after, order):
     tall, surfaces, fields, wide = before.shape
     period, total = F32(num_bins), energy.sum()
     most, astray = (2 * REACH + 1)**2 * surfaces, F32(ASTRAY) * period
     flat = before.reshape(-1)
-    for row in prange(tall - 2 * MARGIN):
-        i = row + MARGIN
+    for turn in prange(tall - 2 * MARGIN):
+        i = order[turn] + MARGIN
         values, info = np.empty((most, 4), np.float32), np.empty((most, 6), np.int64)
         s = survey_scratch()
         rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
@@ -231,6 +231,7 @@ def propose(data, state, window, gate, spread, scratch=None):
     # Depths nearer than the sketch can resolve are one surface, whatever their standard deviations.
     blur2 = F32(RESOLVED * data.resolution_bins)**2
     own = evidence(data, state, borrow(scratch, "evidence", state[:, :, 0].shape))
+    order = fair_order(state.shape[0] - 2 * MARGIN, get_num_threads())
     for step in range(1 + spread):
         if step > 0 and not ((state[:, :, INTENSITY] <= ZERO).any(axis=1) & (data.exposure > ZERO)).any():
             break
@@ -238,6 +239,6 @@ def propose(data, state, window, gate, spread, scratch=None):
         own_after = borrow(scratch, f"own {step % 2}", own.shape, scratch is None)
         _propose(data.matched, data.noise, data.exposure, data.energy, data.cycles, data.num_bins,
                  F32(data.greatest_response), data.rarity, data.intensity_moments, F32(gate), blur2, F32(window),
-                 step > 0, state, own, after, own_after)
+                 step > 0, state, own, after, own_after, order)
         state, own = after, own_after
     return state

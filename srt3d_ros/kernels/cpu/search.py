@@ -74,7 +74,7 @@ def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, en
             moments, clutter, cycles, cos, sin, odd, cells, num_bins, is_open, layer, carried, confirmed, state):
     rows, cols = is_open.shape
     m, total, period = len(energy), energy.sum(), F32(num_bins)
-    apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
+    apart, warm, rarest = APART * np.sqrt(total / curvature), carried.shape[0] > 0, worth.max()
     for i in prange(-(-rows // step)):
         scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
         place, height = aligned(BLOCK), aligned(BLOCK)
@@ -83,6 +83,9 @@ def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, en
             width = min(BLOCK, -(-cols // step) - first)
             if is_open[i * step:last_row, first * step:(first + width) * step].sum() == ZERO:
                 continue
+            most = noise[top + i, left + first:left + first + width].max()
+            if not warm and np.sqrt(most) / squash * rarest <= enough:
+                continue                                # so few photons cannot be sure, wherever they are
             load(z, matched, top + i, left + first, width)
             peaks(z, cos, sin, odd, cells, period, scratch, place, height)
             for x in range(width):
