@@ -121,10 +121,10 @@ class Matcher:
         self.spectrum = spectrum.mean(axis=0)
         energy, cycles = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
         greatest_response, rarity = _rarity(self.spectrum, self.frequencies)
-        moments, intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
+        self.moments, intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
             "exposure": self._exposure, "energy": energy, "cycles": cycles, "num_bins": sensor.num_bins,
-            "moments": moments, "intensity_moments": intensity_moments, "greatest_response": greatest_response,
+            "moments": self.moments, "intensity_moments": intensity_moments, "greatest_response": greatest_response,
             "rarity": rarity, **curvatures(energy, cycles)}
 
     def __call__(self, sketch: Sketch) -> Frame:

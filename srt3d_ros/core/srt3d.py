@@ -47,7 +47,7 @@ SAME_SURFACE = 4.8                  # depths within this many standard deviation
 
 
 class SRT3D:
-    """Reconstructs frames of one sensor.
+    """Reconstructs frames of one sensor, one after the other: its memory stays from frame to frame.
 
     Args:
         sensor: geometry, IRF and calibration.

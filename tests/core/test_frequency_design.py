@@ -55,7 +55,7 @@ def test_with_many_photons_the_bound_is_the_sandwich_variance(irf):
     matcher = Matcher(sensor, frequencies)
     energy, omega = np.abs(irf_spectrum(sensor, frequencies))**2, angular_frequencies(frequencies, T)
     curvature, s, b = (omega**2 * energy).sum(), 1e5, 3e5
-    std = np.sqrt(s * matcher._moments[0] + b * matcher._moments[1]) / (s * curvature)
+    std = np.sqrt(s * matcher.moments[0] + b * matcher.moments[1]) / (s * curvature)
     assert bound(sensor, frequencies, s, b)[0] == pytest.approx(np.sqrt(2 / np.pi) * std, rel=0.01)
 
 

@@ -86,20 +86,19 @@ def _begin(s, state, point, wide, radius, gate):
 
 
 @inline
-def _fit(s, state, i, j, wide, layers, radius, gate, period):
+def _fit(s, state, i, j, wide, surfaces, radius, gate, period):
     """Sums of the planes through the surfaces around pixel (i, j) and the columns after it."""
-    surfaces = len(layers)
     for x in range(BASE - F0):
         s[F0 + x] = ZERO
     for dy in range(-radius, radius + 1):
         at = U((i + dy) * surfaces * FIELDS * wide + j - radius)
         for q in range(surfaces):
             if radius == 3:
-                fit_line(s, state, at, U(wide), q, layers, LINE_3, dy, gate, period)
+                fit_line(s, state, at, U(wide), q, surfaces, LINE_3, dy, gate, period)
             elif radius == 2:
-                fit_line(s, state, at, U(wide), q, layers, LINE_2, dy, gate, period)
+                fit_line(s, state, at, U(wide), q, surfaces, LINE_2, dy, gate, period)
             else:
-                fit_line(s, state, at, U(wide), q, layers, LINE_1, dy, gate, period)
+                fit_line(s, state, at, U(wide), q, surfaces, LINE_1, dy, gate, period)
 
 
 @inline
@@ -155,27 +154,26 @@ def _add_half(s, m):
 
 
 @inline
-def _pool_row(s, maps, i, j, tall, wide, m, layers, half, dy, gate, period):
+def _pool_row(s, maps, i, j, tall, wide, m, surfaces, half, dy, gate, period):
     """Add row dy of the windows."""
-    surfaces = len(layers)
     a, b = i + dy, j - half
     at, pixel = U(a * surfaces * FIELDS * wide + b), U(a * wide + b)
     for q in range(surfaces):
         sketch = U((q * tall + a) * 2 * m * wide + b)
         if half == 6:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_6, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_6, dy, gate, period)
         elif half == 5:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_5, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_5, dy, gate, period)
         elif half == 4:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_4, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_4, dy, gate, period)
         elif half == 3:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_3, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_3, dy, gate, period)
         elif half == 2:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_2, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_2, dy, gate, period)
         elif half == 1:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_1, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_1, dy, gate, period)
         else:
-            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, layers, LINE_0, dy, gate, period)
+            pool_line(s, maps, at, sketch, pixel, U(wide), U(m), q, surfaces, LINE_0, dy, gate, period)
 
 
 @inline
@@ -237,11 +235,11 @@ def _finish(s, state, point, out, wide, radius, moments, total, curvature, perio
 
 
 @parallel
-def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate, widths, fit, steps, layers, shape,
+def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate, widths, fit, steps, shape,
              state, out):
-    """The maps come flat, their `shape` is [rows', K, FIELDS, cols']; `layers` is a tuple as long as K."""
-    tall, _, fields, wide = shape
-    surfaces, m, radius = len(layers), len(energy), len(widths) - 1
+    """The maps come flat, their `shape` is [rows', K, FIELDS, cols']."""
+    tall, surfaces, fields, wide = shape
+    m, radius = len(energy), len(widths) - 1
     period, total = F32(num_bins), energy.sum()
     curvature = (energy * cycles * cycles).sum() * F32(4 * np.pi**2)
     maps = (state, sketches, noise, exposure)
@@ -253,15 +251,15 @@ def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate,
                 point = U((i * surfaces + k) * fields * wide + j)
                 _begin(s, state, point, U(wide), radius, gate)
                 for _ in range(FITS):
-                    _fit(s, state, i, j, wide, layers, fit, gate, period)
+                    _fit(s, state, i, j, wide, surfaces, fit, gate, period)
                     _turn(s, curvature / total)
                 _aim(s, cycles, U(m))
                 for side in range(1, -2, -2):
                     for d in range(radius, 0, -1):
-                        _pool_row(s, maps, i, j, tall, wide, m, layers, widths[d], side * d, gate, period)
+                        _pool_row(s, maps, i, j, tall, wide, m, surfaces, widths[d], side * d, gate, period)
                         _turn_half(s, U(m), F32(side))
                     _add_half(s, U(m))
-                _pool_row(s, maps, i, j, tall, wide, m, layers, widths[0], 0, gate, period)
+                _pool_row(s, maps, i, j, tall, wide, m, surfaces, widths[0], 0, gate, period)
                 _add_half(s, U(m))
                 _climb(s, cycles, total, curvature, steps, U(m))
                 _finish(s, state, point, out, U(wide), F32(radius), moments, total, curvature, period)
@@ -285,6 +283,6 @@ def descend(data, state, radius, gate, steps=3, out=None):
     fit = min(radius, FIT_RADIUS)
     widths = np.array([layout.half_width(radius, line) for line in range(radius + 1)])
     _descend(sketches.reshape(-1), data.noise.reshape(-1), data.exposure.reshape(-1), data.energy, data.cycles,
-             data.num_bins, data.moments, F32(gate), widths, fit, steps, (0,) * state.shape[1], state.shape,
+             data.num_bins, data.moments, F32(gate), widths, fit, steps, state.shape,
              state.reshape(-1), out.reshape(-1))
     return out

@@ -2,8 +2,8 @@
 
 Written for vector registers. What a block of columns needs lives in one flat scratch array whose parts lie at offsets
 known at compile time, and indices are unsigned: only so can the compiler see that the parts do not overlap and that no
-index counts from the end. The length of a line and the number of surfaces come as lengths of tuples, which numba
-compiles for: so loops over them unroll, sums along a line stay in registers, and the columns fill the vectors.
+index counts from the end. The length of a line comes as that of a tuple, which numba compiles for: so loops over it
+unroll, sums along the line stay in registers, and the columns fill the vectors.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ SCRATCH = int(ROW + U(2) * GROUP)               # COL, ROW: a group of sines, th
 
 
 @inline
-def _weigh(s, state, at, wide, q, layers, k, half, gate, period):
+def _weigh(s, state, at, wide, q, surfaces, k, half, gate, period):
     """Weigh pixel k of a line: W as one that shows the surface, BLANK as one that shows none; D: its distance, bins.
 
     A neighbour counts by its distance and by how well its surface lies on the point's plane: not at all beyond
@@ -51,7 +51,7 @@ def _weigh(s, state, at, wide, q, layers, k, half, gate, period):
         s[BLANK + x] = ZERO if seen else w
         s[D + x] = e
         s[NOISY + x] = noisy
-    for o in range(len(layers)):
+    for o in range(surfaces):
         if o != q:
             other = at + U(o) * U(FIELDS) * wide + U(k)
             for x in range(B):
@@ -71,21 +71,22 @@ def _set_row(s, dy):
 
 
 @line
-def fit_line(s, state, at, wide, q, layers, pixels, dy, gate, period):
+def fit_line(s, state, at, wide, q, surfaces, pixels, dy, gate, period):
     """Add the surfaces q of a line to the sums of the planes, by moving least squares.
 
     Args:
         s: the scratch array.
         state: flat.
         at: index of the line's leftmost pixel, field 0.
-        layers, pixels: tuples as long as there are surfaces, and pixels in the line.
+        surfaces: K.
+        pixels: a tuple as long as the line.
         dy: row of the line from the point.
     """
     half = len(pixels) // 2
     down = F32(dy)
     _set_row(s, dy)
     for k in range(len(pixels)):
-        _weigh(s, state, at, wide, q, layers, k, half, gate, period)
+        _weigh(s, state, at, wide, q, surfaces, k, half, gate, period)
         weights, apart = WEIGHTS + U(k) * B, APART + U(k) * B
         for x in range(B):
             f = s[W + x] / (s[NOISY + x] + F32(STD_FLOOR))
@@ -112,7 +113,7 @@ def fit_line(s, state, at, wide, q, layers, pixels, dy, gate, period):
 
 
 @line
-def pool_line(s, maps, at, sketch, pixel, wide, m, q, layers, pixels, dy, gate, period):
+def pool_line(s, maps, at, sketch, pixel, wide, m, q, surfaces, pixels, dy, gate, period):
     """Add the weighted sketches of a line's surfaces q, turned back by where the planes are, into HALF_RE, HALF_IM.
 
     Horner's scheme: from both ends of the line to its middle, each time turned by one pixel's slope. That is 6
@@ -126,7 +127,7 @@ def pool_line(s, maps, at, sketch, pixel, wide, m, q, layers, pixels, dy, gate, 
     half = len(pixels) // 2
     _set_row(s, dy)
     for k in range(len(pixels)):
-        _weigh(s, state, at, wide, q, layers, k, half, gate, period)
+        _weigh(s, state, at, wide, q, surfaces, k, half, gate, period)
         weights = WEIGHTS + U(k) * B
         for x in range(B):
             s[weights + x] = s[W + x] + s[BLANK + x]
