@@ -21,7 +21,11 @@ M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD = -1, -2, -3      # glibc's malloc
 
 
 def prepare_process() -> None:
-    """Choose the shared-memory profile, unless the user chose one, and keep freed memory in the process."""
+    """Choose the shared-memory profile, unless the user chose one, and keep freed memory in the process.
+
+    Threads that wait for their next kernel are to sleep: by default OpenMP's spin, on cores that other nodes need.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     remove_leaked_segments()
     profile = choose_profile()
     if profile is not None:
