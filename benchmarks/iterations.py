@@ -21,12 +21,12 @@ from srt3d_ros.evaluation.machine import machine
 LIGHT = ((10, 1), (1, 1), (1, 10), (0.1, 10), (1, 100))         # SBR, photons per pixel
 DEFAULT = srt3d.WINDOWS
 VARIANTS = {
-    "σ 2": DEFAULT[:1] * 2,
-    "σ 2, 4": (DEFAULT[0], DEFAULT[2]),
-    "σ 2, 3, 4 (default)": DEFAULT,
-    "σ 2, 3, 4, 4": (*DEFAULT, DEFAULT[2]),
-    "σ 2, 3, 4, 4, 4, 4": (*DEFAULT, *DEFAULT[2:] * 3),
-    "σ 2, 3, 4, of radius 5 at most": (*DEFAULT[:2], (4.0, 5)),
+    "the first twice": DEFAULT[:1] * 2,
+    "without the second": (DEFAULT[0], DEFAULT[2]),
+    "default": DEFAULT,
+    "the last twice": (*DEFAULT, DEFAULT[2]),
+    "the last four times": (*DEFAULT, *DEFAULT[2:] * 3),
+    "smaller windows: radius 3, 4, 5": tuple((sigma, radius) for (sigma, _), radius in zip(DEFAULT, (3, 4, 5))),
 }
 TOLERANCE_MM = 40
 

@@ -39,7 +39,7 @@ from srt3d_ros.errors import require
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
 WARM_FRAMES = 4                     # after which a GPU has recorded what it does: each of two frames on their way twice
-WINDOWS = ((2.0, 3), (3.0, 4), (4.0, 6))    # σ and radius of the pooling window in each iteration, pixels
+WINDOWS = ((2.0, 3), (3.0, 5), (4.5, 6))    # σ and radius of the pooling window in each iteration, pixels
 RELIEF = (5.0, 6)                   # σ and radius of the neighbourhood whose relief counts as uncertainty, pixels
 SPREAD = 4                          # pixels by which surfaces may grow in each
 WEAK = 5.0                          # standard deviations under which a point is searched for anew
