@@ -6,6 +6,8 @@ import os
 from functools import lru_cache
 from importlib.util import find_spec
 
+import numpy as np
+
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -32,6 +34,11 @@ def kernels_for(device: str):
     check_cuda()
     from srt3d_ros.kernels import cuda
     return device, cuda
+
+
+def on_device(fields: dict, kernels) -> dict:
+    """The same fields, NumPy arrays among them on the kernels' device."""
+    return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
 
 
 def check_cuda() -> None:

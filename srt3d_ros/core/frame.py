@@ -1,12 +1,13 @@
 """What the iterations see of a frame: its sketch, calibrated and matched to the IRF."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from srt3d_ros.core import layout
+from srt3d_ros.core.device import on_device
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
@@ -84,8 +85,7 @@ class Frame:
 
     def on(self, kernels) -> "Frame":
         """The same with its arrays on the kernels' device."""
-        return replace(self, **{name: kernels.array(value) for name, value in vars(self).items()
-                                if isinstance(value, np.ndarray)})
+        return Frame(**on_device({field.name: getattr(self, field.name) for field in fields(self)}, kernels))
 
 
 class Matcher:
@@ -144,10 +144,8 @@ class Matcher:
         Returns:
             A function of `Frame.matched` and `Frame.noise`.
         """
-        constants = {name: kernels.array(value) if isinstance(value, np.ndarray) else value
-                     for name, value in self._constants.items()}
-        constants.update(exposure=kernels.array(layout.pad(self._exposure)), size=self._exposure.shape,
-                         clutter=None if clutter is None else kernels.array(clutter))
+        constants = on_device({**self._constants, "exposure": layout.pad(self._exposure), "clutter": clutter,
+                               "size": self._exposure.shape}, kernels)
         return lambda matched, noise: Frame(matched, noise, **constants)
 
     def check(self, sketch: Sketch) -> None:

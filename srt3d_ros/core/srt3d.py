@@ -61,7 +61,8 @@ class SRT3D:
             the sketch depths are a few percent better where signal is plenty and the IRF exact, and worse where it is
             not.
         warm_start: begin with the last frame's surfaces where this one's photons still speak for them, and search for
-            the others: less time, and fewer gaps where photons are few. For frames that follow each other.
+            the others: less depth error while the scene goes on, a little more time where photons are few. For frames
+            that follow each other.
         upsampling: u, 1 … 4: the cloud has u × u finer pixels in the place of each, see `upsampling.refine`; they are
             those of `self.sensor`, and intensity and background are photons of one of them.
 

@@ -12,11 +12,12 @@ curvature at the mean.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.device import on_device
 from srt3d_ros.core.peers.correlation import correlate
 from srt3d_ros.core.peers.fisher import DepthInformation, irf_slope
 from srt3d_ros.core.peers.options import kernels_of
@@ -54,8 +55,7 @@ class Likelihood:
 
     def on(self, kernels) -> "Likelihood":
         """The same with its arrays on the kernels' device."""
-        return replace(self, **{name: kernels.array(value) for name, value in vars(self).items()
-                                if isinstance(value, np.ndarray)})
+        return Likelihood(**on_device(vars(self), kernels))
 
 
 class RT3D:

@@ -11,12 +11,12 @@ from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import FIT_RADIUS, FITS, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, inline, parallel, sincos
 from srt3d_ros.kernels.cpu.explain import explain
+from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW, B, U
 from srt3d_ros.kernels.cpu.pool import (
     BASE,
     BEND,
     CLOSE,
     COL,
-    DEPTH,
     EXPOSURE,
     F0,
     FE,
@@ -31,7 +31,6 @@ from srt3d_ros.kernels.cpu.pool import (
     HALF_IM,
     HALF_RE,
     IM,
-    INTENSITY,
     LINE_0,
     LINE_1,
     LINE_2,
@@ -45,20 +44,13 @@ from srt3d_ros.kernels.cpu.pool import (
     RE,
     ROW,
     SC,
-    SCORE,
     SCRATCH,
     SLOPE,
-    SLOPE_COL,
-    SLOPE_ROW,
     SR,
-    STD,
     VALUE,
     VARIANCE,
-    WINDOW,
-    B,
     D,
     T,
-    U,
     W,
     fit_line,
     pool_line,

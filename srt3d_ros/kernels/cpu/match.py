@@ -7,9 +7,8 @@ from numba import prange
 
 from srt3d_ros.core.layout import BLOCK
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, inline, line, parallel, sincos
+from srt3d_ros.kernels.cpu.fields import B, U
 
-U = np.uint64
-B = U(BLOCK)
 GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together
 LIST = GROUP * B
 
@@ -105,6 +104,16 @@ def peaks(z, cos, sin, odd, cells, period, scratch, place, height):
         shift = HALF * (before - after) / bend if bend < ZERO else ZERO
         place[x] = (top[x] + shift) * (period / F32(cells))
         height[x] = best - F32(0.25) * (before - after) * shift
+
+
+@inline
+def response_at(z, first, step, cycles, depth):
+    """The filter's response at a depth, of a pixel whose numbers lie `step` apart in z from `first` on."""
+    response, m = ZERO, len(cycles)
+    for l in range(m):
+        sine, cosine = sincos(cycles[l] * depth)
+        response += z[first + l * step] * cosine + z[first + (m + l) * step] * sine
+    return response
 
 
 @inline

@@ -6,20 +6,14 @@ index counts from the end. The length of a line comes as that of a tuple, which 
 unroll, sums along the line stay in registers, and the columns fill the vectors.
 """
 
-import numpy as np
-
-from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.kernels.constants import STD_FLOOR
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, line, wrap
+from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, STD, B, U
 
-U = np.uint64
-B = U(BLOCK)
-DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, WINDOW, SCORE = (U(getattr(layout, name)) for name in (
-    "DEPTH", "SLOPE_COL", "SLOPE_ROW", "INTENSITY", "STD", "WINDOW", "SCORE"))
-LINES = tuple((0,) * (2 * half + 1) for half in range(MARGIN + 1))      # lengths of a window's lines
-LINE_0, LINE_1, LINE_2, LINE_3, LINE_4, LINE_5, LINE_6 = LINES
+# Lengths of a window's lines.
+LINE_0, LINE_1, LINE_2, LINE_3, LINE_4, LINE_5, LINE_6 = ((0,) * (2 * half + 1) for half in range(MARGIN + 1))
 
 # Offsets into the scratch array: single rows of BLOCK numbers, weights along a line, a row for each frequency.
 (T, SC, SR, VARIANCE, W, CLOSE, VALUE, SLOPE, BEND, D, NOISE, PHOTONS, EXPOSURE,

@@ -8,8 +8,10 @@ from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import ENOUGH, REACH, RESOLVED, VOTE_SIGMA
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, fair_order, inline, parallel, sincos, wrap
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
+from srt3d_ros.kernels.cpu.fields import B, U
+from srt3d_ros.kernels.cpu.match import response_at
 from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.cpu.survey import HAD, OPEN, B, U, survey, survey_scratch
+from srt3d_ros.kernels.cpu.survey import HAD, OPEN, survey, survey_scratch
 
 ALONE, BELIEF, BLANK, CREATE, FILL_WINDOW, NEVER, SAME = (F32(getattr(constants, name)) for name in (
     "ALONE", "BELIEF", "BLANK", "CREATE", "FILL_WINDOW", "NEVER", "SAME"))
@@ -108,7 +110,7 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, c
     Returns the candidate, the evidence of the pixel's own photons, the depth, which candidate is the pixel's own or −1,
     and the pixel's photons from there.
     """
-    best, evidence, own, at, mine, share, m = -1, least, ZERO, ZERO, -1, ZERO, len(cycles)
+    best, evidence, own, at, mine, share = -1, least, ZERO, ZERO, -1, ZERO
     for c in range(found):
         if info[c, FREE] == 0 or abs(info[c, ROW] - i) > 1 or abs(info[c, COL] - j) > 1:
             continue
@@ -120,10 +122,7 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, c
         if judged:
             continue
         votes, where, intensity, count, its = _support(c, k, found, values, info, state, period)
-        response = ZERO
-        for l in range(m):
-            sine, cosine = sincos(cycles[l] * where)
-            response += rest[l] * cosine + rest[m + l] * sine
+        response = response_at(rest, 0, 1, cycles, where)
         photonic = nats(response, photons, intensity * exposure, SHARING if k > 0 else LIKENESS, total, greatest,
                         worth, moments)
         if photonic + votes > evidence and (its >= 0 or count >= ENOUGH):

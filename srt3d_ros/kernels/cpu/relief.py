@@ -3,15 +3,11 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core import layout
 from srt3d_ros.core.layout import ASTRAY, BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import STEP
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, aligned, line, parallel, wrap
+from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD, B, U
 
-U = np.uint64
-B = U(BLOCK)
-DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD = (U(getattr(layout, name)) for name in (
-    "DEPTH", "SLOPE_COL", "SLOPE_ROW", "INTENSITY", "STD"))
 PLANE, WEIGHT, SQUARE = (U(k * BLOCK) for k in range(3))         # offsets into the scratch
 
 

@@ -12,6 +12,8 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
+from srt3d_ros.kernels.cpu import arithmetic
+
 UNIT = 2**23
 MOST = 255          # rows whose sum is sure to fit into 32 bits
 LANES = 16          # of a block: 64 bytes, a cache line
@@ -34,9 +36,7 @@ def fixed_rows(table: np.ndarray) -> np.ndarray:
 
 def aligned(size: int) -> np.ndarray:
     """Uninitialised int32 [size] that starts with a cache line: a row of 16 lanes then touches one, not two."""
-    room = np.empty(size + LANES, np.int32)
-    first = -room.ctypes.data % 64 // 4
-    return room[first:first + size]
+    return arithmetic.aligned.py_func(size).view(np.int32)
 
 
 def _adder(*widths):

@@ -5,9 +5,9 @@ from numba import prange
 
 from srt3d_ros.core.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST, STAY
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, inline, parallel, sincos, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, inline, parallel, wrap
 from srt3d_ros.kernels.cpu.blur import pool
-from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, steering
+from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
 
 
@@ -60,13 +60,10 @@ def _is_new(state, a, layer, b, depth, intensity, apart, period):
 
 
 @inline
-def _response(z, x, cycles, depth):
-    """The filter's response of pixel x of BLOCK at a depth."""
-    response, m = ZERO, len(cycles)
-    for l in range(m):
-        sine, cosine = sincos(cycles[l] * depth)
-        response += z[l * BLOCK + x] * cosine + z[(m + l) * BLOCK + x] * sine
-    return response
+def _measure(state, a, layer, b, intensity, std, sigma, score):
+    """Write what a window of σ `sigma` tells of the surface of pixel (a, b)."""
+    state[a, layer, INTENSITY, b], state[a, layer, STD, b] = intensity, std
+    state[a, layer, WINDOW, b], state[a, layer, SCORE, b] = max(sigma, NARROWEST), score
 
 
 @parallel
@@ -103,22 +100,21 @@ def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, en
                         if is_open[p, q] == ZERO:
                             continue
                         if warm and carried[a, layer, INTENSITY, b] > ZERO:
-                            old = _response(z, x, cycles, carried[a, layer, DEPTH, b]) / total
+                            old = response_at(z, x, BLOCK, cycles, carried[a, layer, DEPTH, b]) / total
                             known = _score(old, photons, squash, total, greatest, worth)
                             known /= clutter[int(np.rint(carried[a, layer, DEPTH, b])) % len(clutter)]
                             if known > confirmed and score * score - known * known < TWO * F32(STAY):
-                                for f in range(state.shape[2]):
+                                for f in (DEPTH, SLOPE_COL, SLOPE_ROW):
                                     state[a, layer, f, b] = carried[a, layer, f, b]
-                                state[a, layer, INTENSITY, b] = old / max(light, DIMMEST)
-                                state[a, layer, STD, b] = _std(old, photons, squash, moments, curvature, period)
-                                state[a, layer, WINDOW, b], state[a, layer, SCORE, b] = max(sigma, NARROWEST), known
+                                std = _std(old, photons, squash, moments, curvature, period)
+                                _measure(state, a, layer, b, old / max(light, DIMMEST), std, sigma, known)
                                 continue
                         if score > enough and (layer == 0 or _is_new(state, a, layer, b, depth, intensity, apart,
                                                                      period)):
-                            state[a, layer, DEPTH, b], state[a, layer, INTENSITY, b] = depth, intensity
+                            state[a, layer, DEPTH, b] = depth
                             state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = ZERO, ZERO
-                            state[a, layer, STD, b] = _std(signal, photons, squash, moments, curvature, period)
-                            state[a, layer, WINDOW, b], state[a, layer, SCORE, b] = max(sigma, NARROWEST), score
+                            std = _std(signal, photons, squash, moments, curvature, period)
+                            _measure(state, a, layer, b, intensity, std, sigma, score)
 
 
 @parallel

@@ -4,6 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.core.start import window_weights
 from srt3d_ros.kernels.constants import DIMMEST, FAINTEST, LEAST_SHARE, SHARE_WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, parallel
 from srt3d_ros.kernels.cpu.blur import blur
@@ -11,7 +12,7 @@ from srt3d_ros.kernels.cpu.intensity import own_intensity
 from srt3d_ros.kernels.cpu.relief import relief
 from srt3d_ros.kernels.cpu.scratch import borrow
 
-SHARE_WEIGHTS = np.exp(-np.arange(-5, 6)**2 / (2 * SHARE_WINDOW**2)).astype(np.float32)
+SHARE_WEIGHTS = window_weights(SHARE_WINDOW, 1)
 
 
 @parallel

@@ -1,16 +1,10 @@
 """Which pixels `propose` has to decide on: those at edges and in gaps; elsewhere the neighbourhood agrees."""
 
-import numpy as np
-
-from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS
 from srt3d_ros.kernels.constants import ENOUGH
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, aligned, inline, line, wrap
+from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD, B, U
 
-U = np.uint64
-B = U(BLOCK)
-DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD = (U(getattr(layout, name)) for name in (
-    "DEPTH", "SLOPE_COL", "SLOPE_ROW", "INTENSITY", "STD"))
 HAD, FOUND, OPEN, COUNT, THERE, KNOWN, AT, NOISY = (U(k * BLOCK) for k in range(8))     # offsets into the scratch
 
 

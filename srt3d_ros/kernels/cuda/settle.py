@@ -1,10 +1,10 @@
 """The end of a reconstruction: which points the photons speak for, how bright and how sure each is."""
 
-import numpy as np
 import triton
 import triton.language as tl
 
 from srt3d_ros.core import layout
+from srt3d_ros.core.start import window_weights
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cuda.arithmetic import TINY
 from srt3d_ros.kernels.cuda.blur import blur
@@ -15,7 +15,7 @@ from srt3d_ros.kernels.cuda.scratch import borrow, constant
 
 DIMMEST, FAINTEST, LEAST_SHARE = (tl.constexpr(getattr(constants, name)) for name in (
     "DIMMEST", "FAINTEST", "LEAST_SHARE"))
-SHARE_WEIGHTS = np.exp(-np.arange(-5, 6)**2 / (2 * constants.SHARE_WINDOW**2)).astype(np.float32)
+SHARE_WEIGHTS = window_weights(constants.SHARE_WINDOW, 1)
 
 
 @triton.jit
