@@ -1,0 +1,143 @@
+"""Framing: which packets make which frame, and which come late, twice, or from a sensor that began again.
+
+A frame ends when it is complete, by number (`packets` messages), or by stamp: frame k holds the stamps of
+[k·P, (k+1)·P), and ends with the first packet of a later period, whatever was lost on the way. With both, a frame ends
+with its last packet if all come, and with the next frame's first if not.
+
+Within the open frame packets may come in any order: sketches add. What is older than the last frame is late.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+HELD_BYTES = 2**25      # newest packets that are kept to be compared with: more than a network delays a packet's double
+SAMPLE_BYTES = 32       # of a packet, to look it up by
+AS_MANY_AS_COME = 1     # with a period, a number of packets that says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """What to do about a packet, in this order; the numbers are packets, 0 for "nothing to do".
+
+    Args:
+        forgotten: of the open frame: it is given up, and all frames before are past; the stamps began again.
+        began_again: whether they did, also where no frame was open.
+        ended: the open frame has so many and ends without this one.
+        dropped: why this packet must not be used, "late" or "duplicate"; empty if it is to be added.
+        completed: the open frame has so many with this one, and is complete.
+    """
+
+    forgotten: int = 0
+    began_again: bool = False
+    ended: int = 0
+    dropped: str = ""
+    completed: int = 0
+
+
+class Framing:
+    """Tells, packet by packet, where frames end; knows nothing of photons.
+
+    The grid of periods begins before the first packet by half the time to the second, but at most by half a period,
+    so that stamps which jitter stay in their period. While stamps repeat, each is compared in full with its likes:
+    drivers that stamp all packets of a frame alike are not taken for a network that doubles them.
+
+    Args:
+        packets: that complete a frame; with a period 1 stands for as many as come.
+        period_ns: P; 0 = frames end by number only, and one packet a frame is never taken for a double.
+        jump_back_ns: stamps that fall back by more than this mean that the driver, the bag or the clock began again.
+    """
+
+    def __init__(self, packets: int = 1, period_ns: int = 0, jump_back_ns: int = 10**9):
+        self._period_ns, self._jump_back_ns = period_ns, jump_back_ns
+        self._packets = 0 if period_ns and packets == AS_MANY_AS_COME else packets
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all stamps: what comes next is the first packet."""
+        self.open = 0                           # packets of the open frame
+        self._start_ns: int | None = None       # of the open frame: its earliest stamp
+        self._newest_ns: int | None = None
+        self._over: int | None = None           # the last frame: by number its start, by stamp its period
+        self._grid_ns: int | None = None        # where period 0 begins
+        self._first_ns: int | None = None       # until the second stamp tells how far apart packets are
+        self._recent = _Recent()
+
+    def place(self, stamp_ns: int, content: bytes) -> Placed:
+        """What a packet means. All that it says must be done: the frame counts the packet, unless it is dropped."""
+        forgotten, began_again = 0, self._newest_ns is not None and stamp_ns < self._newest_ns - self._jump_back_ns
+        if began_again:
+            forgotten = self.open
+            self.clear()
+        if self._period_ns:
+            self._lay_grid(stamp_ns)
+        if self._is_late(stamp_ns):
+            return Placed(dropped="late")
+        if self._period_ns or self._packets > 1:
+            if self._recent.has(stamp_ns, content):
+                return Placed(dropped="duplicate")
+            self._recent.keep(stamp_ns, content)
+        ended = self._end() if self._is_of_later_period(stamp_ns) else 0
+        self.open += 1
+        self._start_ns = stamp_ns if self._start_ns is None else min(self._start_ns, stamp_ns)
+        self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
+        completed = self._end() if self.open == self._packets else 0
+        return Placed(forgotten, began_again, ended, "", completed)
+
+    def end_of_silence(self) -> int:
+        """No packet came for long: the packets of the open frame, which ends if it has a period; else 0."""
+        return self._end() if self._period_ns and self.open else 0
+
+    def _end(self) -> int:
+        packets, self.open = self.open, 0
+        self._over = self._period_of(self._start_ns) if self._period_ns else self._start_ns
+        self._start_ns = None
+        return packets
+
+    def _is_late(self, stamp_ns: int) -> bool:
+        if not self._period_ns:
+            return self._over is not None and stamp_ns < self._over
+        period = self._period_of(stamp_ns)
+        return (self._over is not None and period <= self._over
+                or self._start_ns is not None and period < self._period_of(self._start_ns))
+
+    def _is_of_later_period(self, stamp_ns: int) -> bool:
+        return bool(self._period_ns and self.open) and self._period_of(stamp_ns) > self._period_of(self._start_ns)
+
+    def _period_of(self, stamp_ns: int) -> int:
+        return (stamp_ns - self._grid_ns) // self._period_ns
+
+    def _lay_grid(self, stamp_ns: int) -> None:
+        if self._grid_ns is None:
+            self._grid_ns = self._first_ns = stamp_ns
+        elif self._first_ns is not None and stamp_ns != self._first_ns:
+            self._grid_ns -= min(abs(stamp_ns - self._first_ns), self._period_ns) // 2
+            self._first_ns = None
+
+
+class _Recent:
+    """The newest packets, to know one that comes again. Different packets differ early: a comparison costs nothing."""
+
+    def __init__(self):
+        self._order: deque[tuple[tuple, bytes]] = deque()
+        self._alike: dict[tuple, list[bytes]] = {}
+        self._bytes = 0
+
+    def has(self, stamp_ns: int, content: bytes) -> bool:
+        return content in self._alike.get(self._key(stamp_ns, content), ())
+
+    def keep(self, stamp_ns: int, content: bytes) -> None:
+        key = self._key(stamp_ns, content)
+        self._order.append((key, content))
+        self._alike.setdefault(key, []).append(content)
+        self._bytes += len(content)
+        while self._bytes > HELD_BYTES and len(self._order) > 1:
+            key, oldest = self._order.popleft()
+            self._bytes -= len(oldest)
+            self._alike[key].pop(0)
+            if not self._alike[key]:
+                del self._alike[key]
+
+    @staticmethod
+    def _key(stamp_ns: int, content: bytes) -> tuple:
+        middle = len(content) // 2
+        return stamp_ns, len(content), content[middle:middle + SAMPLE_BYTES]

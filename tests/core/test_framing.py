@@ -1,0 +1,150 @@
+"""Framing alone: which packets make which frame, whatever order they come in, how often, and who sends them."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from srt3d_ros.core import framing
+from srt3d_ros.core.framing import Framing, Placed
+
+MS = 1_000_000
+S = 1_000 * MS
+
+
+def frames_of(framing: Framing, stamps, contents=None) -> tuple[list[list[int]], dict[str, list[int]]]:
+    """The stamps of each frame that ended, and of the packets that were dropped, by cause; then the open frame last."""
+    frames, open_frame, dropped = [], [], {}
+    contents = contents or [str(k).encode() for k in range(len(stamps))]
+    for stamp, content in zip(stamps, contents, strict=True):
+        placed = framing.place(stamp, content)
+        assert placed.forgotten in (0, len(open_frame))
+        if placed.began_again:
+            dropped.setdefault("incomplete", []).extend(open_frame)
+            open_frame = []
+        if placed.ended:
+            assert placed.ended == len(open_frame)
+            frames.append(open_frame)
+            open_frame = []
+        if placed.dropped:
+            dropped.setdefault(placed.dropped, []).append(stamp)
+        else:
+            open_frame.append(stamp)
+        if placed.completed:
+            assert placed.completed == len(open_frame)
+            frames.append(open_frame)
+            open_frame = []
+        assert framing.open == len(open_frame)
+    return [*frames, open_frame], dropped
+
+
+def test_a_number_of_packets_makes_a_frame():
+    assert frames_of(Framing(), [5, 7, 7]) == ([[5], [7], [7], []], {})
+    assert frames_of(Framing(packets=3), [1, 2, 3, 4, 5, 6, 7]) == ([[1, 2, 3], [4, 5, 6], [7]], {})
+
+
+def test_a_period_holds_its_stamps_however_many_and_in_any_order():
+    frames, dropped = frames_of(Framing(period_ns=100), [0, 10, 90, 40, 100, 260, 210, 540])
+    assert frames == [[0, 10, 90, 40], [100], [260, 210], [540]] and dropped == {}
+
+
+def test_packets_that_share_the_stamp_of_their_frame_make_it():
+    stamps = [stamp for stamp in (0, 33, 67, 100) for _ in range(4)]
+    for period in (1, 20, 33):      # anything up to the time between frames
+        assert frames_of(Framing(period_ns=period), stamps)[0] == [[stamp] * 4 for stamp in (0, 33, 67, 100)]
+
+
+@pytest.mark.parametrize("jitter", [[0, 3, -3, 1, 4, -4, -1, 2], [1, -1, 2, 0, -2, 1, -1, 0]])
+def test_stamps_that_jitter_stay_in_their_period(jitter):
+    stamps = [10 * k + jitter[k % len(jitter)] for k in range(40)]
+    assert [len(frame) for frame in frames_of(Framing(period_ns=100), stamps)[0]] == [10, 10, 10, 10]
+
+
+def test_a_frame_that_lacks_packets_ends_with_the_next_and_a_complete_one_at_once():
+    framing = Framing(packets=3, period_ns=30)
+    placed = [framing.place(stamp, str(stamp).encode()) for stamp in (0, 10, 20, 30, 50, 60)]
+    assert placed == [Placed(), Placed(), Placed(completed=3), Placed(), Placed(), Placed(ended=2)]
+
+
+def test_packets_older_than_the_last_frame_are_late_and_others_are_not():
+    frames, dropped = frames_of(Framing(packets=2), [10, 30, 20, 40, 9, 19, 30])
+    assert frames == [[10, 30], [20, 40], [30]] and dropped == {"late": [9, 19]}
+    frames, dropped = frames_of(Framing(period_ns=100), [0, 20, 100, 60, 140, 89, 0])
+    assert frames == [[0, 20], [100, 140]] and dropped == {"late": [60, 89, 0]}
+    assert frames_of(Framing(), [5, 9, 7, 9]) == ([[5], [9], [9], []], {"late": [7]})
+
+
+@pytest.mark.parametrize("framing", [Framing(packets=4), Framing(period_ns=4)], ids=["number", "period"])
+def test_the_same_packet_again_is_a_duplicate_but_not_another_of_its_stamp(framing):
+    stamps, contents = [0, 0, 0, 2, 0, 2], [b"one", b"two", b"one", b"one", b"two", b"six"]
+    frames, dropped = frames_of(framing, stamps, contents)
+    assert frames[0] == [0, 0, 2, 2] and dropped == {"duplicate": [0, 0]}
+
+
+def test_a_double_of_the_last_packet_of_a_frame_is_not_the_next_frames_first():
+    frames, dropped = frames_of(Framing(packets=2), [1, 2, 2, 3, 4], [b"a", b"b", b"b", b"c", b"d"])
+    assert frames == [[1, 2], [3, 4], []] and dropped == {"duplicate": [2]}
+
+
+def test_one_packet_a_frame_is_never_a_duplicate():
+    assert frames_of(Framing(), [0, 0, 0], [b"static"] * 3)[0] == [[0], [0], [0], []]
+
+
+def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
+    monkeypatch.setattr(framing, "HELD_BYTES", 100)
+    forgetful = Framing(packets=10**6)
+    for k in range(1000):
+        forgetful.place(0, bytes([k % 200]) * 30)
+    assert len(forgetful._recent._order) == 3 == sum(map(len, forgetful._recent._alike.values()))
+
+
+@pytest.mark.parametrize("framing", [Framing(packets=3), Framing(period_ns=30 * MS)], ids=["number", "period"])
+def test_stamps_that_begin_again_give_up_the_open_frame_and_are_followed(framing):
+    before = [100 * S + 10 * MS * k for k in range(5)]
+    again = [7 * S + 10 * MS * k for k in range(6)]
+    frames, dropped = frames_of(framing, [*before, *again])
+    assert [frame for frame in frames if frame] == [before[:3], again[:3], again[3:]]
+    assert dropped == {"incomplete": before[3:]}
+    assert frames_of(Framing(), [100 * S, 99 * S, 98 * S - 1])[0] == [[100 * S], [98 * S - 1], []]      # 1 s is late
+
+
+def test_a_stamp_from_far_ahead_costs_one_frame():
+    framing = Framing(packets=2)
+    frames, dropped = frames_of(framing, [1 * S, 10**6 * S, 2 * S, 3 * S, 4 * S, 5 * S])
+    assert frames == [[1 * S, 10**6 * S], [2 * S, 3 * S], [4 * S, 5 * S], []] and dropped.keys() <= {"incomplete"}
+
+
+def test_silence_ends_a_period_but_not_a_number():
+    framing = Framing(period_ns=100)
+    assert framing.end_of_silence() == 0
+    framing.place(0, b"a")
+    framing.place(20, b"b")
+    assert (framing.end_of_silence(), framing.open, framing.end_of_silence()) == (2, 0, 0)
+    assert framing.place(40, b"c").dropped == "late" and framing.place(120, b"d") == Placed()
+    counting = Framing(packets=2)
+    counting.place(0, b"a")
+    assert counting.end_of_silence() == 0 and counting.place(10 * S, b"b").completed == 2
+
+
+STREAMS = st.lists(st.tuples(st.integers(0, 4000), st.sampled_from([b"a", b"b", b"c"])), max_size=80)
+
+
+@given(stream=STREAMS, packets=st.integers(1, 5), period=st.sampled_from([0, 1, 7, 100]))
+@settings(max_examples=200, deadline=None)
+def test_whatever_comes_every_packet_is_in_one_frame_or_dropped_for_one_cause(stream, packets, period):
+    stamps, contents = [stamp for stamp, _ in stream], [content for _, content in stream]
+    frames, dropped = frames_of(Framing(packets, period, jump_back_ns=2000), stamps, contents)
+    assert sorted(sum(frames, sum(dropped.values(), []))) == sorted(stamps)
+    assert set(dropped) <= {"late", "duplicate", "incomplete"}
+    if period == 0:
+        assert all(len(frame) == packets for frame in frames[:-1])
+    elif packets > 1:
+        assert all(len(frame) <= packets for frame in frames)
+
+
+@given(shuffled=st.permutations(range(2, 10)), period=st.sampled_from([0, 100]))
+@settings(max_examples=50, deadline=None)
+def test_order_within_a_frame_does_not_matter(shuffled, period):
+    stamps = [100 * frame + 10 * k for frame in (0, 1) for k in (0, 1, *shuffled)]
+    frames, dropped = frames_of(Framing(packets=10, period_ns=period), stamps)
+    assert [sorted(frame) for frame in frames] == [[10 * k for k in range(10)], [100 + 10 * k for k in range(10)], []]
+    assert dropped == {}

@@ -1,0 +1,115 @@
+"""Sliding windows: to the bit the sketch of their photons, however long they run."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core import window
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.window import WindowSketcher
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])
+FREQUENCIES = (1, 4, 30)
+
+
+def frames(count: int) -> list[PhotonEvents]:
+    rng = np.random.default_rng(7)
+    sizes = rng.integers(0, 400, count)
+    return [PhotonEvents(rng.integers(0, SENSOR.pixels, n, dtype=np.uint32), rng.integers(0, 100, n, dtype=np.uint16),
+                         stamp_ns=1_000 * k) for k, n in enumerate(sizes)]
+
+
+def directly(of: list[PhotonEvents]):
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    for frame in of:
+        sketcher.add(frame)
+    return sketcher.sketch()
+
+
+def assert_same(sketch, expected):
+    np.testing.assert_array_equal(sketch.sums, expected.sums)           # to the bit
+    np.testing.assert_array_equal(sketch.photons, expected.photons)
+    assert sketch.stamp_ns == expected.stamp_ns
+
+
+def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
+    sketches = []
+    for frame in of:
+        half = frame.photons // 2       # a frame may come in packets
+        sketcher.add(PhotonEvents(frame.pixel[half:], frame.toa[half:], frame.stamp_ns + 5))
+        sketcher.add(PhotonEvents(frame.pixel[:half], frame.toa[:half], frame.stamp_ns))
+        sketches.append(sketcher.end_frame())
+    return sketches
+
+
+@pytest.mark.parametrize("width", [1, 2, 5, 50])
+def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
+    sent = frames(20)
+    for k, sketch in enumerate(slide(WindowSketcher(SENSOR, FREQUENCIES, width), sent)):
+        assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
+
+
+def test_sums_that_run_over_change_nothing():
+    sent = frames(8)
+    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 3)
+    slide(sketcher, sent[:3])
+    for kept in (sketcher._sums, *(sums for sums, _ in filter(None, sketcher._before))):
+        kept += np.int64(2**63 - 1 - 10**6)                         # years later
+    sketches = slide(sketcher, sent[3:])
+    assert sketcher._sums.min() < 0                                 # they ran over
+    assert_same(sketches[-1], directly(sent[5:]))
+
+
+def test_the_width_may_change_while_it_runs():
+    sent = frames(16)
+    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 4)
+    slide(sketcher, sent[:6])
+    for width, first, last in ((2, 6, 8), (1, 8, 10), (3, 10, 14), (3, 14, 16)):
+        sketcher.resize(width)
+        assert_same(slide(sketcher, sent[first:last])[-1], directly(sent[max(last - width, 0):last]))
+
+
+def test_a_window_that_gets_narrower_in_the_middle_of_a_frame_ends_with_that_frame():
+    sent = frames(5)
+    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 4)
+    slide(sketcher, sent[:4])
+    sketcher.add(sent[4])
+    sketcher.resize(2)
+    assert_same(sketcher.end_frame(), directly(sent[3:]))
+
+
+@pytest.mark.parametrize("width", [1, 3])
+def test_after_a_reset_nothing_of_the_past_remains(width):
+    sent = frames(6)
+    sketcher = WindowSketcher(SENSOR, FREQUENCIES, width)
+    slide(sketcher, sent[:4])
+    sketcher.add(sent[4])
+    sketcher.reset()
+    assert_same(slide(sketcher, sent[5:])[0], directly(sent[5:]))
+
+
+def test_a_frame_costs_the_same_in_any_window(monkeypatch):
+    """Copies and subtractions of whole sums: one of each a frame, and memory for no more than the window."""
+    copies = []
+    original = WindowSketcher._copy
+    monkeypatch.setattr(WindowSketcher, "_copy", lambda self, into: copies.append(into) or original(self, into))
+    for width in (2, 20):
+        sketcher = WindowSketcher(SENSOR, FREQUENCIES, width)
+        slide(sketcher, frames(2 * width))
+        copies.clear()
+        slide(sketcher, frames(10))
+        assert len(copies) == 10 and all(into is not None for into in copies)
+        assert len(sketcher._before) == width
+
+
+def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
+    monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 20_000)
+    WindowSketcher(SENSOR, FREQUENCIES, 9)
+    with pytest.raises(InvalidInput, match="window_frames is 500: expected 1 to 9 for 3 × 5 pixels"):
+        WindowSketcher(SENSOR, FREQUENCIES, 500)
+    one = dataclasses.replace(SENSOR, rows=300, cols=500)
+    assert WindowSketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
