@@ -56,6 +56,9 @@ def json_tables(schema: dict) -> str:
     text = f"QoS: {schema['qos']}.\n\n" + object_table(schema["fields"])
     for kind, projection in schema.get("projection", {}).items():
         text += f"`projection` of the kind `{kind}`: {projection['purpose']}\n\n" + object_table(projection["fields"])
+    if "distortion" in schema:
+        text += f"`projection.distortion`: {schema['distortion']['purpose']}\n\n" + object_table(
+            schema["distortion"]["fields"])
     if "gates" in schema:
         text += "`gates`:\n\n" + object_table(schema["gates"]["fields"])
     return text

@@ -1,9 +1,10 @@
 """Where a pixel looks: unit rays in the sensor's frame, from which range gives a point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import require
 
 DEFAULT_FOV_DEG = 30.0
@@ -16,12 +17,14 @@ class Pinhole:
     Args:
         fx, fy: focal lengths, pixels.
         cx, cy: principal point, pixels; the centre of pixel (0, 0) is at (0, 0).
+        distortion: of the lens; it is taken off the pixels' places before they become rays.
     """
 
     fx: float
     fy: float
     cx: float
     cy: float
+    distortion: PlumbBob = PlumbBob()
     kind = "pinhole"
 
     def __post_init__(self):
@@ -37,16 +40,31 @@ class Pinhole:
         focal = max(rows, cols) / 2 / np.tan(np.radians(fov_deg) / 2)
         return cls(focal, focal, (cols - 1) / 2, (rows - 1) / 2)
 
+    def check(self, rows: int, cols: int) -> None:
+        """Raise InvalidInput unless the distortion can be taken off everywhere in an image of this size."""
+        if self.distortion:
+            x, y = self._places(rows, cols)     # what holds on the border and from there to the middle holds inside
+            self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
+
     def rays(self, rows: int, cols: int) -> np.ndarray:
-        """Unit rays, float32 [rows, cols, 3]."""
-        x = (np.arange(cols) - self.cx) / self.fx
-        y = (np.arange(rows) - self.cy) / self.fy
-        return _unit(np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols)), np.ones((rows, cols)))
+        """Unit rays, float32 [rows, cols, 3]; InvalidInput as by `check`."""
+        self.check(rows, cols)
+        x, y = self._places(rows, cols)
+        if self.distortion:
+            x, y = self.distortion.undistorted(x, y)
+        return _unit(x, y, np.ones((rows, cols)))
 
     def upsampled(self, factor: int) -> "Pinhole":
         """The same camera with `factor` × `factor` finer pixels in the place of each."""
         first = _first_centre(factor)
-        return Pinhole(self.fx * factor, self.fy * factor, (self.cx - first) * factor, (self.cy - first) * factor)
+        return replace(self, fx=self.fx * factor, fy=self.fy * factor, cx=(self.cx - first) * factor,
+                       cy=(self.cy - first) * factor)
+
+    def _places(self, rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
+        """Where the pixels' centres are, in focal lengths from the principal point; float64 [rows, cols] each."""
+        x = (np.arange(cols) - self.cx) / self.fx
+        y = (np.arange(rows) - self.cy) / self.fy
+        return np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols))
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,8 @@ class SensorModel:
             object.__setattr__(self, "background_shape", self._checked_background())
         if self.projection is None:
             object.__setattr__(self, "projection", Pinhole.from_fov(self.rows, self.cols))
+        if isinstance(self.projection, Pinhole):
+            self.projection.check(self.rows, self.cols)
 
     def _checked_irf(self) -> np.ndarray:
         irf = _array("irf", self.irf, np.float64)

@@ -1,9 +1,11 @@
 """The npz photon file (docs/photon-file.md): photons of one frame, their sensor and, if known, the true depths."""
 
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
@@ -23,7 +25,7 @@ MAX_SURFACES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
 INTENSITY = "ref_refl_photons"
 KNOWN = (*REQUIRED, *SCALARS, *MAPS, *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg", "projection",
-         "projection_values", "gate_words", "frame_id", "stamp_ns")
+         "projection_values", "distortion", "gate_words", "frame_id", "stamp_ns")
 
 
 def read(path: str | Path) -> Photons:
@@ -70,6 +72,8 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
               "frame_id": sensor.frame_id, "projection": kind,
               "projection_values": np.array([getattr(sensor.projection, name) for name in PROJECTIONS[kind][1]])}
     arrays |= {name: getattr(sensor, name) for name in (*SCALARS, *MAPS) if getattr(sensor, name) is not None}
+    if getattr(sensor.projection, "distortion", None):
+        arrays["distortion"] = np.array(astuple(sensor.projection.distortion))
     if sensor.gates is not None:
         arrays["gate_words"] = np.array([sensor.gates.first_word, sensor.gates.no_detection], np.uint16)
     if reference_depth_bins is not None:
@@ -92,7 +96,13 @@ def _sensor(arrays: dict[str, np.ndarray]) -> SensorModel:
         require(words.shape == (2,), "gate_words shape", words.shape, "[2]: first word, no-detection word")
         known["gates"] = GateWords(int(words[0]), int(words[1]))
     sensor = SensorModel(**known)
-    return sensor.replace(projection=_projection(arrays, sensor))
+    projection = _projection(arrays, sensor)
+    if "distortion" in arrays:
+        values = _numbers(arrays, "distortion")
+        require(isinstance(projection, Pinhole), "distortion", "there", "none: the projection is no pinhole")
+        require(values.shape == (5,), "distortion shape", values.shape, "[5]: k1, k2, p1, p2, k3")
+        projection = replace(projection, distortion=PlumbBob(*(float(value) for value in values)))
+    return sensor.replace(projection=projection)
 
 
 def _projection(arrays: dict[str, np.ndarray], sensor: SensorModel) -> Projection:

@@ -2,7 +2,8 @@
 
 from std_msgs.msg import String
 
-from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import json_text
@@ -43,7 +44,7 @@ def to_object(sensor: SensorModel) -> dict:
         if field["type"] == "array":
             value = json_text.write_array(value, field["dtype"])
         elif field["name"] == "projection":
-            value = _parts(value, schema["projection"][value.kind]["fields"])
+            value = _projection_parts(value, schema)
         elif field["name"] == "gates":
             value = _parts(value, schema["gates"]["fields"])
         content[field["name"]] = value
@@ -59,7 +60,7 @@ def from_object(content: dict) -> SensorModel:
     if "gates" in values:
         values["gates"] = GateWords(**json_text.read_object(values["gates"], schema["gates"]["fields"], "gates."))
     if "projection" in values:
-        values["projection"] = _projection(values["projection"], schema["projection"])
+        values["projection"] = _projection(values["projection"], schema)
     check_frame_id("frame_id", values.get("frame_id", ""))
     return SensorModel(**values)
 
@@ -68,9 +69,20 @@ def _parts(value, fields: list[dict]) -> dict:
     return {field["name"]: getattr(value, field["name"]) for field in fields}
 
 
-def _projection(content: dict, kinds: dict) -> Pinhole | AngularScan:
-    kind = content.get("kind", "absent")
+def _projection_parts(projection: Projection, schema: dict) -> dict:
+    parts = _parts(projection, schema["projection"][projection.kind]["fields"])
+    distortion = parts.pop("distortion", None)
+    if distortion:
+        parts["distortion"] = _parts(distortion, schema["distortion"]["fields"])
+    return parts
+
+
+def _projection(content: dict, schema: dict) -> Projection:
+    kind, kinds = content.get("kind", "absent"), schema["projection"]
     require(isinstance(kind, str) and kind in kinds, "projection.kind", kind, " or ".join(kinds))
     values = json_text.read_object(content, kinds[kind]["fields"], "projection.")
     del values["kind"]
+    if "distortion" in values:
+        values["distortion"] = PlumbBob(**json_text.read_object(
+            values["distortion"], schema["distortion"]["fields"], "projection.distortion."))
     return PROJECTIONS[kind](**values)

@@ -1,5 +1,7 @@
 """What a recording holds and under which names: shared by the writer, the blueprint and the reader."""
 
+from dataclasses import astuple, is_dataclass
+
 import numpy as np
 import pyarrow as pa
 import rerun as rr
@@ -82,7 +84,8 @@ def sensor_properties(sensor: SensorModel) -> dict:
     facts = {name: getattr(sensor, name) for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref",
                                                       "toa_offset_bins", "range_offset_m", "frame_id")}
     facts["projection"] = sensor.projection.kind
-    facts |= {name: float(value) for name, value in vars(sensor.projection).items()}
+    facts |= {name: list(astuple(value)) if is_dataclass(value) else float(value)
+              for name, value in vars(sensor.projection).items()}
     if sensor.irf.ndim == 1:
         facts["irf"] = sensor.irf
     return facts

@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
@@ -42,8 +43,9 @@ def assert_same_sensor(a: SensorModel, b: SensorModel):
     SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad"),
     SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
                    projection=AngularScan(0.1, -0.2, 0.3, 0.4)),
+    SENSOR.replace(projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5))),
     SENSOR.replace(irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins)),
-], ids=["plain", "projection, gates, frame", "maps, scanner", "IRF per pixel, background"])
+], ids=["plain", "projection, gates, frame", "maps, scanner", "lens", "IRF per pixel, background"])
 def test_everything_comes_back(tmp_path, sensor):
     reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
     reference[1, 0, 0] = np.nan
@@ -126,6 +128,11 @@ MALFORMED = {
     "projection without values": ({"projection": "pinhole"}, "projection_values"),
     "three values": ({"projection": "pinhole", "projection_values": np.ones(3)}, "projection_values shape"),
     "focal length 0": ({"projection": "pinhole", "projection_values": np.zeros(4)}, "projection.fx"),
+    "four coefficients": ({"distortion": np.zeros(4)}, "distortion shape"),
+    "a lens that folds": ({"distortion": np.array([-90, 0, 0, 0, 0])}, "projection.distortion"),
+    "a NaN lens": ({"distortion": np.full(5, np.nan)}, "projection.distortion.k1"),
+    "a lens on a scanner": ({"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)},
+                            "distortion"),
     "field of view of 200°": ({"fov_deg": 200.0}, "fov_deg"),
     "frame of numbers": ({"frame_id": 3}, "frame_id dtype"),
     "one gate word": ({"gate_words": np.array([1])}, "gate_words shape"),

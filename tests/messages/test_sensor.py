@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from std_msgs.msg import String
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import json_text, sensor
 
-GOLDEN = Path(__file__).parent / "golden" / "sensor.json"
+GOLDEN = Path(__file__).parent / "golden"
 FULL = SensorModel(
     rows=2, cols=3, num_bins=100, bin_width_s=2.5e-10, irf=np.array([0, 1, 2, 1], np.float32), irf_ref=1,
     toa_offset_bins=7.25, range_offset_m=-0.125, gain=np.linspace(0.5, 1.5, 6).reshape(2, 3),
@@ -38,9 +39,13 @@ def refused(content) -> InvalidInput:
     return caught.value
 
 
-def test_text_is_the_golden_one():
-    assert sensor.to_json(FULL) == GOLDEN.read_text().strip()
-    assert sensor.from_json(GOLDEN.read_text()).same_as(FULL)
+@pytest.mark.parametrize(("name", "content"), [
+    ("sensor", FULL),
+    ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01))))])
+def test_text_is_the_golden_one(name, content):
+    golden = (GOLDEN / f"{name}.json").read_text()
+    assert sensor.to_json(content) == golden.strip()
+    assert sensor.from_json(golden).same_as(content)
 
 
 def test_every_field_makes_the_trip():
@@ -48,7 +53,9 @@ def test_every_field_makes_the_trip():
 
 
 @pytest.mark.parametrize("changes", [
-    {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)}, {"gain": None, "delay_bins": None, "mask": None, "gates": None},
+    {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)},
+    {"projection": Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 1e-3, -2e-3, 0.01))},
+    {"gain": None, "delay_bins": None, "mask": None, "gates": None},
     {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}, {"background_shape": np.arange(100)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)
@@ -71,6 +78,15 @@ def test_plain_lists_and_defaults_are_taken():
     assert model.gain[1].tolist() == [2, 2, 2] and model.mask[0].tolist() == [True, True, False]
 
 
+def test_distortion_is_written_by_its_names_and_only_where_there_is_some():
+    lens = Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(k1=-0.25, p2=0.125))
+    written = sensor.to_object(FULL.replace(projection=lens))["projection"]
+    assert written["distortion"] == {"k1": -0.25, "k2": 0, "p1": 0, "p2": 0.125, "k3": 0}
+    del written["distortion"]["k3"]         # what OpenCV calls four coefficients
+    assert sensor.from_json(json.dumps(plain() | {"projection": written})).projection == lens
+    assert "distortion" not in sensor.to_object(FULL.replace(projection=Pinhole(9, 9, 1, 1)))["projection"]
+
+
 def test_whole_numbers_of_any_length_are_numbers():
     lens = {"kind": "pinhole", "fx": 10**30, "fy": 20, "cx": 1, "cy": 1}
     content = plain() | {"rows": 2.0, "bin_width_s": 1, "projection": lens}
@@ -80,6 +96,10 @@ def test_whole_numbers_of_any_length_are_numbers():
 
 def test_keys_of_the_drivers_own_are_left_out():
     assert sensor.from_json(json.dumps(plain() | {"x_serial": "A-17", "x_temperature": {"c": 21}})).rows == 2
+
+
+def lens(**changes) -> dict:
+    return {"kind": "pinhole", "fx": 3, "fy": 3, "cx": 1, "cy": 0.5} | changes
 
 
 MALFORMED = [
@@ -123,6 +143,18 @@ MALFORMED = [
     ("projection kind a list", {"projection": {"kind": ["pinhole"]}}, "projection.kind"),
     ("projection without fy", {"projection": {"kind": "pinhole", "fx": 1, "cx": 0, "cy": 0}}, "projection.fy"),
     ("projection fx 0", {"projection": {"kind": "pinhole", "fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "projection.fx"),
+    ("distortion as a list", {"projection": lens(distortion=[0.1, 0, 0, 0, 0])}, "projection.distortion"),
+    ("distortion without p1", {"projection": lens(distortion={"k1": 0, "k2": 0, "p2": 0})},
+     "projection.distortion.p1"),
+    ("distortion with k4", {"projection": lens(distortion=dict.fromkeys(["k1", "k2", "p1", "p2", "k4"], 0))},
+     "projection.distortion.unknown key"),
+    ("distortion a text", {"projection": lens(distortion={"k1": "0", "k2": 0, "p1": 0, "p2": 0})},
+     "projection.distortion.k1"),
+    ("distortion that folds", {"projection": lens(distortion={"k1": -9, "k2": 0, "p1": 0, "p2": 0})},
+     "projection.distortion"),
+    ("distortion of a scanner", {"projection": {
+        "kind": "angular_scan", "azimuth_start_rad": 0, "azimuth_step_rad": 1, "elevation_start_rad": 0,
+        "elevation_step_rad": 1, "distortion": {}}}, "projection.unknown key"),
     ("gates without no_detection", {"gates": {"first_word": 0}}, "gates.no_detection"),
     ("gates word of 17 bits", {"gates": {"first_word": 0, "no_detection": 65_536}}, "gates.no_detection"),
     ("gates with an unknown key", {"gates": {"first_word": 0, "no_detection": 1, "last": 2}}, "gates.unknown key"),

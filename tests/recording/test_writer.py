@@ -6,10 +6,12 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.reader import RecordingReader
@@ -240,7 +242,7 @@ def test_two_recordings_of_one_process_stay_apart(tmp_path):
 
 
 def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
-    sensor = ball[1]
+    sensor = ball[1].replace(projection=replace(ball[1].projection, distortion=PlumbBob(k1=-0.05, p2=0.01)))
     facts = {"version": "1.2", "frequencies": [1, 2, 5], "nothing": None, "path": tmp_path, "rate_hz": 10.0,
              "live": True}
     with RecordingWriter(tmp_path / "a.rrd", sensor, properties=facts):
@@ -251,4 +253,5 @@ def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
     assert (run["version"], run["rate_hz"], run["live"]) == ("1.2", 10.0, True)
     assert properties["sensor"]["rows"] == 40 and properties["sensor"]["bin_width_s"] == 20e-12
     assert properties["sensor"]["projection"] == "pinhole" and properties["sensor"]["fx"] == sensor.projection.fx
+    assert properties["sensor"]["distortion"].tolist() == [-0.05, 0, 0, 0.01, 0]
     assert np.array_equal(properties["sensor"]["irf"].astype(np.float32), sensor.irf)

@@ -1,0 +1,107 @@
+"""PlumbBob: how a lens bends what a pinhole would show, and the inverse."""
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from srt3d_ros.errors import InvalidInput, require
+
+STEPS = 4                   # from the middle of the image to the pixel, so that no other solution is run into
+ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
+PRECISION = 1e-12           # of the solution, relative to the focal length
+SAMPLES = 64                # between the middle and a pixel, where the model must not fold
+
+
+@dataclass(frozen=True)
+class PlumbBob:
+    """Radial and tangential distortion, as sensor_msgs/CameraInfo's `plumb_bob` and OpenCV have it; none by default.
+
+    A ray (x, y, 1) is seen at (fx · x' + cx, fy · y' + cy), where with r² = x² + y²
+
+        x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
+        y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
+
+    (D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (8), 1971.)
+
+    Args:
+        k1, k2, k3: radial.
+        p1, p2: tangential.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            require(np.isfinite(value), f"projection.distortion.{name}", value, "a finite number")
+
+    def __bool__(self) -> bool:
+        """True if it bends anything."""
+        return any(astuple(self))
+
+    def distorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(x', y') of rays (x, y, 1)."""
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        return (x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
+                y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y)
+
+    def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64, by Newton's method.
+
+        Raises:
+            InvalidInput: for a place that no ray is seen at.
+        """
+        x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
+        at_x, at_y = np.zeros_like(x), np.zeros_like(y)
+        with np.errstate(all="ignore"):         # what diverges is refused below
+            for share in np.arange(1, STEPS + 1) / STEPS:
+                at_x, at_y, open_ = self._newton(at_x, at_y, x * share, y * share)
+        if open_.any():
+            self._refuse(x[open_][0], y[open_][0])
+        return at_x, at_y
+
+    def check(self, x: np.ndarray, y: np.ndarray) -> None:
+        """Raise InvalidInput unless each (x', y'), and all between it and (0, 0), is where one ray is seen.
+
+        Past the radius at which the model turns back, as polynomials do outside the image they were fitted to, two
+        rays are seen at the same place and Newton's method may find either.
+        """
+        at_x, at_y = self.undistorted(x, y)
+        share = np.linspace(0, 1, SAMPLES)[:, None]
+        with np.errstate(all="ignore"):
+            xx, xy, yy = self._slopes(at_x * share, at_y * share)
+            folded = ~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)
+        if folded.any():
+            self._refuse(x[folded][0], y[folded][0])
+
+    def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
+        """From (x, y) to the solution; and where there is none yet."""
+        for _ in range(ITERATIONS):
+            seen_x, seen_y = self.distorted(x, y)
+            off_x, off_y = wanted_x - seen_x, wanted_y - seen_y
+            xx, xy, yy = self._slopes(x, y)
+            scale = 1 / (xx * yy - xy * xy)
+            step_x, step_y = (yy * off_x - xy * off_y) * scale, (xx * off_y - xy * off_x) * scale
+            x, y = x + step_x, y + step_y
+            left = ~(np.maximum(abs(step_x), abs(step_y)) <= PRECISION * (1 + abs(x) + abs(y)))     # also where NaN
+            if not left.any():
+                break
+        return x, y, left
+
+    def _slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """∂x'/∂x, ∂x'/∂y = ∂y'/∂x, and ∂y'/∂y."""
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        growth = 2 * (self.k1 + r2 * (2 * self.k2 + r2 * 3 * self.k3))
+        return (radial + growth * x * x + 2 * self.p1 * y + 6 * self.p2 * x,
+                growth * x * y + 2 * self.p1 * x + 2 * self.p2 * y,
+                radial + growth * y * y + 6 * self.p1 * y + 2 * self.p2 * x)
+
+    def _refuse(self, x: float, y: float) -> None:
+        coefficients = ", ".join(f"{name} {value:g}" for name, value in vars(self).items())
+        raise InvalidInput("projection.distortion", coefficients, "a model that shows one ray at each pixel; this one "
+                           f"does not at x' = {x:.3g}, y' = {y:.3g} (in focal lengths from the principal point)")
