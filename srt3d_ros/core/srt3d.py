@@ -92,6 +92,10 @@ class SRT3D:
                                    for warm in (False, True))
         self._warm_start, self._warm = warm_start, False
 
+    def forget(self) -> None:
+        """Begin the next frame as if it were the first."""
+        self._warm = False
+
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         return self.submit(sketch)()

@@ -1,24 +1,31 @@
-"""PipelineNode: what the nodes have in common, so that each of them is its parameters, its topics and its work."""
+"""PipelineNode: what the nodes have in common, so that each of them is its tables, its topics and its work."""
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.gaps import Gaps
-from srt3d_ros.nodes.parameters import Parameter, Parameters
+from srt3d_ros.nodes.interface import Interface
+from srt3d_ros.nodes.lifecycle import ManagedNode
+from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.relay import Relay
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, Dropped, Worker
 
 PUBLISH_DEPTH, SUBSCRIBE_DEPTH = 5, 2
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
+FOLLOW_DEPTH = 100      # of reports, which come from many nodes at once
 LOG_EVERY_S = 2.0       # repeated complaints
 POLL_S = 0.005
 PATIENCE_S = 0.5        # a wait this long is worth a log line
@@ -27,52 +34,55 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 
-LOSSLESS_PARAMETER = Parameter(
-    "lossless", False, "Drop no frame: queue frames instead of keeping the newest, and publish to nobody but wait for "
-    "a subscriber. For replays; a live sensor needs the newest frame.")
 
-
-class PipelineNode(Node):
-    """A node whose callbacks only hand messages to its worker thread, and whose worker thread publishes.
+class PipelineNode(ManagedNode):
+    """A managed node whose callbacks only hand messages to its worker thread, and whose worker thread publishes.
 
     A frame ends in exactly one way, which the diagnostics count: published, or dropped for a cause. A node of its own
-    takes its parameters in the constructor and does all that may take long or fail in `configure`.
+    takes its parameters in the constructor, does all that may take long or fail in `configure`, subscribes in
+    `activate`, and forgets past frames in `forget`.
 
     Args:
-        name: the node's name unless remapped.
-        table: its parameters; with "lossless" among them the node can be told to drop nothing.
         queue_limit: frames that may wait for the worker unless lossless; by default the newest only.
 
     Raises:
         InvalidInput: a parameter cannot be used.
     """
 
-    def __init__(self, name: str, table: Iterable[Parameter], queue_limit: int = NEWEST_ONLY):
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+    interface: Interface
+    drains = False          # whether frames that wait are still worked on when the node is deactivated
+    finish_s = 5.0          # how long the frame in hand, or what drains, may take then
+
+    def __init__(self, queue_limit: int = NEWEST_ONLY):
+        super().__init__(self.interface.name, automatically_declare_parameters_from_overrides=True)
         try:
-            self.parameters = Parameters(self, table)
+            self.parameters = Parameters(self, self.interface.table)
         except BaseException:
             self.destroy_node()     # a node that nobody will ever see must not outlive the context
             raise
         self.lossless = bool(self.parameters.as_dict().get("lossless", False))
         self.diagnostics = Diagnostics(self)
-        self.stopping = threading.Event()       # set by a node that is done, and by close()
+        self.finished = threading.Event()       # set by a node that is done: its process may end
+        self.halted = threading.Event()         # set while the worker is to wait for nothing: the node is being stopped
         self.exit_code = 0
         self.worker = Worker(LOSSLESS if self.lossless else queue_limit, self._failed, self.diagnostics.drop)
         self._stages = [self.worker]
+        self._listening: list[Subscription] = []
+        self._advertised: list[Publisher] = []
+        self._serving: list[Service] = []
+        self._services_group = ReentrantCallbackGroup()     # a service that waits holds up nothing else
         self._relay = Relay(self.get_logger())
 
-    def configure(self) -> None:
-        """Open, compile, advertise and, last, subscribe; InvalidInput if an input or a parameter cannot be used."""
-        raise NotImplementedError
+    def forget(self) -> None:
+        """Let nothing of past frames remain; called in the worker's thread, on a reset and when deactivated."""
 
     def add_stage(self) -> Worker:
         """A worker that goes on with frames where the last one leaves off; it drops none."""
         self._stages.append(Worker(LOSSLESS, self._failed, self.diagnostics.drop))
         return self._stages[-1]
 
-    def subscribe(self, message_type: type, topic: str, handle: Callable[[bytes], None]) -> None:
-        """Have the worker call `handle` with the CDR bytes of the frames on `topic`."""
+    def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
+        """Have the worker call `handle` with the CDR bytes of the frames on one of the interface's inputs."""
         gaps = Gaps(lambda: subscription.get_publisher_count())
 
         def received(raw: bytes, info: dict) -> None:
@@ -84,28 +94,56 @@ class PipelineNode(Node):
             if not gaps.numbered:       # or they would be counted twice
                 self.diagnostics.lost(event.total_count_change)
 
-        qos = QoSProfile(depth=SUBSCRIBE_DEPTH if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH)
-        options = {"raw": True, "qos_overriding_options": OVERRIDABLE}
+        depth = SUBSCRIBE_DEPTH if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
+        subscription = self._listen(topic, received, depth, raw=True, lost=lost)
+
+    def follow(self, topic: str, handle: Callable[[object], None]) -> None:
+        """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""
+        self._listen(topic, lambda message: self.worker.call(handle, message), FOLLOW_DEPTH)
+
+    def listen(self, topic: str, handle: Callable[[bytes], None]) -> Subscription:
+        """Have the executor call `handle` with the CDR bytes on an input; for what must not wait for the worker."""
+        return self._listen(topic, handle, QUEUE_DEPTH, raw=True)
+
+    def _listen(self, topic: str, callback: Callable, depth: int, raw: bool = False, lost=None) -> Subscription:
+        declared = self.interface.topic(topic)
+        qos = LATCHED if declared.latched else QoSProfile(depth=depth)
+        options = {"raw": raw, "qos_overriding_options": OVERRIDABLE}
         try:
-            events = SubscriptionEventCallbacks(message_lost=lost)
-            subscription = self.create_subscription(message_type, topic, received, qos, event_callbacks=events,
-                                                    **options)
+            subscription = self.create_subscription(declared.type, topic, callback, qos, **options,
+                                                    event_callbacks=SubscriptionEventCallbacks(message_lost=lost))
         except UnsupportedEventTypeError:       # a middleware that cannot tell
-            subscription = self.create_subscription(message_type, topic, received, qos, **options)
+            subscription = self.create_subscription(declared.type, topic, callback, qos, **options)
+        self._listening.append(subscription)
+        return subscription
 
-    def subscribe_latched(self, message_type: type, topic: str, handle: Callable[[object], None]) -> None:
-        """Have the worker call `handle` with the message that describes what follows; it is never dropped."""
-        self.create_subscription(message_type, topic, lambda message: self.worker.call(handle, message), LATCHED,
-                                 qos_overriding_options=OVERRIDABLE)
-
-    def advertise(self, message_type: type, topic: str) -> Publisher:
-        """A publisher of frames."""
+    def advertise(self, topic: str) -> Publisher:
+        """A publisher of one of the interface's outputs."""
+        declared = self.interface.topic(topic)
         depth = QUEUE_DEPTH if self.lossless else PUBLISH_DEPTH
-        return self.create_publisher(message_type, topic, QoSProfile(depth=depth), qos_overriding_options=OVERRIDABLE)
+        qos = LATCHED if declared.latched else QoSProfile(depth=depth)
+        publisher = self.create_publisher(declared.type, topic, qos, qos_overriding_options=OVERRIDABLE)
+        self._advertised.append(publisher)
+        return publisher
 
-    def advertise_latched(self, message_type: type, topic: str) -> Publisher:
-        """A publisher whose last message also reaches those who subscribe later."""
-        return self.create_publisher(message_type, topic, LATCHED, qos_overriding_options=OVERRIDABLE)
+    def serve(self, name: str, job: Callable[[], str]) -> None:
+        """Serve `~/name` (std_srvs/Trigger): the worker does the job; the answer is the text that it returns."""
+        def work(answer: Future) -> None:
+            try:
+                answer.set_result((True, job()))
+            except InvalidInput as error:
+                answer.set_result((False, str(error)))
+            except Exception as error:
+                self._failed(error, is_frame=False)
+                answer.set_result((False, _in_words(error)))
+
+        async def serve(_, response: Trigger.Response) -> Trigger.Response:
+            answer = Future()
+            self.worker.call(work, answer)
+            response.success, response.message = await answer
+            return response
+
+        self._serving.append(self.create_service(Trigger, f"~/{name}", serve, callback_group=self._services_group))
 
     def hold_frames_for(self, what: str) -> None:
         """Say that no frame can be used before `what` has come; those that may queue wait until `release_frames`."""
@@ -136,7 +174,7 @@ class PipelineNode(Node):
     def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float = float("inf")) -> bool:
         """Wait, in the worker thread, for a condition; say so if it takes long. False if it never held."""
         started, told = time.monotonic(), False
-        while not (met := condition()) and not self.stopping.wait(POLL_S):
+        while not (met := condition()) and not self.halted.wait(POLL_S):
             waited_s = time.monotonic() - started
             if waited_s >= timeout_s:
                 break
@@ -148,11 +186,53 @@ class PipelineNode(Node):
             self.diagnostics.wait_for("")
         return met
 
-    def close(self, drain: bool = False) -> None:
-        """Finish the frame in hand (with `drain` all that wait), publish the last diagnostics, leave the graph."""
-        self.stopping.set()
-        for first, stage in enumerate(self._stages):
-            stage.close(drain or first > 0)
+    def on_activate(self, state):
+        """`ros2 lifecycle set … activate`: the worker may wait again."""
+        self.halted.clear()
+        return super().on_activate(state)
+
+    def deactivate(self) -> None:
+        """Take no more frames, finish the one in hand (those that wait are dropped, unless the node drains), forget."""
+        self.stop_frames("inactive")
+        self.diagnostics.wait_for("")
+
+    def stop_frames(self, cause: str) -> None:
+        """Unsubscribe and empty the queue: what waits is dropped for `cause` or, if the node drains, worked on."""
+        self.unsubscribe()
+        self.halted.set()
+        if not self.drains:
+            self.worker.clear(cause)
+        self.worker.release_frames()
+        for stage in self._stages:
+            stage.finish(self.finish_s)
+        if self.state == "active":
+            self.worker.call(self.forget)
+            self.worker.finish(self.finish_s)
+
+    def unsubscribe(self) -> None:
+        """Take no more messages."""
+        for subscription in self._listening:
+            self.destroy_subscription(subscription)
+        self._listening.clear()
+
+    def cleanup(self) -> None:
+        """Take back what `configure` advertised and served."""
+        for publisher in self._advertised:
+            self.destroy_publisher(publisher)
+        for service in self._serving:
+            self.destroy_service(service)
+        self._advertised.clear()
+        self._serving.clear()
+
+    def refused(self, problem: Exception) -> None:
+        """A transition failed: say why, the service's answer cannot."""
+        self._failed(problem, is_frame=False)
+
+    def close(self) -> None:
+        """Stop in order: finish the frame in hand, publish the last diagnostics, leave the graph."""
+        self.stop_frames("shutdown")
+        for stage in self._stages:
+            stage.close(self.finish_s)
         self.diagnostics.close()
         self._relay.close()
         self.destroy_node()
@@ -162,8 +242,7 @@ class PipelineNode(Node):
             self.diagnostics.drop(error.cause)
             self.get_logger().warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
             return
-        bad_input = isinstance(error, InvalidInput)
-        text = str(error) if bad_input else f"{type(error).__name__}: {' '.join(str(error).split())}"
+        bad_input, text = isinstance(error, InvalidInput), _in_words(error)
         if is_frame:
             self.diagnostics.drop("malformed" if bad_input else "error")
         if is_frame and bad_input:
@@ -172,3 +251,8 @@ class PipelineNode(Node):
         else:
             self.diagnostics.error(text)
             self.get_logger().error(text, throttle_duration_sec=LOG_EVERY_S)
+
+
+def _in_words(error: Exception) -> str:
+    """An exception in one line."""
+    return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -4,8 +4,8 @@ Totals count from the start of the node and never fall, so that for every node, 
 frames_in = frames_out + dropped (for packets that are merged into one frame: messages in, frames out).
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, or frames came in and every one was dropped
-    WARN    a frame was dropped or lost, or the node waits for something
+    ERROR   something failed that should not have, or more than half of the frames that came in were dropped or lost
+    WARN    a frame was dropped or lost, the node waits for something, or frames have stopped coming for 2 s
     OK      otherwise, also with nothing to do
 """
 
@@ -17,26 +17,30 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from srt3d_ros.nodes.lifecycle import ManagedNode
 
 PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know each other's reports
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
 LAST_WORDS_S = 1.0      # how long the last report may take to reach the subscribers
 POLL_S = 0.01
+MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
+SILENCE_S = 2.0         # without a frame, after there were some: worth a warning
+STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
 class Diagnostics:
     """Counts what a node does and reports it. Every method may be called from any thread.
 
     Args:
-        node: whose books these are; its name is the status's name.
+        node: whose books these are; its name is the status's name, its `state` the lifecycle state that is shown.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: ManagedNode):
         self._node = node
         self._lock = threading.Lock()
         self._totals: Counter[str] = Counter()
@@ -44,6 +48,7 @@ class Diagnostics:
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
+        self._last_frame_s: float | None = None     # when a frame last came in
         self._last_error = ""
         self._reported = (time.monotonic(), Counter(), Counter())
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
@@ -54,6 +59,7 @@ class Diagnostics:
     def received(self) -> None:
         """A frame came in."""
         self.count(frames_in=1)
+        self._last_frame_s = time.monotonic()
 
     def sent(self, latency_s: float) -> None:
         """A frame went out, `latency_s` after its stamp."""
@@ -120,11 +126,12 @@ class Diagnostics:
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
             latency = self._latency()
-            values = {"frames_in": 0, "frames_out": 0, "message_lost": 0, "errors": 0, **self._totals,
+            per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in self._totals if name not in STEADY}
+            values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **self._totals, **per_s,
                       "dropped": self._drops.total(), **{f"dropped.{cause}": n for cause, n in self._drops.items()},
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                       **latency, **self._values, "last_error": self._last_error}
-            level, message = self._judge(new, new_drops)
+            level, message = self._judge(new, new_drops, now)
             if not message:
                 message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
@@ -138,19 +145,23 @@ class Diagnostics:
         p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
         return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
 
-    def _judge(self, new: Counter, new_drops: Counter) -> tuple[bytes, str]:
+    def _judge(self, new: Counter, new_drops: Counter, now: float) -> tuple[bytes, str]:
         """Level and, unless all is well, the message."""
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
-        dropped = "dropped: " + ", ".join(f"{n} {cause}" for cause, n in new_drops.items())
-        if new_drops and new["frames_in"] and not new["frames_out"]:
-            return DiagnosticStatus.ERROR, "every frame " + dropped
-        if new_drops:
-            return DiagnosticStatus.WARN, dropped
-        if new["message_lost"]:
-            return DiagnosticStatus.WARN, f"{new['message_lost']} messages lost on the way here"
+        if self._node.state != "active":
+            return DiagnosticStatus.OK, self._node.state
+        if new_drops or new["message_lost"]:
+            sent, gone = new["frames_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
+            causes = [f"{n} {cause}" for cause, n in new_drops.items()]
+            if new["message_lost"]:
+                causes.append(f"{new['message_lost']} lost on the way here")
+            level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
+            return level, f"dropped: {', '.join(causes)}, of {sent}"
         if self._waiting_for:
             return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
+        if self._last_frame_s is not None and now - self._last_frame_s > SILENCE_S:
+            return DiagnosticStatus.WARN, f"no frame for {now - self._last_frame_s:.0f} s"
         return DiagnosticStatus.OK, ""
 
 

@@ -80,6 +80,9 @@ class Parameter:
 class Parameters:
     """The parameters of a running node; `parameters["name"]` is the current, checked value.
 
+    Before a change, `on_check` sees all values as they would be and refuses them with InvalidInput, whose line is the
+    reason that `ros2 param set` shows; after it, `on_change` is called. Both in the executor's thread.
+
     The node must have been made with `automatically_declare_parameters_from_overrides=True`, so that a value given
     for a parameter that does not exist is seen and warned about.
 
@@ -94,6 +97,7 @@ class Parameters:
     def __init__(self, node: Node, table: Iterable[Parameter]):
         self._table = {parameter.name: parameter for parameter in table}
         self._values: dict[str, Value] = {}
+        self.on_check: Callable[[dict[str, Value]], None] = lambda values: None
         self.on_change: Callable[[], None] = lambda: None
         self._warn_of_unknown(node)
         for name, parameter in self._table.items():
@@ -123,15 +127,16 @@ class Parameters:
 
     def _check(self, changes) -> SetParametersResult:
         try:
-            for change in changes:
-                if change.name in self._table:
-                    self._table[change.name].check(change.value)
+            new = {change.name: self._table[change.name].check(change.value) for change in changes
+                   if change.name in self._table}
+            self.on_check(self._values | new)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _apply(self, changes) -> None:
-        known = {change.name: change.value for change in changes if change.name in self._table}
+        known = {change.name: self._table[change.name].check(change.value) for change in changes
+                 if change.name in self._table}
         if known:
             self._values = self._values | known
             self.on_change()
@@ -145,7 +150,7 @@ def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
         for parameter in table:
             text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
             lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
-            lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
+            lines.append(f"    {parameter.name}: {yaml_value(parameter.default)}")
     return "\n".join(lines[1:]) + "\n"
 
 
@@ -153,7 +158,8 @@ def _plain(number: float) -> str:
     return str(number) if isinstance(number, int) else f"{number:g}"
 
 
-def _yaml_value(value: Value) -> str:
+def yaml_value(value: Value) -> str:
+    """As it is written in a parameter file."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):

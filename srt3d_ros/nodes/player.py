@@ -5,12 +5,10 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import String
 
 from srt3d_ros import datasets
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
@@ -21,8 +19,10 @@ from srt3d_ros.messages import cdr
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.nodes.base import LOSSLESS_PARAMETER, OVERRIDABLE, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.interface import LOSSLESS, Interface
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.runtime import run
 
@@ -40,7 +40,7 @@ PARAMETERS = (
     Parameter("frames", 0, "Frames to send, then exit; 0: no limit.", low=0, high=10**9),
     Parameter("duration_s", 0.0, "Time to send for, then exit; 0: no limit. Needs a rate.", "s", 0, 10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
-    LOSSLESS_PARAMETER,
+    LOSSLESS,
     Parameter("in_flight", 4, "When lossless: frames sent that `points` may still have to answer; more than "
               "packets_per_frame × window_frames of the sketcher.", low=1, high=1000),
     Parameter("ppp", 15.0, "Simulator: mean photons a pixel and frame.", low=0, high=10**6),
@@ -53,15 +53,24 @@ PARAMETERS = (
     Parameter("frame_id", "", "tf frame of the photons; that of the file or simulator if empty."),
 )
 
+INTERFACE = Interface(
+    "player",
+    purpose="Plays a photon file, or the simulator's moving scene, as a sensor's driver would, and ends by itself "
+    "after the last frame.",
+    inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
+    outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons"),
+             replace(topics.GATES, when="`output` is gates")),
+    parameters=PARAMETERS,
+)
+
 
 class PlayerNode(PipelineNode):
     """Sends frame k with the stamp first + k / rate_hz, at that time, and ends by itself after the last."""
 
-    def __init__(self):
-        super().__init__("player", PARAMETERS)
+    interface = INTERFACE
 
     def configure(self) -> None:
-        """Open the input, describe the sensor, begin to play."""
+        """Open the input, describe the sensor."""
         rate_hz = self.parameters["rate_hz"]
         require(rate_hz > 0 or self.lossless, "rate_hz", rate_hz, "above 0 Hz, or lossless to send as fast as answered")
         require(rate_hz > 0 or not self.parameters["duration_s"], "rate_hz", rate_hz, "above 0 Hz with duration_s")
@@ -76,15 +85,15 @@ class PlayerNode(PipelineNode):
         self._encoded: tuple[PhotonEvents, bytes] | None = None
         self._encode(self._frame(0), 0)     # what cannot be sent is refused before anybody waits for it
         self._unanswered: deque[int] = deque()
-        self._sensor_publisher = self.advertise_latched(String, "sensor")
+        self._sensor_publisher = self.advertise("sensor")
         self._sensor_publisher.publish(sensor_message.encode(sensor))
         self._total = self._frames_to_send()
-        gates = self.parameters["output"] == "gates"
-        self._publisher = self.advertise(Image if gates else PointCloud2, self.parameters["output"])
+        self._publisher = self.advertise(self.parameters["output"])
+
+    def activate(self) -> None:
+        """Begin to play."""
         if self.lossless:
-            self._answers = self.create_subscription(
-                PointCloud2, "points", self._on_answer, QoSProfile(depth=QUEUE_DEPTH), raw=True,
-                qos_overriding_options=OVERRIDABLE)
+            self._answers = self.listen("points", self._on_answer)
         self.worker.call(self._play)
 
     def _play(self) -> None:
@@ -97,7 +106,8 @@ class PlayerNode(PipelineNode):
             self.exit_code = 1
             raise
         finally:
-            self.stopping.set()
+            if not self.halted.is_set():        # else the node was only deactivated
+                self.finished.set()
 
     def _wait_for_listeners(self) -> None:
         wanted, publisher = self.parameters["wait_for_subscribers"], self._publisher
@@ -114,7 +124,7 @@ class PlayerNode(PipelineNode):
         rate_hz = self.parameters["rate_hz"]
         started = first_ns = stamp_ns = 0
         for k in count():
-            if k == self._total or self.stopping.is_set():
+            if k == self._total or self.halted.is_set():
                 return
             frame = self._frame(k)
             self._wait_for_answers(self.parameters["in_flight"] - 1)
@@ -127,7 +137,7 @@ class PlayerNode(PipelineNode):
             else:
                 stamp_ns = max(stamp_ns + 1, self.now_ns())
             data = self._encode(frame, stamp_ns)
-            if rate_hz and self.stopping.wait(max(started + k / rate_hz - time.monotonic(), 0)):
+            if rate_hz and self.halted.wait(max(started + k / rate_hz - time.monotonic(), 0)):
                 return
             if self.lossless:
                 self._unanswered.append(stamp_ns)
@@ -167,9 +177,9 @@ class PlayerNode(PipelineNode):
 
     def _wait_for_answers(self, allowed: int) -> None:
         """Wait until at most `allowed` frames are unanswered; give them up after a long silence."""
-        while (waiting := len(self._unanswered)) > allowed and not self.stopping.is_set():
+        while (waiting := len(self._unanswered)) > allowed and not self.halted.is_set():
             if not self.wait_until(lambda: len(self._unanswered) < waiting, f"answers on {self._answers.topic_name}",
-                                   ANSWER_TIMEOUT_S) and not self.stopping.is_set():
+                                   ANSWER_TIMEOUT_S) and not self.halted.is_set():
                 self.diagnostics.count(unanswered=waiting)
                 self.get_logger().warning(f"{waiting} frames were never answered on {self._answers.topic_name}")
                 self._unanswered.clear()
@@ -187,7 +197,7 @@ def open_input(parameters: Parameters) -> tuple[SensorModel, Callable[[int], Pho
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(PlayerNode, args)
+    return run([PlayerNode], args)
 
 
 if __name__ == "__main__":

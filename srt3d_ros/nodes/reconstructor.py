@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.background import BACKGROUNDS
@@ -16,12 +15,14 @@ from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES, SRT3D
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.base import LOSSLESS_PARAMETER, PipelineNode
+from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.interface import LOSSLESS, Interface, Service
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
@@ -51,7 +52,18 @@ PARAMETERS = (
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
-    LOSSLESS_PARAMETER,
+    LOSSLESS,
+)
+
+INTERFACE = Interface(
+    "reconstructor",
+    purpose="Reconstructs a 3D point cloud from each sketch with SRT3D, in the same time however many photons it "
+    "stands for; on a GPU where there is one.",
+    inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
+    outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
+    services=(Service("reset", "forget the last frame's surfaces, with which `warm_start` begins"),),
+    parameters=PARAMETERS,
+    limits=("A pixel sees at most `surfaces` surfaces, the strongest first.",),
 )
 
 ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
@@ -60,24 +72,40 @@ ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.o
 class ReconstructorNode(PipelineNode):
     """Compiles before it subscribes, follows the latched `sketch/sensor`, and publishes a cloud a sketch."""
 
-    def __init__(self):
-        super().__init__("reconstructor", PARAMETERS)
+    interface = INTERFACE
 
-    def configure(self) -> None:
-        """Compile, then follow the sketches and their description."""
-        self._sensor: SensorModel | None = None
-        self._frequencies: tuple[int, ...] = ()
-        self._reconstructor = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
+    def __init__(self):
+        super().__init__()
         # What publishes: in the worker itself, or beside it.
         self._publisher = self.add_stage() if self.parameters["pipeline"] == "throughput" else None
         self._in_flight = threading.Semaphore(IN_FLIGHT)
+        self._sensor: SensorModel | None = None
         self.parameters.on_change = lambda: self.worker.call(self._rebuild)
-        self._points = self.advertise(PointCloud2, "points")
-        self._images = {name: self.advertise(Image, name) for name in ("depth", "intensity", "background")}
-        self._camera_info = self.advertise(CameraInfo, "camera_info")
+
+    def configure(self) -> None:
+        """Compile and advertise."""
+        self._reconstructor = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
+        self._points = self.advertise("points")
+        self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
+        self._camera_info = self.advertise("camera_info")
+        self.serve("reset", self._reset)
+
+    def activate(self) -> None:
+        """Follow the sketches and their description."""
+        self._sensor = None
+        self._frequencies: tuple[int, ...] = ()
         self.hold_frames_for("the sketch's description on sketch/sensor")
-        self.subscribe_latched(String, "sketch/sensor", self._on_sensor)
-        self.subscribe(PointCloud2, "sketch", self._on_sketch)
+        self.follow("sketch/sensor", self._on_sensor)
+        self.subscribe("sketch", self._on_sketch)
+
+    def forget(self) -> None:
+        """Begin the next frame without the last one's surfaces."""
+        if isinstance(self._reconstructor, SRT3D):
+            self._reconstructor.forget()
+
+    def _reset(self) -> str:
+        self.forget()
+        return "the next frame begins without the last one's surfaces"
 
     def _build(self, sensor: SensorModel, frequencies: tuple[int, ...]):
         method = METHODS[self.parameters["method"]]
@@ -157,7 +185,7 @@ class ReconstructorNode(PipelineNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(ReconstructorNode, args)
+    return run([ReconstructorNode], args)
 
 
 if __name__ == "__main__":

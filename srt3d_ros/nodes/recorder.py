@@ -3,11 +3,10 @@
 import os
 import sys
 import time
+from itertools import count
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros import __version__
@@ -15,10 +14,13 @@ from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.base import OVERRIDABLE, PipelineNode
+from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import PIPELINE_ID
+from srt3d_ros.nodes.interface import Interface, Service
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.recording.writer import RecordingWriter
 
 QUEUE = 64              # messages that may wait; the writer has its own, shorter queue of clouds and images
@@ -26,39 +28,84 @@ WRITER_QUEUE, LOSSLESS_WRITER_QUEUE = 8, 256
 STAMPS_KEPT = 256
 
 PARAMETERS = (
-    Parameter("path", "", "The recording, replaced if it exists; recording_<UTC time>.rrd in the working directory if "
-              "empty.", form="a path that ends with .rrd"),
+    Parameter("path", "", "The recording; recording_<UTC time>.rrd in the working directory if empty. The first "
+              "replaces a file that exists; those that `~/start_recording` begins after it are numbered.",
+              form="a path that ends with .rrd"),
+    Parameter("record", True, "Record as soon as the node is active; if false, from `~/start_recording` on."),
     Parameter("lossless", False, "Queue more before dropping: for replays faster than a sensor."),
+)
+
+INTERFACE = Interface(
+    "recorder",
+    purpose="Logs the live clouds, depth images, photon counts and the pipeline's health with rerun into a file, "
+    "without a screen. A recording begins when the sensor's description has come.",
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, topics.IMAGES[0], topics.SKETCH, topics.DIAGNOSTICS),
+    services=(Service("start_recording", "begin a new recording"), Service("stop_recording", "finish the recording")),
+    parameters=PARAMETERS,
+    limits=("Where the disk cannot follow, the oldest waiting clouds and images are dropped and counted in "
+            "`recording_dropped`; scalars are kept.",),
 )
 
 
 class RecorderNode(PipelineNode):
-    """Starts the recording when the first `sketch/sensor` has come and finishes it when the node is closed."""
+    """Subscribes while it records; a recording starts when the first `sketch/sensor` has come."""
+
+    interface = INTERFACE
+    drains = True           # what has arrived is written
+    finish_s = 35.0         # longer than a writer takes to give up
 
     def __init__(self):
-        super().__init__("recorder", PARAMETERS, QUEUE)
+        super().__init__(QUEUE)
         self._writer: RecordingWriter | None = None
+        self._path: Path | None = None      # of the recording under way
+        self._recordings = 0
 
     def configure(self) -> None:
-        """Check the path, then follow what is to be recorded."""
-        self._path = _checked_path(self.parameters["path"])
+        """Check the path."""
+        _checked_path(self.parameters["path"])
+        self.serve("start_recording", self._start)
+        self.serve("stop_recording", self._stop)
+
+    def activate(self) -> None:
+        """Record, unless that waits for the service."""
+        if self.parameters["record"]:
+            self._start()
+
+    def _start(self) -> str:
+        require(self._path is None, "recording", self._path, "none under way: call ~/stop_recording first")
+        self._path = _numbered(_checked_path(self.parameters["path"]), self._recordings)
+        self._recordings += 1
         self._frequencies: tuple[int, ...] = ()
         self._indices: dict[int, int] = {}
         self._frames_seen = 0
         self._drops = Drops()
         self.hold_frames_for("the sketch's description on sketch/sensor")
-        self.subscribe_latched(String, "sketch/sensor", self._on_sensor)
-        self.subscribe(PointCloud2, "points", self._on_points)
-        self.subscribe(Image, "depth", self._on_depth)
-        self.subscribe(PointCloud2, "sketch", self._on_sketch)
-        self.create_subscription(
-            DiagnosticArray, "/diagnostics", lambda message: self.worker.call(self._on_diagnostics, message),
-            QoSProfile(depth=100), qos_overriding_options=OVERRIDABLE)
+        self.follow("sketch/sensor", self._on_sensor)
+        self.subscribe("points", self._on_points)
+        self.subscribe("depth", self._on_depth)
+        self.subscribe("sketch", self._on_sketch)
+        self.follow("/diagnostics", self._on_diagnostics)
         self.diagnostics.show(path=self._path)
+        return f"recording to {self._path}"
+
+    def _stop(self) -> str:
+        require(self._path is not None, "recording", "none", "one under way: call ~/start_recording first")
+        path, begun = self._path, self._writer is not None
+        self.unsubscribe()
+        self.release_frames()
+        self.forget()
+        return f"recorded {path}" if begun else f"{path} was not begun: no sketch/sensor came"
+
+    def forget(self) -> None:
+        """Finish the recording."""
+        if self._writer is not None:
+            self._writer.close()
+        self._writer = self._path = None
+        self.diagnostics.show(path="")
 
     def _on_sensor(self, message: String) -> None:
         sensor, self._frequencies, window_frames = sketch_message.decode_sensor(message)
-        if self._writer is None:
+        if self._writer is None and self._path is not None:
             facts = {"srt3d_ros": __version__, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
                      "bin_width_s": sensor.bin_width_s, "frame_id": sensor.frame_id,
                      "frequencies": list(self._frequencies), "window_frames": window_frames}
@@ -69,6 +116,7 @@ class RecorderNode(PipelineNode):
             self.release_frames()
 
     def _on_points(self, raw: bytes) -> None:
+        self._check_begun()
         received_ns = self.now_ns()
         header, columns = points_message.decode_cdr(raw)
         index = self._index(header.stamp_ns)
@@ -80,11 +128,13 @@ class RecorderNode(PipelineNode):
         self._logged(header.stamp_ns)
 
     def _on_depth(self, raw: bytes) -> None:
+        self._check_begun()
         header, depth_m = image_message.decode_cdr(raw)
         self._writer.log_depth(header.stamp_ns, self._index(header.stamp_ns), depth_m)
         self._logged(header.stamp_ns)
 
     def _on_sketch(self, raw: bytes) -> None:
+        self._check_begun()
         header, sketch = sketch_message.decode_cdr(raw, self._frequencies)
         photons = int(sketch.photons.sum())
         self._writer.log_scalars(header.stamp_ns, {"photons": photons}, self._index(header.stamp_ns))
@@ -113,12 +163,10 @@ class RecorderNode(PipelineNode):
                 del self._indices[next(iter(self._indices))]
         return self._indices[stamp_ns]
 
-    def close(self) -> None:
-        """Write what has arrived, finish the recording, leave the graph."""
-        self.worker.close(drain=self._writer is not None)
-        if self._writer is not None:
-            self._writer.close()
-        super().close()
+    def _check_begun(self) -> None:
+        """Frames that were under way when the recording ended are none of its."""
+        if self._writer is None:
+            raise Dropped("not_recording", "the recording has ended, or had not begun")
 
 
 class Drops:
@@ -140,6 +188,14 @@ class Drops:
             self._latest[status.name] = dropped
 
 
+def _numbered(path: Path, before: int) -> Path:
+    """The path of a recording that comes after others, whose files stay."""
+    if before == 0 or not path.exists():
+        return path
+    numbers = count(before + 1)
+    return next(other for k in numbers if not (other := path.with_stem(f"{path.stem}_{k}")).exists())
+
+
 def _checked_path(text: str) -> Path:
     path = Path(text or time.strftime("recording_%Y%m%dT%H%M%SZ.rrd", time.gmtime())).absolute()
     require(path.suffix == ".rrd", "path", text, "a path that ends with .rrd")
@@ -150,7 +206,7 @@ def _checked_path(text: str) -> Path:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(RecorderNode, args)
+    return run([RecorderNode], args)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""From process to node and back: start, spin, and an orderly end for every way in which it may end."""
+"""From process to nodes and back: start, spin, and an orderly end for every way in which it may end."""
 
 import signal
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -12,6 +13,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.base import PipelineNode
 
 WAKE_S = 0.1            # how long a signal may go unnoticed
+HAND_OVER_S = 0.3       # from a node that is closed to the next in the same process
 BAD_INPUT = 2
 
 
@@ -30,29 +32,35 @@ class _Stop:
             raise KeyboardInterrupt
 
 
-def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) -> int:
-    """Make and configure the node, spin it until it is done or a signal comes, close it; returns the exit code.
+def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None = None) -> int:
+    """Make the nodes, start those that start by themselves, spin until one is done or a signal comes, close them.
 
-    rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the node
-    finish its frame, its recording and its last diagnostics first.
+    rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the nodes
+    finish their frames, their recordings and their last diagnostics first.
+
+    Args:
+        make_nodes: in the order in which they start, against the flow of data: who listens, before who speaks.
+        args: ROS arguments; the process's own unless given.
 
     Returns:
-        The node's exit code, which is 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if
-        a parameter, an argument or an input file cannot be used.
+        The exit code of the nodes, which is 0 unless one failed, also after SIGINT and SIGTERM; 2 with one line on
+        stderr if a parameter, an argument or an input file cannot be used.
     """
     stop = _Stop()
-    node = None
+    nodes: list[PipelineNode] = []
     try:
         _init(args)
-        node = make_node()
-        node.configure()
+        for make_node in make_nodes:
+            nodes.append(make_node())
+        for node in nodes:
+            _start(node)
         stop.starting = False
-        node.get_logger().info("ready")
-        node.diagnostics.report()
         executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        while not (stop.requested or node.stopping.is_set()):
+        for node in nodes:
+            executor.add_node(node)
+        while not (stop.requested or any(node.finished.is_set() for node in nodes)):
             executor.spin_once(timeout_sec=WAKE_S)
+        _close_in_order(nodes, executor)
     except KeyboardInterrupt:
         pass
     except InvalidInput as error:
@@ -60,10 +68,32 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
         return BAD_INPUT
     finally:
         stop.starting = False
-        if node is not None:
+        for node in nodes:
             node.close()
         rclpy.try_shutdown()
-    return node.exit_code if node is not None else 0
+    return max((node.exit_code for node in nodes), default=0)
+
+
+def _start(node: PipelineNode) -> None:
+    """Configure and activate, unless somebody else is to do that."""
+    if node.parameters["autostart"]:
+        node.start()
+        node.get_logger().info("ready")
+    else:
+        node.get_logger().info(f"unconfigured, as autostart is false: ros2 lifecycle set "
+                               f"{node.get_fully_qualified_name()} configure")
+    node.diagnostics.report()
+
+
+def _close_in_order(nodes: list[PipelineNode], executor: SingleThreadedExecutor) -> None:
+    """Close the source first, and give each node's last messages time to reach the next."""
+    while len(nodes) > 1:
+        source = nodes.pop()
+        executor.remove_node(source)
+        source.close()
+        end = time.monotonic() + HAND_OVER_S
+        while (left_s := end - time.monotonic()) > 0:
+            executor.spin_once(timeout_sec=left_s)
 
 
 def _init(args: list[str] | None) -> None:

@@ -6,7 +6,6 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
@@ -18,7 +17,9 @@ from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.base import LOSSLESS_PARAMETER, PipelineNode
+from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.interface import LOSSLESS, Interface, Service
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
@@ -35,7 +36,18 @@ PARAMETERS = (
     Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
               choices=("float32", "int16")),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
-    LOSSLESS_PARAMETER,
+    LOSSLESS,
+)
+
+INTERFACE = Interface(
+    "sketcher",
+    purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
+    "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
+    inputs=(topics.SENSOR, topics.PHOTONS, topics.GATES),
+    outputs=(topics.SKETCH_SENSOR, topics.SKETCH),
+    services=(Service("reset", "forget the photons of the frame and of the window under way"),),
+    parameters=PARAMETERS,
+    limits=("`photons` and `gates` of one sensor only; two sensors take two namespaces.",),
 )
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
@@ -44,23 +56,38 @@ ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, ir
 class SketcherNode(PipelineNode):
     """Follows the latched `sensor`, also when it changes, and publishes `sketch/sensor` and a `sketch` a frame."""
 
-    def __init__(self):
-        super().__init__("sketcher", PARAMETERS)
+    interface = INTERFACE
+    _sketcher: Sketcher | None = None
 
     def configure(self) -> None:
-        """Compile, then follow the sensor and its photons."""
+        """Compile and advertise."""
         self._frequencies_for(ANY_SENSOR)       # a list that no sensor could use is refused now
         warm_up()
-        self._sensor: SensorModel | None = None
-        self._sketcher: Sketcher | None = None
-        self._packets = 0
         self._window: deque[Sketch] = deque(maxlen=self.parameters["window_frames"])
-        self._sketches = self.advertise(PointCloud2, "sketch")
-        self._sketch_sensor = self.advertise_latched(String, "sketch/sensor")
+        self._sketches = self.advertise("sketch")
+        self._sketch_sensor = self.advertise("sketch/sensor")
+        self.serve("reset", self._reset)
+
+    def activate(self) -> None:
+        """Follow the sensor and its photons."""
+        self._sensor: SensorModel | None = None
+        self._sketcher = None
+        self._packets = 0
         self.hold_frames_for("a sensor description on sensor")
-        self.subscribe_latched(String, "sensor", self._on_sensor)
-        self.subscribe(PointCloud2, "photons", lambda raw: self._on_frame(raw, photons_message))
-        self.subscribe(Image, "gates", lambda raw: self._on_frame(raw, gates_message))
+        self.follow("sensor", self._on_sensor)
+        self.subscribe("photons", lambda raw: self._on_frame(raw, photons_message))
+        self.subscribe("gates", lambda raw: self._on_frame(raw, gates_message))
+
+    def forget(self) -> None:
+        """Begin a new frame and a new window."""
+        if self._sketcher is not None:
+            self._sketcher.reset()
+        self._packets = 0
+        self._window.clear()
+
+    def _reset(self) -> str:
+        self.forget()
+        return "a new frame begins"
 
     def _frequencies_for(self, sensor: SensorModel) -> tuple[int, ...]:
         spec, size = self.parameters["frequencies"], self.parameters["sketch_size"]
@@ -112,7 +139,7 @@ def warm_up() -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(SketcherNode, args)
+    return run([SketcherNode], args)
 
 
 if __name__ == "__main__":

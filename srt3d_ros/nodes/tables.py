@@ -1,13 +1,16 @@
-"""The parameter tables of all nodes, and the configuration file made from them.
+"""The interfaces of all nodes, and the files made from them: config/srt3d.yaml and docs/nodes/*.md.
 
-    python -m srt3d_ros.nodes.tables > config/srt3d.yaml
+    python -m srt3d_ros.nodes.tables        # in the source tree; after every change of a table
 """
 
+from pathlib import Path
+
 from srt3d_ros.nodes import player, reconstructor, recorder, sketcher
+from srt3d_ros.nodes.pages import page
 from srt3d_ros.nodes.parameters import as_yaml
 
-TABLES = {"player": player.PARAMETERS, "sketcher": sketcher.PARAMETERS, "reconstructor": reconstructor.PARAMETERS,
-          "recorder": recorder.PARAMETERS}
+INTERFACES = {interface.name: interface for interface in (
+    sketcher.INTERFACE, reconstructor.INTERFACE, recorder.INTERFACE, player.INTERFACE)}
 
 HEADING = """\
 # Every parameter of the nodes with its default: a start for your own file. Made by python -m srt3d_ros.nodes.tables.
@@ -17,10 +20,15 @@ HEADING = """\
 """
 
 
-def config_yaml() -> str:
-    """The text of config/srt3d.yaml."""
-    return HEADING + as_yaml(TABLES)
+def generated() -> dict[str, str]:
+    """The text of every generated file, by its path in the source tree."""
+    parameters = as_yaml({name: interface.table for name, interface in INTERFACES.items()})
+    return {"config/srt3d.yaml": HEADING + parameters,
+            **{f"docs/nodes/{name}.md": page(interface) for name, interface in INTERFACES.items()}}
 
 
 if __name__ == "__main__":
-    print(config_yaml(), end="")
+    for path, text in generated().items():
+        Path(path).parent.mkdir(exist_ok=True)
+        Path(path).write_text(text)
+        print(path)

@@ -35,10 +35,10 @@ class Worker:
     Args:
         limit: frames that may wait. A frame too many pushes out the oldest: with 1, the newest frame is always next.
         failed: called with (exception, is_frame) when a job raises; the worker goes on.
-        dropped: called with the cause when a waiting frame is given up: "queue" (pushed out) or "shutdown".
+        dropped: called with (cause, frames) for waiting frames that are given up: "queue" if newer ones push them out.
     """
 
-    def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str], None]):
+    def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str, int], None]):
         self.limit, self._failed, self._dropped = limit, failed, dropped
         self._jobs: deque[_Job] = deque()
         self._frames_waiting = 0
@@ -66,18 +66,26 @@ class Worker:
             self._holding = False
             self._changed.notify_all()
 
-    def close(self, drain: bool = False, timeout_s: float = 5.0) -> None:
-        """End the thread after the job in hand or, with `drain`, after all that wait; give up after `timeout_s`."""
-        given_up = 0
+    def clear(self, cause: str) -> None:
+        """Give up the frames that wait; other jobs stay."""
         with self._changed:
-            if not drain:
-                given_up, self._frames_waiting = self._frames_waiting, 0
-                self._jobs.clear()
+            given_up, self._frames_waiting = self._frames_waiting, 0
+            self._jobs = deque(job for job in self._jobs if not job.is_frame)
+        if given_up:
+            self._dropped(cause, given_up)
+
+    def finish(self, timeout_s: float) -> bool:
+        """Wait until all jobs that there are now have been done; false if that took too long."""
+        done = threading.Event()
+        self.call(done.set)
+        return done.wait(timeout_s)
+
+    def close(self, timeout_s: float) -> None:
+        """End the thread after all jobs that wait, held frames among them; give up after `timeout_s`."""
+        with self._changed:
             self._holding = False
             self._closing = True
             self._changed.notify_all()
-        for _ in range(given_up):
-            self._dropped("shutdown")
         self._thread.join(timeout_s)
 
     def _put(self, job: _Job) -> None:
@@ -93,7 +101,7 @@ class Worker:
             self._jobs.append(job)
             self._changed.notify_all()
         if pushed_out:
-            self._dropped("queue")
+            self._dropped("queue", 1)
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""

@@ -4,11 +4,12 @@ import ast
 
 import pytest
 
-from srt3d_ros.nodes.tables import TABLES, config_yaml
+from srt3d_ros.nodes.tables import INTERFACES, generated
 
 
-def test_the_configuration_file_is_the_generated_one(repository):
-    assert (repository / "config" / "srt3d.yaml").read_text() == config_yaml(), "run python -m srt3d_ros.nodes.tables"
+@pytest.mark.parametrize("path", generated())
+def test_a_generated_file_is_what_the_tables_make(repository, path):
+    assert (repository / path).read_text() == generated()[path], "run python -m srt3d_ros.nodes.tables"
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +34,8 @@ def test_every_launch_argument_has_a_default_and_a_description(launch):
 def test_the_launch_file_starts_every_node_with_parameters_and_arguments_that_exist(launch):
     arguments = {ast.literal_eval(call.args[0]) for call in calls(launch, "DeclareLaunchArgument")}
     nodes = [call for call in calls(launch, "node") if call.args]
-    assert {ast.literal_eval(call.args[0]) for call in nodes} == set(TABLES)
+    assert {ast.literal_eval(call.args[0]) for call in nodes} == set(INTERFACES)
     for call in nodes:
         name, parameters = ast.literal_eval(call.args[0]), ast.literal_eval(call.args[1])
-        assert set(parameters) <= {parameter.name for parameter in TABLES[name]}
+        assert set(parameters) <= {parameter.name for parameter in INTERFACES[name].table}
         assert set(parameters.values()) <= arguments

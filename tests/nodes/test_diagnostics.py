@@ -1,16 +1,18 @@
 """/diagnostics: totals that balance, levels that follow from them."""
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from srt3d_ros.nodes import diagnostics as module
 from srt3d_ros.nodes.diagnostics import Diagnostics
+from srt3d_ros.nodes.lifecycle import ManagedNode
 
 
 @pytest.fixture
 def counted(graph):
-    """Diagnostics of a node "counted", and a function that reports and gives back what arrived."""
-    node = rclpy.create_node("counted", namespace=graph.namespace)
+    """Diagnostics of a node "counted", a function that reports and gives back what arrived, and the node."""
+    node = ManagedNode("counted", namespace=graph.namespace)
+    node.state = "active"
     diagnostics = Diagnostics(node)
     graph.wait(lambda: node.count_subscribers("/diagnostics"), "a subscriber")
     graph.matched(diagnostics.publisher)
@@ -21,12 +23,12 @@ def counted(graph):
         graph.wait(lambda: len(graph.all_reports("counted")) > before, "the report")
         return graph.report("counted")
 
-    yield diagnostics, latest
+    yield diagnostics, latest, node
     node.destroy_node()
 
 
 def test_totals_and_drops_by_cause_go_on_and_rates_start_again(counted):
-    diagnostics, latest = counted
+    diagnostics, latest, _ = counted
     for _ in range(5):
         diagnostics.received()
     for milliseconds in (10, 20, 30):
@@ -44,7 +46,7 @@ def test_totals_and_drops_by_cause_go_on_and_rates_start_again(counted):
 
 
 def test_levels_follow_what_happened_since_the_last_report(counted):
-    diagnostics, latest = counted
+    diagnostics, latest, _ = counted
     seen = []
 
     def level():
@@ -64,11 +66,28 @@ def test_levels_follow_what_happened_since_the_last_report(counted):
     diagnostics.received()
     diagnostics.drop("malformed")
     assert level() == DiagnosticStatus.ERROR
-    diagnostics.lost(3)
+    diagnostics.received()
+    diagnostics.received()
+    diagnostics.lost(2)
     assert level() == DiagnosticStatus.WARN
+    diagnostics.lost(3)
+    assert level() == DiagnosticStatus.ERROR
     diagnostics.error("ZeroDivisionError: division by zero")
     assert level() == DiagnosticStatus.ERROR
     assert level() == DiagnosticStatus.OK
-    assert seen[1:6] == ["waiting for the sensor", "dropped: 1 queue", "every frame dropped: 1 malformed",
-                         "3 messages lost on the way here", "ZeroDivisionError: division by zero"]
+    assert seen[1:7] == ["waiting for the sensor", "dropped: 1 queue, of 2", "dropped: 1 malformed, of 1",
+                         "dropped: 2 lost on the way here, of 4", "dropped: 3 lost on the way here, of 3",
+                         "ZeroDivisionError: division by zero"]
     assert latest()["last_error"] == "ZeroDivisionError: division by zero"
+
+
+def test_silence_after_frames_is_a_warning_and_a_node_that_is_not_active_is_well(counted, monkeypatch):
+    diagnostics, latest, node = counted
+    monkeypatch.setattr(module, "SILENCE_S", 0.0)
+    assert latest()["level"] == DiagnosticStatus.OK         # nothing has come yet
+    diagnostics.received()
+    report = latest()
+    assert report["level"] == DiagnosticStatus.WARN and report["message"].startswith("no frame for ")
+    node.state = "inactive"
+    report = latest()
+    assert (report["level"], report["message"], report["state"]) == (DiagnosticStatus.OK, "inactive", "inactive")

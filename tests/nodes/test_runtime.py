@@ -14,16 +14,19 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.interface import Interface, Topic
 from srt3d_ros.nodes.runtime import run
 
 class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
+    interface = Interface("probe", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
     def __init__(self):
-        super().__init__("probe", (), queue_limit=8)
+        super().__init__(queue_limit=8)
     def configure(self):
-        self.publisher = self.advertise(PointCloud2, "out")
-        self.subscribe(PointCloud2, "in", self.on_message)
+        self.publisher = self.advertise("out")
         {start}
+    def activate(self):
+        self.subscribe("in", self.on_message)
     def on_message(self, raw):
         cloud = read_cloud(raw)
         1 / cloud.width
@@ -31,7 +34,7 @@ class ProbeNode(PipelineNode):
         time.sleep(cloud.width / 10)
         self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
 
-sys.exit(run(ProbeNode))
+sys.exit(run([ProbeNode]))
 """
 
 

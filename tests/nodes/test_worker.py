@@ -12,7 +12,8 @@ class Probe:
 
     def __init__(self, limit: int):
         self.done, self.failed, self.dropped = [], [], []
-        self.worker = Worker(limit, lambda error, is_frame: self.failed.append((error, is_frame)), self.dropped.append)
+        self.worker = Worker(limit, lambda error, is_frame: self.failed.append((error, is_frame)),
+                             lambda cause, frames: self.dropped.extend([cause] * frames))
         self.busy, self.go = threading.Event(), threading.Event()
         self.worker.call(self._block)
         self.busy.wait()
@@ -23,7 +24,7 @@ class Probe:
 
     def finish(self):
         self.go.set()
-        self.worker.close(drain=True)
+        self.worker.close(60)
 
 
 @pytest.fixture
@@ -82,12 +83,11 @@ def test_a_job_that_fails_is_told_and_the_next_one_served(probe):
     assert told == [(ZeroDivisionError, True), (KeyError, False)]
 
 
-def test_frames_that_wait_when_it_closes_are_counted(probe):
-    closing = probe(limit=8)
+def test_frames_that_wait_are_given_up_and_counted_when_it_is_cleared_and_other_jobs_stay(probe):
+    clearing = probe(limit=8)
     for k in range(3):
-        closing.worker.offer(closing.done.append, k)
-    closer = threading.Thread(target=closing.worker.close)
-    closer.start()
-    closing.go.set()
-    closer.join()
-    assert len(closing.done) + len(closing.dropped) == 3 and set(closing.dropped) <= {"shutdown"}
+        clearing.worker.offer(clearing.done.append, k)
+    clearing.worker.call(clearing.done.append, "sensor")
+    clearing.worker.clear("inactive")
+    clearing.finish()
+    assert clearing.done == ["sensor"] and clearing.dropped == ["inactive"] * 3

@@ -1,0 +1,22 @@
+"""The topics of the pipeline. msg_schemas/ has the layouts of their messages."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
+
+from srt3d_ros.nodes.interface import Topic
+
+SENSOR = Topic("sensor", String, "the sensor's description (JSON)", latched=True)
+PHOTONS = Topic("photons", PointCloud2, "photons as events: row, col, time of arrival (ToA)")
+GATES = Topic("gates", Image, "photons as the ToA words of a gated SPAD array")
+SKETCH_SENSOR = Topic("sketch/sensor", String, "sensor, frequencies and window of the sketches (JSON)", latched=True)
+SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and m complex numbers")
+POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")
+WATCHED = "while somebody subscribes"
+IMAGES = (
+    Topic("depth", Image, "metres to the strongest point of each pixel", when=WATCHED),
+    Topic("intensity", Image, "signal photons of the strongest point of each pixel", when=WATCHED),
+    Topic("background", Image, "background photons of each pixel", when=WATCHED),
+)
+CAMERA_INFO = Topic("camera_info", CameraInfo, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")
+DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, "rates, latency, photons, points, drops by cause, last error")
