@@ -1,12 +1,11 @@
-"""`depth`, `intensity`, `background`: one number a pixel ⇄ Image, and CameraInfo (msg_schemas/images.json)."""
+"""`depth`, `intensity`, `background`: one number a pixel ⇄ Image (msg_schemas/images.json)."""
 
 import numpy as np
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import Image
 
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, typed
+from srt3d_ros.messages.camera import camera_info as camera_info
 from srt3d_ros.messages.header import Header
 from srt3d_ros.messages.layout import pack_image, unpack_image
 from srt3d_ros.messages.schema import load
@@ -30,17 +29,6 @@ def decode(message: Image) -> tuple[Header, np.ndarray]:
 def decode_cdr(raw: bytes) -> tuple[Header, np.ndarray]:
     """`decode` of a serialised message."""
     return _unpack(cdr.read_image(raw))
-
-
-def camera_info(sensor: SensorModel, stamp_ns: int, frame_id: str) -> CameraInfo | None:
-    """The camera beside an image, without distortion; None for a sensor that is no pinhole camera."""
-    lens = sensor.projection
-    if not isinstance(lens, Pinhole):
-        return None
-    k = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]], np.float64)
-    p = np.column_stack([k, np.zeros(3)])
-    return CameraInfo(header=typed.to_header_message(Header(stamp_ns, frame_id)), height=sensor.rows, width=sensor.cols,
-                      distortion_model="plumb_bob", d=[0.0] * 5, k=k.ravel(), r=np.eye(3).ravel(), p=p.ravel())
 
 
 def _pack(image: np.ndarray, stamp_ns: int, frame_id: str) -> cdr.Image:
