@@ -20,16 +20,16 @@ class Placed:
     """What to do about a packet, in this order; the numbers are packets, 0 for "nothing to do".
 
     Args:
-        forgotten: of the open frame: it is given up, and all frames before are past; the stamps began again.
-        began_again: whether they did, also where no frame was open.
         ended: the open frame has so many and ends without this one.
+        forgotten: the open frame has so many and is given up.
+        began_again: no frame before this packet belongs together with it.
         dropped: why this packet must not be used, "late" or "duplicate"; empty if it is to be added.
         completed: the open frame has so many with this one, and is complete.
     """
 
+    ended: int = 0
     forgotten: int = 0
     began_again: bool = False
-    ended: int = 0
     dropped: str = ""
     completed: int = 0
 
@@ -44,11 +44,12 @@ class Framing:
     Args:
         packets: that complete a frame; with a period 1 stands for as many as come.
         period_ns: P; 0 = frames end by number only, and one packet a frame is never taken for a double.
-        jump_back_ns: stamps that fall back by more than this mean that the driver, the bag or the clock began again.
+        gap_ns: stamps that fall back or leap ahead by more say that the driver, the bag or the clock began again: the
+            open frame ends if it has a period, and is given up if it would wait for its number.
     """
 
-    def __init__(self, packets: int = 1, period_ns: int = 0, jump_back_ns: int = 10**9):
-        self._period_ns, self._jump_back_ns = period_ns, jump_back_ns
+    def __init__(self, packets: int = 1, period_ns: int = 0, gap_ns: int = 10**9):
+        self._period_ns, self._gap_ns = period_ns, gap_ns
         self._packets = 0 if period_ns and packets == AS_MANY_AS_COME else packets
         self.clear()
 
@@ -64,9 +65,10 @@ class Framing:
 
     def place(self, stamp_ns: int, content: bytes) -> Placed:
         """What a packet means. All that it says must be done: the frame counts the packet, unless it is dropped."""
-        forgotten, began_again = 0, self._newest_ns is not None and stamp_ns < self._newest_ns - self._jump_back_ns
+        ended = forgotten = 0
+        began_again = self._newest_ns is not None and abs(stamp_ns - self._newest_ns) > self._gap_ns
         if began_again:
-            forgotten = self.open
+            ended, forgotten = (self.open, 0) if self._period_ns else (0, self.open)
             self.clear()
         if self._period_ns:
             self._lay_grid(stamp_ns)
@@ -76,12 +78,13 @@ class Framing:
             if self._recent.has(stamp_ns, content):
                 return Placed(dropped="duplicate")
             self._recent.keep(stamp_ns, content)
-        ended = self._end() if self._is_of_later_period(stamp_ns) else 0
+        if self._is_of_later_period(stamp_ns):
+            ended = self._end()
         self.open += 1
         self._start_ns = stamp_ns if self._start_ns is None else min(self._start_ns, stamp_ns)
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
         completed = self._end() if self.open == self._packets else 0
-        return Placed(forgotten, began_again, ended, "", completed)
+        return Placed(ended, forgotten, began_again, "", completed)
 
     def end_of_silence(self) -> int:
         """No packet came for long: the packets of the open frame, which ends if it has a period; else 0."""

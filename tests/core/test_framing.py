@@ -17,13 +17,13 @@ def frames_of(framing: Framing, stamps, contents=None) -> tuple[list[list[int]],
     contents = contents or [str(k).encode() for k in range(len(stamps))]
     for stamp, content in zip(stamps, contents, strict=True):
         placed = framing.place(stamp, content)
-        assert placed.forgotten in (0, len(open_frame))
-        if placed.began_again:
-            dropped.setdefault("incomplete", []).extend(open_frame)
-            open_frame = []
+        assert placed.forgotten in (0, len(open_frame)) and not (placed.ended and placed.forgotten)
         if placed.ended:
             assert placed.ended == len(open_frame)
             frames.append(open_frame)
+            open_frame = []
+        if placed.forgotten:
+            dropped.setdefault("incomplete", []).extend(open_frame)
             open_frame = []
         if placed.dropped:
             dropped.setdefault(placed.dropped, []).append(stamp)
@@ -97,20 +97,31 @@ def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
     assert len(forgetful._recent._order) == 3 == sum(map(len, forgetful._recent._alike.values()))
 
 
-@pytest.mark.parametrize("framing", [Framing(packets=3), Framing(period_ns=30 * MS)], ids=["number", "period"])
-def test_stamps_that_begin_again_give_up_the_open_frame_and_are_followed(framing):
-    before = [100 * S + 10 * MS * k for k in range(5)]
-    again = [7 * S + 10 * MS * k for k in range(6)]
-    frames, dropped = frames_of(framing, [*before, *again])
-    assert [frame for frame in frames if frame] == [before[:3], again[:3], again[3:]]
-    assert dropped == {"incomplete": before[3:]}
-    assert frames_of(Framing(), [100 * S, 99 * S, 98 * S - 1])[0] == [[100 * S], [98 * S - 1], []]      # 1 s is late
+BEFORE = [100 * S + 10 * MS * k for k in range(5)]
+
+
+@pytest.mark.parametrize("start", [7 * S, 102 * S], ids=["earlier", "later"])
+def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_it_waits_for_more(start):
+    again = [start + 10 * MS * k for k in range(6)]
+    frames, dropped = frames_of(Framing(packets=3), [*BEFORE, *again])
+    assert frames == [BEFORE[:3], again[:3], again[3:], []] and dropped == {"incomplete": BEFORE[3:]}
+    frames, dropped = frames_of(Framing(period_ns=30 * MS), [*BEFORE, *again])
+    assert frames == [BEFORE[:3], BEFORE[3:], again[:3], again[3:]] and dropped == {}
+
+
+def test_what_begins_again_is_told_apart_from_what_is_late():
+    framing = Framing(gap_ns=S)
+    assert framing.place(100 * S, b"") == Placed(completed=1)
+    assert framing.place(99 * S, b"") == Placed(dropped="late")
+    assert framing.place(99 * S - 1, b"") == Placed(began_again=True, completed=1)
+    assert framing.place(100 * S - 1, b"") == Placed(completed=1)
+    assert framing.place(101 * S, b"") == Placed(began_again=True, completed=1)
 
 
 def test_a_stamp_from_far_ahead_costs_one_frame():
-    framing = Framing(packets=2)
-    frames, dropped = frames_of(framing, [1 * S, 10**6 * S, 2 * S, 3 * S, 4 * S, 5 * S])
-    assert frames == [[1 * S, 10**6 * S], [2 * S, 3 * S], [4 * S, 5 * S], []] and dropped.keys() <= {"incomplete"}
+    frames, dropped = frames_of(Framing(packets=2), [S, 10**6 * S, S + MS, S + 2 * MS, S + 3 * MS, S + 4 * MS])
+    assert frames == [[S + MS, S + 2 * MS], [S + 3 * MS, S + 4 * MS], []]
+    assert dropped == {"incomplete": [S, 10**6 * S]}
 
 
 def test_silence_ends_a_period_but_not_a_number():
@@ -122,7 +133,7 @@ def test_silence_ends_a_period_but_not_a_number():
     assert framing.place(40, b"c").dropped == "late" and framing.place(120, b"d") == Placed()
     counting = Framing(packets=2)
     counting.place(0, b"a")
-    assert counting.end_of_silence() == 0 and counting.place(10 * S, b"b").completed == 2
+    assert counting.end_of_silence() == 0 and counting.place(S, b"b").completed == 2
 
 
 STREAMS = st.lists(st.tuples(st.integers(0, 4000), st.sampled_from([b"a", b"b", b"c"])), max_size=80)
@@ -132,7 +143,7 @@ STREAMS = st.lists(st.tuples(st.integers(0, 4000), st.sampled_from([b"a", b"b", 
 @settings(max_examples=200, deadline=None)
 def test_whatever_comes_every_packet_is_in_one_frame_or_dropped_for_one_cause(stream, packets, period):
     stamps, contents = [stamp for stamp, _ in stream], [content for _, content in stream]
-    frames, dropped = frames_of(Framing(packets, period, jump_back_ns=2000), stamps, contents)
+    frames, dropped = frames_of(Framing(packets, period, gap_ns=2000), stamps, contents)
     assert sorted(sum(frames, sum(dropped.values(), []))) == sorted(stamps)
     assert set(dropped) <= {"late", "duplicate", "incomplete"}
     if period == 0:
