@@ -70,7 +70,8 @@ def read_cloud(raw: bytes) -> Cloud:
 
 def write_cloud(cloud: Cloud) -> bytes:
     """A PointCloud2 serialised in little-endian CDR, ready to publish."""
-    writer = _Writer(cloud.header)
+    writer = _Writer()
+    writer.header(cloud.header)
     writer.number(cloud.height)
     writer.number(cloud.width)
     writer.number(len(cloud.fields))
@@ -85,10 +86,32 @@ def write_cloud(cloud: Cloud) -> bytes:
     return writer.finish(cloud.data, bytes([cloud.is_dense]))
 
 
+def read_text(raw: bytes) -> str:
+    """A serialised std_msgs/String; InvalidInput if it breaks off or is no text."""
+    reader = _Reader(raw)
+    text = reader.text("data")
+    reader.end()
+    return text
+
+
+def write_text(text: str) -> bytes:
+    """A std_msgs/String serialised in little-endian CDR, ready to publish."""
+    writer = _Writer()
+    writer.text(text)
+    return bytes(writer.raw)
+
+
+def stamp_ns(raw: bytes) -> int:
+    """The stamp of a serialised message that begins with a std_msgs/Header; InvalidInput if it breaks off there."""
+    reader = _Reader(raw)
+    return Header.of(reader.number("header.stamp.sec", "i"), reader.number("header.stamp.nanosec"), "").stamp_ns
+
+
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
-    """A message of ours with another stamp: many times cheaper than to write its data again."""
+    """A serialised message with another stamp: many times cheaper than to write its data again."""
     header = Header(stamp_ns, "")
-    stamp = struct.pack("<iI", header.sec, header.nanosec)      # the stamp comes first in every message with a header
+    # The stamp comes first in every message with a header.
+    stamp = struct.pack(_Reader(raw).order + "iI", header.sec, header.nanosec)
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
 
 
@@ -103,7 +126,8 @@ def read_image(raw: bytes) -> Image:
 
 def write_image(image: Image) -> bytes:
     """An Image serialised in little-endian CDR, ready to publish."""
-    writer = _Writer(image.header)
+    writer = _Writer()
+    writer.header(image.header)
     writer.number(image.height)
     writer.number(image.width)
     writer.text(image.encoding)
@@ -161,8 +185,10 @@ class _Reader:
 
 
 class _Writer:
-    def __init__(self, header: Header):
+    def __init__(self):
         self.raw = bytearray(b"\x00\x01\x00\x00")
+
+    def header(self, header: Header) -> None:
         self.number(header.sec, "i")
         self.number(header.nanosec)
         self.text(header.frame_id)

@@ -1,7 +1,8 @@
 """`gates`: PhotonGates ⇄ Image, the ToA words of G laser cycles (msg_schemas/gates.json)."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from sensor_msgs.msg import Image
 
 from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.core.sensor import SensorModel
@@ -11,8 +12,11 @@ from srt3d_ros.messages.header import Header
 from srt3d_ros.messages.layout import pack_image, unpack_image
 from srt3d_ros.messages.schema import load
 
+if TYPE_CHECKING:
+    from sensor_msgs.msg import Image
 
-def encode(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> Image:
+
+def encode(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> "Image":
     """The message of G cycles.
 
     Raises:
@@ -26,7 +30,7 @@ def encode_cdr(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> bytes:
     return cdr.write_image(_pack(gates, sensor, frame_id))
 
 
-def decode(message: Image, sensor: SensorModel) -> tuple[Header, PhotonGates]:
+def decode(message: "Image", sensor: SensorModel) -> tuple[Header, PhotonGates]:
     """The words of a message, copied.
 
     Raises:

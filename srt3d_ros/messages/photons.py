@@ -1,7 +1,8 @@
 """`photons`: PhotonEvents ⇄ PointCloud2, one point a photon (msg_schemas/photons.json)."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
@@ -11,8 +12,11 @@ from srt3d_ros.messages.header import Header
 from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
 
+if TYPE_CHECKING:
+    from sensor_msgs.msg import PointCloud2
 
-def encode(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> PointCloud2:
+
+def encode(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> "PointCloud2":
     """The message of one frame, in the layout of the events' ToA: uint16, uint32 or float32.
 
     Raises:
@@ -26,7 +30,7 @@ def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> byte
     return cdr.write_cloud(_pack(events, sensor, frame_id))
 
 
-def decode(message: PointCloud2, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
+def decode(message: "PointCloud2", sensor: SensorModel) -> tuple[Header, PhotonEvents]:
     """The photons of a message, in its order and with its type of ToA.
 
     Raises:

@@ -1,26 +1,41 @@
 """`sensor`: SensorModel ⇄ JSON in a String (msg_schemas/sensor.json)."""
 
-from std_msgs.msg import String
+from typing import TYPE_CHECKING
 
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.messages import json_text
+from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages.header import check_frame_id
 from srt3d_ros.messages.schema import load
+
+if TYPE_CHECKING:
+    from std_msgs.msg import String
 
 PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
-def encode(sensor: SensorModel) -> String:
+def encode(sensor: SensorModel) -> "String":
     """The message of a sensor."""
+    from std_msgs.msg import String
+
     return String(data=to_json(sensor))
 
 
-def decode(message: String) -> SensorModel:
+def decode(message: "String") -> SensorModel:
     """The sensor of a message; InvalidInput names the field that cannot be used."""
     return from_json(message.data)
+
+
+def encode_cdr(sensor: SensorModel) -> bytes:
+    """`encode`, serialised."""
+    return cdr.write_text(to_json(sensor))
+
+
+def decode_cdr(raw: bytes) -> SensorModel:
+    """`decode` of a serialised message."""
+    return from_json(cdr.read_text(raw))
 
 
 def to_json(sensor: SensorModel) -> str:
