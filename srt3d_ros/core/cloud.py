@@ -1,9 +1,10 @@
 """PointCloud: what a reconstruction gives."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from srt3d_ros.core.projection import Pinhole, Projection
 from srt3d_ros.core.sensor import SensorModel
 
 
@@ -73,16 +74,39 @@ class PointCloud:
     def image(self, field: str, surface: int = 0) -> np.ndarray:
         """One value per pixel of `depth_bins`, `intensity` or `depth_std_bins`; float32 [rows, cols], NaN = no point.
 
-        The depth image in metres is `range_image`.
+        In metres: `range_image` and `depth_image`.
         """
-        chosen = self.surface == surface
-        out = np.full(self.background.shape, np.nan, np.float32)
-        out[self.row[chosen], self.col[chosen]] = getattr(self, field)[chosen]
-        return out
+        return self._image(getattr(self, field), surface)
 
     def range_image(self) -> np.ndarray:
         """Range along the ray of the strongest point, metres; float32 [rows, cols], NaN = no point."""
-        chosen = self.surface == 0
+        return self._image(self._range_m())
+
+    def depth_image(self, projection: Projection) -> np.ndarray:
+        """What a depth image shows (REP-118) of the strongest points; float32 [rows, cols], metres, NaN = no point.
+
+        Args:
+            projection: the sensor's: z in the optical frame for a pinhole, the range along the ray for a scanner.
+        """
+        return self._image(self.xyz[:, 2]) if isinstance(projection, Pinhole) else self.range_image()
+
+    def within(self, min_m: float = 0.0, max_m: float = np.inf) -> "PointCloud":
+        """Only the points whose range along the ray is from `min_m` to `max_m` metres; `surface` counts those left."""
+        range_m = self._range_m()
+        kept = np.flatnonzero((range_m >= min_m) & (range_m <= max_m))
+        if len(kept) == len(self):
+            return self
+        row, col = self.row[kept], self.col[kept]
+        begins = np.flatnonzero((np.diff(row, prepend=-1) != 0) | (np.diff(col, prepend=-1) != 0))
+        rank = np.arange(len(kept)) - np.repeat(begins, np.diff(begins, append=len(kept)))
+        return replace(self, row=row, col=col, depth_bins=self.depth_bins[kept], intensity=self.intensity[kept],
+                       depth_std_bins=self.depth_std_bins[kept], xyz=self.xyz[kept], surface=rank.astype(np.uint8))
+
+    def _range_m(self) -> np.ndarray:
+        return np.linalg.norm(self.xyz, axis=1)
+
+    def _image(self, values: np.ndarray, surface: int = 0) -> np.ndarray:
+        chosen = self.surface == surface
         out = np.full(self.background.shape, np.nan, np.float32)
-        out[self.row[chosen], self.col[chosen]] = np.linalg.norm(self.xyz[chosen], axis=1)
+        out[self.row[chosen], self.col[chosen]] = values[chosen]
         return out

@@ -12,7 +12,8 @@ from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
 
 
-def encode(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None) -> PointCloud2:
+def encode(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
+           organised: bool = False) -> PointCloud2:
     """The message of a cloud.
 
     Args:
@@ -20,17 +21,22 @@ def encode(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: Senso
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
         sensor: needed by "full" alone, which gives depth_std in metres.
+        organised: one point a pixel, rows × cols, its strongest; where a pixel has none x, y, z and depth_std are NaN
+            and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
     """
-    return typed.to_cloud_message(_pack(cloud, frame_id, layout, sensor))
+    return typed.to_cloud_message(_pack(cloud, frame_id, layout, sensor, organised))
 
 
-def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None) -> bytes:
+def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
+               organised: bool = False) -> bytes:
     """`encode`, serialised."""
-    return cdr.write_cloud(_pack(cloud, frame_id, layout, sensor))
+    return cdr.write_cloud(_pack(cloud, frame_id, layout, sensor, organised))
 
 
 def decode(message: PointCloud2) -> tuple[Header, dict[str, np.ndarray]]:
     """The points of a message in either layout, or of any other cloud with x, y, z and intensity in float32.
+
+    Points whose x, y or z is not finite are left out: in organised clouds they stand for pixels without a point.
 
     Returns:
         The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
@@ -47,7 +53,7 @@ def decode_cdr(raw: bytes) -> tuple[Header, dict[str, np.ndarray]]:
     return _unpack(cdr.read_cloud(raw))
 
 
-def _pack(cloud: PointCloud, frame_id: str, layout: str, sensor: SensorModel | None) -> cdr.Cloud:
+def _pack(cloud: PointCloud, frame_id: str, layout: str, sensor: SensorModel | None, organised: bool) -> cdr.Cloud:
     layouts = cloud_layouts("points")
     require(layout in layouts, "layout", layout, " or ".join(layouts))
     points = np.zeros(len(cloud), layouts[layout])
@@ -59,7 +65,23 @@ def _pack(cloud: PointCloud, frame_id: str, layout: str, sensor: SensorModel | N
         points["background"] = cloud.background[cloud.row, cloud.col]
         for name in ("row", "col", "surface"):
             points[name] = getattr(cloud, name)
-    return pack_cloud(Header(cloud.stamp_ns, frame_id), points, is_dense=bool(np.isfinite(cloud.xyz).all()))
+    if organised:
+        points = _in_their_pixels(points, cloud)
+    dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
+    return pack_cloud(Header(cloud.stamp_ns, frame_id), points, dense)
+
+
+def _in_their_pixels(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
+    """The strongest points [rows, cols], and what stands for none."""
+    grid = np.zeros(cloud.background.shape, points.dtype)
+    for name in {"x", "y", "z", "depth_std"}.intersection(points.dtype.names):
+        grid[name] = np.nan
+    if "background" in points.dtype.names:
+        grid["background"] = cloud.background
+        grid["row"], grid["col"] = np.indices(grid.shape, sparse=True)
+    strongest, as_bytes = cloud.surface == 0, f"V{points.dtype.itemsize}"      # NumPy copies field by field otherwise
+    grid.view(as_bytes)[cloud.row[strongest], cloud.col[strongest]] = points.view(as_bytes)[strongest]
+    return grid
 
 
 def _unpack(cloud: cdr.Cloud) -> tuple[Header, dict[str, np.ndarray]]:
@@ -70,4 +92,5 @@ def _unpack(cloud: cdr.Cloud) -> tuple[Header, dict[str, np.ndarray]]:
     columns = {"xyz": np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)}
     for name in layout.names[3:]:
         columns[name] = points[name].astype(layout[name])
-    return cloud.header, columns
+    placed = np.isfinite(columns["xyz"]).all(axis=1)
+    return cloud.header, columns if placed.all() else {name: values[placed] for name, values in columns.items()}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.projection import AngularScan, Pinhole
 
 NAN = np.nan
 
@@ -40,3 +41,37 @@ def test_range_is_the_distance_of_the_strongest_point(two_in_one_pixel):
     image = two_in_one_pixel.range_image()
     assert image.dtype == np.float32
     np.testing.assert_array_equal(image, [[NAN, 2, NAN], [NAN, NAN, 5]])
+
+
+def test_depth_is_z_for_a_camera_and_the_range_for_a_scanner(two_in_one_pixel):
+    lens, scan = Pinhole(10, 10, 1, 0.5), AngularScan(0, 0.1, 0, 0.1)
+    assert two_in_one_pixel.depth_image(lens).dtype == np.float32
+    np.testing.assert_array_equal(two_in_one_pixel.depth_image(lens), [[NAN, 2, NAN], [NAN, NAN, 4]])
+    np.testing.assert_array_equal(two_in_one_pixel.depth_image(scan), [[NAN, 2, NAN], [NAN, NAN, 5]])
+
+
+def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixel):
+    assert two_in_one_pixel.within() is two_in_one_pixel
+    assert two_in_one_pixel.within(2, 6) is two_in_one_pixel
+    kept = two_in_one_pixel.within(min_m=4.5)
+    assert kept.xyz.tolist() == [[0, 0, 6], [0, 3, 4]] and kept.stamp_ns == 9
+    assert kept.intensity.tolist() == [2, 4] and kept.depth_bins.tolist() == [30, 20]
+    assert kept.depth_std_bins.tolist() == [1, 0.25]
+    assert len(two_in_one_pixel.within(max_m=1)) == 0
+
+
+def test_the_strongest_point_within_the_limits_is_the_first_of_its_pixel(two_in_one_pixel):
+    kept = two_in_one_pixel.within(min_m=3)
+    assert kept.surface.tolist() == [0, 0] and kept.surface.dtype == np.uint8
+    np.testing.assert_array_equal(kept.range_image(), [[NAN, 6, NAN], [NAN, NAN, 5]])
+    np.testing.assert_array_equal(kept.image("intensity"), [[NAN, 2, NAN], [NAN, NAN, 4]])
+    assert (kept.background == two_in_one_pixel.background).all()
+
+
+def test_further_surfaces_within_the_limits_keep_their_order():
+    row, col = np.array([0, 0, 0, 0, 1], np.uint16), np.array([0, 2, 2, 2, 0], np.uint16)
+    ones = np.ones(5, np.float32)
+    cloud = PointCloud(row, col, ones, ones, ones, np.array([[0, 0, z] for z in (1, 9, 2, 3, 1)], np.float32),
+                       np.array([0, 0, 1, 2, 0], np.uint8), np.zeros((2, 3), np.float32))
+    kept = cloud.within(max_m=5)
+    assert kept.xyz[:, 2].tolist() == [1, 2, 3, 1] and kept.surface.tolist() == [0, 0, 1, 0]

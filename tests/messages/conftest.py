@@ -64,6 +64,8 @@ CODECS = {
     "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (FREQUENCIES, SENSOR)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
+    "points_xyzi_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "xyzi", None, True), ()),
+    "points_full_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR, True), ()),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),
 }
 

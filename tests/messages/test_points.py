@@ -6,7 +6,19 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import points
+from srt3d_ros.messages import points, typed
+from srt3d_ros.messages.layout import unpack_cloud
+from srt3d_ros.messages.schema import cloud_layouts
+
+
+@pytest.fixture
+def two_in_one_pixel() -> PointCloud:
+    """Of 3 × 4 pixels (0, 1) has two points, (2, 3) one."""
+    return PointCloud(row=np.array([0, 0, 2], np.uint16), col=np.array([1, 1, 3], np.uint16),
+                      depth_bins=np.array([10, 30, 20], np.float32), intensity=np.array([5, 2, 4], np.float32),
+                      depth_std_bins=np.array([0.5, 1, 0.25], np.float32),
+                      xyz=np.array([[0, 0, 2], [0, 0, 6], [-4, 5, 6]], np.float32),
+                      surface=np.array([0, 1, 0], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4))
 
 
 @pytest.mark.parametrize(("layout", "names", "step"), [
@@ -43,6 +55,41 @@ def test_is_dense_says_whether_every_point_is_finite(codecs, x, dense):
     assert points.encode(cloud, "lidar").is_dense is dense
 
 
+@pytest.mark.parametrize("layout", ["xyzi", "full"])
+def test_organised_cloud_has_the_strongest_point_of_each_pixel_in_its_place(two_in_one_pixel, small_sensor, layout):
+    message = points.encode(two_in_one_pixel, "lidar", layout, small_sensor, organised=True)
+    assert (message.height, message.width, message.is_dense) == (3, 4, False)
+    grid = unpack_cloud(typed.from_cloud_message(message), [cloud_layouts("points")[layout]])
+    xyz = np.stack([grid[axis] for axis in "xyz"], axis=-1)
+    assert xyz[0, 1].tolist() == [0, 0, 2] and xyz[2, 3].tolist() == [-4, 5, 6]
+    nothing = np.ones((3, 4), bool)
+    nothing[[0, 2], [1, 3]] = False
+    assert np.isnan(xyz[nothing]).all() and grid["intensity"].tolist() == [[0, 5, 0, 0], [0] * 4, [0, 0, 0, 4]]
+    if layout == "full":
+        assert (grid["background"] == two_in_one_pixel.background).all() and (grid["surface"] == 0).all()
+        assert (grid["row"] == np.arange(3)[:, None]).all() and (grid["col"] == np.arange(4)).all()
+        metres = np.array([0.5, 0.25]) * small_sensor.bin_width_m
+        np.testing.assert_allclose(grid["depth_std"][~nothing], metres, rtol=1e-6)
+        assert np.isnan(grid["depth_std"][nothing]).all()
+
+
+def test_organised_cloud_is_read_without_the_pixels_that_have_no_point(two_in_one_pixel, small_sensor):
+    message = points.encode(two_in_one_pixel, "lidar", "full", small_sensor, organised=True)
+    _, columns = points.decode(message)
+    assert columns["xyz"].tolist() == [[0, 0, 2], [-4, 5, 6]] and columns["intensity"].tolist() == [5, 4]
+    assert (columns["row"].tolist(), columns["col"].tolist()) == ([0, 2], [1, 3])
+    assert {len(values) for values in columns.values()} == {2}
+
+
+def test_organised_cloud_with_a_point_in_every_pixel_is_dense(small_sensor):
+    row, col = (index.ravel().astype(np.uint16) for index in np.indices((3, 4)))
+    bins = np.arange(1, 13, dtype=np.float32)
+    cloud = PointCloud(row, col, bins, bins, bins, small_sensor.xyz(row, col, bins), np.zeros(12, np.uint8),
+                       np.zeros((3, 4), np.float32))
+    assert points.encode(cloud, "lidar", organised=True).is_dense
+    assert not points.encode(cloud.within(max_m=small_sensor.range_m(11.5)), "lidar", organised=True).is_dense
+
+
 def test_empty_cloud_is_valid(codecs, small_sensor):
     cloud = codecs["points_xyzi"].content
     cloud = PointCloud(**{name: value[:0] if name not in ("background", "stamp_ns") else value
@@ -51,6 +98,9 @@ def test_empty_cloud_is_valid(codecs, small_sensor):
         message = points.encode(cloud, "lidar", layout, small_sensor)
         assert message.width == 0 and message.is_dense
         assert points.decode(message)[1]["xyz"].shape == (0, 3)
+        grid = points.encode(cloud, "lidar", layout, small_sensor, organised=True)
+        assert (grid.height, grid.width, grid.is_dense) == (3, 4, False)
+        assert points.decode(grid)[1]["xyz"].shape == (0, 3)
 
 
 def test_organised_cloud_of_others_is_read_row_by_row():
