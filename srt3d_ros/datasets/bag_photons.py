@@ -1,0 +1,142 @@
+"""The photons in a bag: which of its topics they are on, and single frames of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets.bag import Bag, Topic
+from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import cdr
+from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
+
+CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
+PHOTON_FIELDS = {"row", "col", "toa"}
+GATES_ENCODING = "16UC1"
+
+
+@dataclass(frozen=True)
+class PhotonTopics:
+    """Where the photons of a bag are.
+
+    Args:
+        output: what the messages are: "photons" or "gates".
+        frames: the topic of the photons.
+        sensor: the topic of their sensor's description; None if the bag has none.
+    """
+
+    output: str
+    frames: Topic
+    sensor: Topic | None
+
+
+def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> PhotonTopics:
+    """The topics of the photons and of their sensor, whatever they were remapped to.
+
+    The photons are on the topic whose messages are photons; of several, on the one that is called `photons` or `gates`
+    in whatever namespace. The sensor is described on the topic that does so; of several, on `sensor` in the namespace
+    of the photons.
+
+    Args:
+        bag: open.
+        photons_topic, sensor_topic: their names, where a bag has several that could be meant.
+
+    Raises:
+        InvalidInput: there are none (of photons) or several; the line lists what is in the bag.
+    """
+    candidates = [(output, topic) for output, (message_type, is_one) in FORMS.items() for topic in bag.topics
+                  if _may_be(topic, message_type, photons_topic) and is_one(_first(bag, topic))]
+    named = [(output, topic) for output, topic in candidates if topic.name.rsplit("/", 1)[-1] == output]
+    output, frames = _the_only(named or candidates, "photons_topic", photons_topic, bag)
+    sensors = [topic for topic in bag.topics
+               if _may_be(topic, TEXT, sensor_topic) and _is_sensor(_first(bag, topic))]
+    beside = [topic for topic in sensors if topic.name == frames.name.rsplit("/", 1)[0] + "/sensor"]
+    sensor = None
+    if sensors or sensor_topic:
+        sensor = _the_only(beside or sensors, "sensor_topic", sensor_topic, bag)
+    return PhotonTopics(output, frames, sensor)
+
+
+def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Photons:
+    """One frame of a bag: message `number` of its photons, with the sensor that was in force when it came.
+
+    Raises:
+        InvalidInput: the bag cannot be read, has no photons, no sensor or fewer frames.
+    """
+    with Bag(path) as bag:
+        topics = find_photons(bag, photons_topic)
+        require(topics.sensor is not None, f"bag {bag.path.name}", "without a sensor",
+                f"a description of the sensor beside {topics.frames.name}; it has {bag.content()}")
+        last = topics.frames.messages - 1
+        require(0 <= number <= last, "frame", number, f"0 to {last}, the messages on {topics.frames.name}")
+        described, raw = _frame_with_sensor(bag, topics, number)
+    sensor = sensor_message.decode_cdr(described)
+    return Photons(sensor, _events(topics.output, raw, sensor), None, f"{Path(path).stem}_{number}")
+
+
+def _frame_with_sensor(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
+    """The serialised description of the sensor and the serialised frame."""
+    described = frame = None
+    for message in bag.messages((topics.frames, topics.sensor)):
+        if message.topic == topics.sensor.name:
+            described = message.raw
+        elif frame is None:
+            frame = message.raw if number == 0 else None
+            number -= 1
+        if described is not None and frame is not None:     # a sensor that came late still describes the first frames
+            return described, frame
+    raise InvalidInput(f"bag {bag.path.name}", "shorter than it says", "a complete bag")
+
+
+def _events(output: str, raw: bytes, sensor: SensorModel) -> PhotonEvents:
+    if output == "photons":
+        return photons_message.decode_cdr(raw, sensor)[1]
+    return gates_message.decode_cdr(raw, sensor)[1].to_events(sensor)
+
+
+def _may_be(topic: Topic, message_type: str, name: str) -> bool:
+    return topic.type == message_type and topic.messages > 0 and name in ("", topic.name)
+
+
+def _first(bag: Bag, topic: Topic) -> bytes:
+    """The first message of a topic; empty if the bag has none although it says so."""
+    return next((message.raw for message in bag.messages((topic,))), b"")
+
+
+def _reads(read: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
+    """`read` with what cannot be read taken for False."""
+    def test(raw: bytes) -> bool:
+        try:
+            return read(raw)
+        except InvalidInput:
+            return False
+
+    return test
+
+
+@_reads
+def _is_events(raw: bytes) -> bool:
+    return PHOTON_FIELDS <= {field.name for field in cdr.read_cloud(raw).fields}
+
+
+@_reads
+def _is_gates(raw: bytes) -> bool:
+    return cdr.read_image(raw).encoding == GATES_ENCODING
+
+
+@_reads
+def _is_sensor(raw: bytes) -> bool:
+    return bool(sensor_message.decode_cdr(raw))
+
+
+FORMS = {"photons": (CLOUD, _is_events), "gates": (IMAGE, _is_gates)}
+
+
+def _the_only(candidates: list, field: str, given: str, bag: Bag):
+    require(len(candidates) == 1, field, given or "not given",
+            f"the name of one topic of {field.removesuffix('_topic')}; {bag.path.name} has {bag.content()}")
+    return candidates[0]

@@ -1,0 +1,130 @@
+"""Writing rosbag2 bags with rosbags: serialised messages as they came, with the QoS that their publishers offered."""
+
+import contextlib
+import errno
+import sqlite3
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from srt3d_ros.errors import InvalidInput, require
+
+STORAGES = ("mcap", "sqlite3")
+VERSION = 9                             # of metadata.yaml: what rosbag2 of Jazzy writes
+FOREVER_NS = 2**63 - 1
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Offer:
+    """The QoS that a publisher offers, the policies by their names in lower case, as in `ros2 topic info -v`."""
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    depth: int = 10
+    liveliness: str = "automatic"
+    deadline_ns: int = FOREVER_NS
+    lifespan_ns: int = FOREVER_NS
+    liveliness_lease_ns: int = FOREVER_NS
+
+
+class BagWriter:
+    """A bag that is being written: a folder with one storage file and, once closed, metadata.yaml.
+
+    Args:
+        path: the folder, which must not exist.
+        storage: "mcap" or "sqlite3".
+
+    Raises:
+        InvalidInput: something is there already, or nothing can be written there.
+    """
+
+    def __init__(self, path: str | Path, storage: str = STORAGES[0]):
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        require(storage in STORAGES, "storage", storage, " or ".join(STORAGES))
+        self.path = Path(path)
+        require(not self.path.exists() and not self.path.is_symlink(), "bag", str(path), "a folder that is not there")
+        try:
+            self._writer = Writer(self.path, version=VERSION, storage_plugin=StoragePlugin[storage.upper()])
+            self._writer.open()
+        except OSError as error:
+            raise InvalidInput("bag", str(path), f"a folder that can be made ({error.strerror})") from None
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, object] = {}
+        self.messages: Counter[str] = Counter()
+        self.bytes = 0
+        self.first_ns = self.last_ns = 0
+
+    @property
+    def duration_s(self) -> float:
+        """From the first message to the last."""
+        return (self.last_ns - self.first_ns) * 1e-9
+
+    def add_topic(self, name: str, message_type: str, offers: list[Offer]) -> None:
+        """Describe a topic before its first message.
+
+        Args:
+            name: full, such as "/photons".
+            message_type: of the standard messages, such as "sensor_msgs/msg/PointCloud2".
+            offers: of its publishers; a player offers the same again.
+        """
+        self._connections[name] = self._writer.add_connection(
+            name, message_type, typestore=self._types, offered_qos_profiles=[_qos(offer) for offer in offers])
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._connections
+
+    def write(self, name: str, time_ns: int, raw: bytes) -> None:
+        """Append a serialised message.
+
+        Args:
+            name: of a topic that was added.
+            time_ns: when it came, nanoseconds since 1970; readers give the messages in this order.
+
+        Raises:
+            OSError: it cannot be written, because the disk is full, say.
+        """
+        with _os_errors():
+            self._writer.write(self._connections[name], time_ns, raw)
+        self.first_ns = min(time_ns, self.first_ns) if self.bytes else time_ns
+        self.last_ns = max(time_ns, self.last_ns)
+        self.messages[name] += 1
+        self.bytes += len(raw)
+
+    def close(self) -> None:
+        """Write what is missing: the bag is complete. OSError if it cannot be."""
+        with _os_errors():
+            self._writer.close()
+
+    def abandon(self) -> None:
+        """Let go of a bag that can no longer be written; what it lacks then, docs/bags.md tells."""
+        with contextlib.suppress(OSError, sqlite3.Error):       # it tries once more to write what it could not
+            self._writer.abort()
+
+
+@contextlib.contextmanager
+def _os_errors() -> Iterator[None]:
+    """What SQLite says about files, said as the system says it."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(errno.EIO, str(error)) from None
+
+
+def _qos(offer: Offer):
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
+
+    return Qos(QosHistory[offer.history.upper()], offer.depth, QosReliability[offer.reliability.upper()],
+               QosDurability[offer.durability.upper()], _time(offer.deadline_ns), _time(offer.lifespan_ns),
+               QosLiveliness[offer.liveliness.upper()], _time(offer.liveliness_lease_ns),
+               avoid_ros_namespace_conventions=False)
+
+
+def _time(ns: int):
+    from rosbags.interfaces import QosTime
+
+    return QosTime(*divmod(ns, NS_PER_S))

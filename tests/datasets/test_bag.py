@@ -1,0 +1,286 @@
+"""Bags as they are written and read: what is in them, what the stock tools find in them, and bags that are broken."""
+
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets.bag import Bag
+from srt3d_ros.datasets.bag_photons import find_photons
+from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import cdr, gates, photons
+from srt3d_ros.messages import sensor as sensor_message
+
+CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
+LATCHED = Offer(durability="transient_local", depth=1)
+START_NS = 1_700_000_000_000_000_000
+SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(), frame_id="spad")
+OTHER = SENSOR.replace(num_bins=40)
+
+
+def described(sensor: SensorModel) -> bytes:
+    return cdr.write_text(sensor_message.to_json(sensor))
+
+
+def frame(k: int, sensor: SensorModel = SENSOR) -> PhotonEvents:
+    return PhotonEvents(np.array([5, 0, 2], np.uint32), np.array([k, 7, 9], np.uint16), START_NS + k)
+
+
+def photons_of(k: int) -> bytes:
+    return photons.encode_cdr(frame(k), SENSOR, "spad")
+
+
+def gates_of(k: int) -> bytes:
+    return gates.encode_cdr(PhotonGates.from_events(frame(k), SENSOR), SENSOR, "spad")
+
+
+def write(path: Path, messages: list[tuple[str, str, bytes]], storage: str = "mcap") -> Path:
+    """A bag of (topic, type, bytes), recorded a millisecond after each other."""
+    writer = BagWriter(path, storage)
+    for k, (topic, message_type, raw) in enumerate(messages):
+        if topic not in writer:
+            writer.add_topic(topic, message_type, [LATCHED if message_type == TEXT else Offer()])
+        writer.write(topic, START_NS + k * 1_000_000, raw)
+    writer.close()
+    return path
+
+
+def storage_file(bag: Path) -> Path:
+    return next(path for path in bag.iterdir() if path.suffix in (".mcap", ".db3"))
+
+
+RECORDED = [("/sensor", TEXT, described(SENSOR)), *(("/photons", CLOUD, photons_of(k)) for k in range(3))]
+
+
+@pytest.fixture(params=STORAGES)
+def storage(request) -> str:
+    return request.param
+
+
+@pytest.fixture
+def bag(tmp_path, storage) -> Path:
+    return write(tmp_path / "bag", RECORDED, storage)
+
+
+@pytest.mark.parametrize("named", [lambda bag: bag, storage_file], ids=["folder", "file"])
+def test_a_bag_gives_back_the_bytes_and_the_times_that_it_was_given(bag, named):
+    with Bag(named(bag)) as opened:
+        assert {(topic.name, topic.type, topic.messages) for topic in opened.topics} == {
+            ("/sensor", TEXT, 1), ("/photons", CLOUD, 3)}
+        read = list(opened.messages(opened.topics))
+        later = list(opened.messages(opened.topics, START_NS + 2_000_000))
+    assert [(message.topic, message.raw) for message in read] == [(topic, raw) for topic, _, raw in RECORDED]
+    assert [message.time_ns - START_NS for message in read] == [0, 1_000_000, 2_000_000, 3_000_000]
+    assert later == read[2:]
+
+
+def test_metadata_says_what_rosbag2_needs(bag, storage):
+    """The keys that rosbag2 of Jazzy reads (rosbag2_storage/yaml.hpp), each of the type that it asks for."""
+    info = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (info["version"], info["storage_identifier"], info["message_count"]) == (9, storage, 4)
+    assert info["relative_file_paths"] == [storage_file(bag).name] == [file["path"] for file in info["files"]]
+    assert info["starting_time"] == {"nanoseconds_since_epoch": START_NS} == info["files"][0]["starting_time"]
+    assert info["duration"] == {"nanoseconds": 3_000_000} == info["files"][0]["duration"]
+    assert (info["compression_format"], info["compression_mode"]) == ("", "") and info["files"][0]["message_count"] == 4
+    assert isinstance(info["ros_distro"], str) and info["custom_data"] is None
+    topics = {topic["topic_metadata"]["name"]: topic for topic in info["topics_with_message_count"]}
+    assert {name: topic["message_count"] for name, topic in topics.items()} == {"/sensor": 1, "/photons": 3}
+    for name, message_type, durability, depth in (("/sensor", TEXT, "transient_local", 1),
+                                                  ("/photons", CLOUD, "volatile", 10)):
+        metadata = topics[name]["topic_metadata"]
+        assert (metadata["type"], metadata["serialization_format"]) == (message_type, "cdr")
+        assert metadata["type_description_hash"].startswith("RIHS01_")
+        (offer,) = metadata["offered_qos_profiles"]
+        forever = {"sec": 9_223_372_036, "nsec": 854_775_807}
+        assert offer == {"history": "keep_last", "depth": depth, "reliability": "reliable", "durability": durability,
+                         "deadline": forever, "lifespan": forever, "liveliness": "automatic",
+                         "liveliness_lease_duration": forever, "avoid_ros_namespace_conventions": False}
+
+
+def test_rosbags_reads_the_messages_by_the_definitions_in_the_bag(bag):
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import MessageDefinitionFormat, QosDurability
+
+    with AnyReader([bag]) as reader:
+        qos = {c.topic: c.ext.offered_qos_profiles[0].durability for c in reader.connections}
+        assert qos == {"/sensor": QosDurability.TRANSIENT_LOCAL, "/photons": QosDurability.VOLATILE}
+        assert {c.msgdef.format for c in reader.connections} == {MessageDefinitionFormat.MSG}
+        read = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+    assert sensor_message.from_json(read["/sensor"].data).same_as(SENSOR)
+    assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
+
+
+def test_open_photons_gives_the_frame_that_is_asked_for(bag):
+    for number in range(3):
+        opened = open_photons(bag, number)
+        assert opened.sensor.same_as(SENSOR) and opened.frame.toa.tolist() == [number, 7, 9]
+        assert opened.frame.stamp_ns == START_NS + number
+    assert open_photons(bag, range_offset_m=2.0, fov_deg=20).sensor.range_offset_m == 2.0
+    with pytest.raises(InvalidInput, match=r"frame is 3: expected 0 to 2"):
+        open_photons(bag, 3)
+
+
+def test_gates_are_read_as_photons_too(tmp_path, storage):
+    bag = write(tmp_path / "bag", [RECORDED[0], *(("/gates", IMAGE, gates_of(k)) for k in (1, 2))], storage)
+    frames = [open_photons(bag, number).frame for number in (0, 1)]
+    assert [sorted(zip(each.pixel.tolist(), each.toa.tolist())) for each in frames] == [
+        [(0, 7), (2, 9), (5, 1)], [(0, 7), (2, 9), (5, 2)]]
+
+
+def test_a_frame_comes_with_the_sensor_that_was_in_force(tmp_path):
+    bag = write(tmp_path / "bag", [RECORDED[1], RECORDED[0], RECORDED[2], ("/sensor", TEXT, described(OTHER)),
+                                   RECORDED[3]])
+    bins = [open_photons(bag, number).sensor.num_bins for number in range(3)]
+    assert bins == [50, 50, 40]         # the first frame came before any description: the first one is its own
+
+
+def test_a_photon_file_has_one_frame(tmp_path):
+    from srt3d_ros.datasets import npz
+    npz.save(tmp_path / "a.npz", SENSOR, frame(1))
+    assert open_photons(tmp_path / "a.npz", 0).frame.photons == 3
+    with pytest.raises(InvalidInput, match="frame is 1: expected 0"):
+        open_photons(tmp_path / "a.npz", 1)
+
+
+def test_no_ros_is_needed(bag, repository):
+    script = ("import sys\n"
+              "for name in ('rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces'): sys.modules[name] = None\n"
+              "from srt3d_ros.datasets import open_photons\n"
+              f"print(open_photons({str(bag)!r}, 2).frame.toa.tolist())")
+    done = subprocess.run([sys.executable, "-c", script], cwd=repository, capture_output=True, text=True)
+    assert done.stdout == "[2, 7, 9]\n", done.stderr
+
+
+PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"
+DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
+
+
+@pytest.mark.parametrize("messages, given, found", [
+    ([("/spad/raw", CLOUD, PHOTONS), ("/spad/info", TEXT, DESCRIBED)], {}, ("photons", "/spad/raw", "/spad/info")),
+    ([("/a/gates", IMAGE, GATES), ("/a/sensor", TEXT, DESCRIBED), ("/b/sensor", TEXT, DESCRIBED)], {},
+     ("gates", "/a/gates", "/a/sensor")),
+    ([("/photons", CLOUD, PHOTONS), ("/old", CLOUD, PHOTONS), ("/points", CLOUD, SKETCH), ("/sensor", TEXT, DESCRIBED),
+      ("/log", TEXT, ANOTHER)], {}, ("photons", "/photons", "/sensor")),
+    ([("/a/photons", CLOUD, PHOTONS), ("/b/photons", CLOUD, PHOTONS), ("/a/sensor", TEXT, DESCRIBED),
+      ("/b/sensor", TEXT, DESCRIBED)], {"photons_topic": "/b/photons"}, ("photons", "/b/photons", "/b/sensor")),
+    ([("/photons", CLOUD, PHOTONS), ("/x", TEXT, DESCRIBED), ("/y", TEXT, DESCRIBED)], {"sensor_topic": "/y"},
+     ("photons", "/photons", "/y")),
+    ([("/photons", CLOUD, PHOTONS)], {}, ("photons", "/photons", None)),
+])
+def test_the_photons_are_found_under_whatever_name(tmp_path, messages, given, found):
+    with Bag(write(tmp_path / "bag", messages)) as opened:
+        topics = find_photons(opened, **given)
+    assert (topics.output, topics.frames.name, topics.sensor and topics.sensor.name) == found
+
+
+@pytest.mark.parametrize("messages, given, words", [
+    ([("/a/photons", CLOUD, PHOTONS), ("/b/gates", IMAGE, GATES)], {},
+     ["photons_topic is not given", f"/a/photons ({CLOUD}, 1), /b/gates ({IMAGE}, 1)"]),
+    ([("/points", CLOUD, SKETCH), ("/sensor", TEXT, DESCRIBED)], {}, ["photons_topic is not given", "/points"]),
+    ([("/photons", CLOUD, PHOTONS)], {"photons_topic": "/raw"}, ["photons_topic is /raw", "/photons"]),
+    ([("/photons", CLOUD, PHOTONS), ("/x", TEXT, DESCRIBED), ("/y", TEXT, DESCRIBED)], {},
+     ["sensor_topic is not given", "/x", "/y"]),
+    ([("/photons", CLOUD, PHOTONS)], {"sensor_topic": "/sensor"}, ["sensor_topic is /sensor", "/photons"]),
+])
+def test_what_cannot_be_told_apart_is_listed(tmp_path, messages, given, words):
+    with Bag(write(tmp_path / "bag", messages)) as opened, pytest.raises(InvalidInput) as error:
+        find_photons(opened, **given)
+    assert all(word in str(error.value) for word in words), error.value
+
+
+def test_photons_without_a_sensor_cannot_be_reconstructed(tmp_path):
+    with pytest.raises(InvalidInput, match="without a sensor: expected a description of the sensor beside /photons"):
+        open_photons(write(tmp_path / "bag", RECORDED[1:]))
+
+
+def cut(bag: Path) -> Path:
+    file = storage_file(bag)
+    file.write_bytes(file.read_bytes()[:-200])
+    return bag
+
+
+def emptied(bag: Path) -> Path:
+    storage_file(bag).write_bytes(b"")
+    return storage_file(bag)
+
+
+def foreign(bag: Path) -> Path:
+    storage_file(bag).write_bytes(b"a text of somebody else's\n" * 100)
+    return storage_file(bag)
+
+
+def unended(bag: Path) -> Path:
+    (bag / "metadata.yaml").unlink()
+    return bag
+
+
+def without_storage(bag: Path) -> Path:
+    storage_file(bag).unlink()
+    return bag
+
+
+def foreign_metadata(bag: Path) -> Path:
+    (bag / "metadata.yaml").write_text("a: [1, 2\n")
+    return bag
+
+
+def other_suffix(bag: Path) -> Path:
+    return storage_file(bag).rename(bag / "messages.bag")
+
+
+@pytest.mark.parametrize("broken", [cut, emptied, foreign, unended, without_storage, foreign_metadata, other_suffix,
+                                    lambda bag: bag.with_name("no such folder"), lambda bag: bag.parent])
+def test_a_broken_bag_is_one_line(bag, broken):
+    path = broken(bag)
+    with pytest.raises(InvalidInput) as error:
+        open_photons(path, 2)
+    assert path.name in str(error.value) and "\n" not in str(error.value)
+
+
+def test_no_damage_gets_through_as_anything_but_one_line(bag):
+    rng = random.Random(1)
+    file, damaged = storage_file(bag), 0
+    whole = file.read_bytes()
+    for _ in range(60):
+        at = rng.randrange(len(whole))
+        file.write_bytes(whole[:at] + bytes([rng.randrange(256)]) + whole[at + 1:])
+        try:
+            open_photons(file, 2)
+        except InvalidInput:
+            damaged += 1
+    assert damaged
+
+
+@pytest.mark.parametrize("place, words", [
+    ("bag", "bag is .*: expected a folder that is not there"),
+    ("a file/bag", "expected a folder that can be made .Not a directory"),
+    ("/proc/bag", "expected a folder that can be made"),
+])
+def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path, storage, place, words):
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "a file").touch()
+    with pytest.raises(InvalidInput, match=words):
+        BagWriter(tmp_path / place, storage)
+
+
+def test_a_bag_that_the_disk_cannot_hold_ends_with_an_oserror(tmp_path, storage):
+    script = ("import resource, sys\n"
+              "from srt3d_ros.datasets.bag_writer import BagWriter, Offer\n"
+              "resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))\n"
+              f"writer = BagWriter({str(tmp_path / 'bag')!r}, {storage!r})\n"
+              f"writer.add_topic('/photons', {CLOUD!r}, [Offer()])\n"
+              "try:\n"
+              "    for k in range(10): writer.write('/photons', k, bytes(1_500_000))\n"
+              "    writer.close()\n"
+              "except OSError as error: print(bool(error.strerror), writer.messages['/photons'] < 10)\n"
+              "writer.abandon()")
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("True True\n", "")
