@@ -55,6 +55,8 @@ setup(
         under("msg_schemas"),
         under("launch"),
         under("config"),
+        under("config/sensors"),
+        under("examples"),
         # Where `ros2 run` looks. They are not console scripts, which pip would put on PATH under names like `player`.
         (f"lib/{NAME}", sorted(glob("scripts/nodes/*"))),
     ],

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 
@@ -17,6 +18,7 @@ class ManagedNode(LifecycleNode):
         self.state = "unconfigured"
         self.problem: Exception | None = None       # why the last transition failed
         self._starting = False
+        self._refuse_impossible_transitions()
 
     def configure(self) -> None:
         """Open, compile, advertise."""
@@ -42,6 +44,7 @@ class ManagedNode(LifecycleNode):
                     raise self.problem
         finally:
             self._starting = False
+        self._refuse_impossible_transitions()
 
     def on_configure(self, _) -> TransitionCallbackReturn:
         """`ros2 lifecycle set … configure`."""
@@ -64,6 +67,22 @@ class ManagedNode(LifecycleNode):
         if self.state == "active":
             self.deactivate()
         return self._step(self.cleanup, "finalized")
+
+    def _refuse_impossible_transitions(self) -> None:
+        """Answer no. rclpy lets the exception for a transition that the state does not have end the process."""
+        service = self._service_change_state
+        change = service.callback
+
+        def guarded(request, response):
+            try:
+                return change(request, response)
+            except rclpy_implementation.RCLError:
+                self.get_logger().warning(f"no such transition while {self.state}: {request.transition.label or ''}"
+                                          f" ({request.transition.id})")
+                response.success = False
+                return response
+
+        service.callback = guarded
 
     def _step(self, step: Callable[[], None], state: str, undo: Callable[[], None] = lambda: None):
         try:

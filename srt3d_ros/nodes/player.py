@@ -61,6 +61,7 @@ INTERFACE = Interface(
     outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons"),
              replace(topics.GATES, when="`output` is gates")),
     parameters=PARAMETERS,
+    limits=("At a rate that the machine cannot keep, frames are late; none is skipped.",),
 )
 
 

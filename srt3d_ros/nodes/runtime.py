@@ -32,7 +32,8 @@ class _Stop:
             raise KeyboardInterrupt
 
 
-def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None = None) -> int:
+def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None = None,
+        ready: Callable[[list[PipelineNode]], None] = lambda nodes: None) -> int:
     """Make the nodes, start those that start by themselves, spin until one is done or a signal comes, close them.
 
     rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the nodes
@@ -41,6 +42,7 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
     Args:
         make_nodes: in the order in which they start, against the flow of data: who listens, before who speaks.
         args: ROS arguments; the process's own unless given.
+        ready: called with the nodes once all are started.
 
     Returns:
         The exit code of the nodes, which is 0 unless one failed, also after SIGINT and SIGTERM; 2 with one line on
@@ -55,6 +57,7 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
         for node in nodes:
             _start(node)
         stop.starting = False
+        ready(nodes)
         executor = SingleThreadedExecutor()
         for node in nodes:
             executor.add_node(node)

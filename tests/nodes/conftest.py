@@ -148,6 +148,15 @@ class Graph:
     def publisher(self, message_type: type, topic: str):
         return self.node.create_publisher(message_type, topic, QoSProfile(depth=100))
 
+    def call(self, service_type: type, service: str, request):
+        """The answer of a service."""
+        client = self.node.create_client(service_type, service)
+        self.wait(client.service_is_ready, f"the service {service}")
+        future = client.call_async(request)
+        self.wait(future.done, f"an answer from {service}")
+        self.node.destroy_client(client)
+        return future.result()
+
     def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
         """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
         described = self.collect_latched(String, "sketch/sensor")

@@ -1,0 +1,67 @@
+"""What a running node offers to the graph is what its table, from which its page is made, says."""
+
+import pytest
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+
+from srt3d_ros.nodes.pages import page
+from srt3d_ros.nodes.tables import INTERFACES
+
+OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
+OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_available_transitions",
+                    "get_transition_graph", "transition_event", "describe_parameters", "get_parameter_types",
+                    "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
+                    "get_type_description")
+EVERYTHING = {"player": {"lossless": True}}       # parameters with which a node has all its topics
+NEVER_TOGETHER = {"player": {"gates"}}
+
+
+@pytest.fixture(params=INTERFACES)
+def running(request, graph, photon_file, tmp_path):
+    """A node that is ready, and its table."""
+    name = request.param
+    extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"},
+             "bag_recorder": {"path": tmp_path / "bag"}}.get(name, {})
+    graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
+    return name, INTERFACES[name]
+
+
+def test_topics_services_and_parameters_are_those_of_the_table(graph, running):
+    name, interface = running
+    never = NEVER_TOGETHER.get(name, set())
+
+    def relative(names_and_types) -> dict[str, str]:
+        named = ((full.removeprefix(f"{graph.namespace}/"), types[0]) for full, types in names_and_types)
+        return {topic: kind for topic, kind in named if topic not in OF_EVERY_NODE
+                and topic.removeprefix(f"{name}/") not in OF_MANAGED_NODES}
+
+    def declared(topics) -> dict[str, str]:
+        return {topic.name: topic.type_name for topic in topics
+                if topic.name not in (never | set(OF_EVERY_NODE))}
+
+    node, namespace = graph.node, graph.namespace
+    graph.wait(lambda: (name, namespace) in node.get_node_names_and_namespaces(), f"{name} in the graph")
+    services = {f"{name}/{service.name}": "std_srvs/srv/Trigger" for service in interface.services}
+    graph.wait(lambda: relative(node.get_subscriber_names_and_types_by_node(name, namespace))
+               == declared(interface.inputs), "the inputs of the table")
+    graph.wait(lambda: relative(node.get_publisher_names_and_types_by_node(name, namespace))
+               == declared(interface.outputs), "the outputs of the table")
+    graph.wait(lambda: relative(node.get_service_names_and_types_by_node(name, namespace)) == services,
+               "the services of the table")
+    listed = graph.call(ListParameters, f"{name}/list_parameters", ListParameters.Request()).result.names
+    of_ros = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+    assert {one for one in listed if not one.startswith(of_ros)} == {one.name for one in interface.table}
+    names = [parameter.name for parameter in interface.table]
+    described = graph.call(DescribeParameters, f"{name}/describe_parameters", DescribeParameters.Request(names=names))
+    for parameter, descriptor in zip(interface.table, described.descriptors, strict=True):
+        assert descriptor.description.startswith(parameter.description)
+        assert descriptor.read_only == (not parameter.live)
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_a_page_has_every_section_and_names_everything_in_the_table(name):
+    interface, text = INTERFACES[name], page(INTERFACES[name])
+    for heading in ("Purpose", "Inputs", "Outputs", "Services", "Parameters", "Diagnostics", "Limits"):
+        assert f"\n## {heading}\n" in text
+    named = [*interface.inputs, *interface.outputs, *interface.table]
+    assert all(f"| `{one.name}` |" in text for one in named)
+    assert all(f"| `~/{service.name}` |" in text for service in interface.services)
