@@ -1,46 +1,88 @@
-"""The whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists what can be set."""
+"""The whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists what can be set.
 
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
+An argument that is not given changes nothing: the parameter file, or else the node's own default, decides.
+`srt3d up` does the same in one process, without the launch package.
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
 from launch import LaunchDescription
 
 PACKAGE = "srt3d_ros"
-CONFIG = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "srt3d.yaml"])
+TOPICS = ("photons", "gates", "sensor", "points")
+SWITCH = ("true", "false")
 
 ARGUMENTS = (
+    DeclareLaunchArgument("config", default_value="", description="Parameter file: a path, or the name of one that "
+                          "comes with the package, such as scanner_141x141."),
     DeclareLaunchArgument("namespace", default_value="", description="Namespace of all nodes and topics."),
-    DeclareLaunchArgument("config", default_value=CONFIG, description="Parameter file for all nodes."),
-    DeclareLaunchArgument("photons", default_value="photons", description="Topic of the photons, as events."),
-    DeclareLaunchArgument("gates", default_value="gates", description="Topic of the photons, as gates."),
-    DeclareLaunchArgument("sensor", default_value="sensor", description="Topic of the sensor's description."),
-    DeclareLaunchArgument("device", default_value="auto", description="Where to reconstruct: auto, cpu or cuda."),
-    DeclareLaunchArgument("input", default_value="", description="Photon file or simulator to play; empty: a driver "
-                          "publishes the photons."),
-    DeclareLaunchArgument("record", default_value="", description="Recording (.rrd) to write; empty: none."),
+    DeclareLaunchArgument("sensor_file", default_value="", description="Description of the sensor (.json), for a "
+                          "driver that publishes none."),
+    DeclareLaunchArgument("photons", default_value="", description="Topic of the photons, as events."),
+    DeclareLaunchArgument("gates", default_value="", description="Topic of the photons, as gates."),
+    DeclareLaunchArgument("sensor", default_value="", description="Topic of the sensor's description."),
+    DeclareLaunchArgument("points", default_value="", description="Topic of the clouds."),
+    DeclareLaunchArgument("device", default_value="", description="Where to reconstruct.",
+                          choices=("", "auto", "cpu", "cuda")),
+    DeclareLaunchArgument("input", default_value="", description="Photon file to play, or: simulator. Without, a "
+                          "driver publishes the photons."),
+    DeclareLaunchArgument("record", default_value="", description="Recording (.rrd) to write."),
+    DeclareLaunchArgument("autostart", default_value="", description="Whether the nodes configure and activate "
+                          "themselves; false: a lifecycle manager does.", choices=("", *SWITCH)),
+    DeclareLaunchArgument("use_sim_time", default_value="", description="Whether the clock is the topic /clock.",
+                          choices=("", *SWITCH)),
+    DeclareLaunchArgument("log_level", default_value="info", description="What the nodes log.",
+                          choices=("debug", "info", "warn", "error", "fatal")),
 )
 
-
-def node(executable: str, parameters: dict, only_with: str = "") -> Node:
-    """One of the nodes; with `only_with`, only if that argument is not empty."""
-    remappings = [(topic, LaunchConfiguration(topic)) for topic in ("photons", "gates", "sensor")]
-    values = {key: ParameterValue(LaunchConfiguration(name), value_type=str) for key, name in parameters.items()}
-    condition = IfCondition(NotEqualsSubstitution(LaunchConfiguration(only_with), "")) if only_with else None
-    return Node(package=PACKAGE, executable=executable, name=executable, output="screen",
-                namespace=LaunchConfiguration("namespace"), parameters=[LaunchConfiguration("config"), values],
-                remappings=remappings, condition=condition)
+# Of each node: which parameter an argument sets. The player comes last, so that all listen when it starts.
+NODES = {
+    "recorder": {"path": "record"},
+    "reconstructor": {"device": "device"},
+    "sketcher": {"sensor_file": "sensor_file"},
+    "player": {"input": "input"},
+}
+ONLY_WITH = {"recorder": "record", "player": "input"}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What `ros2 launch` runs. The player comes last, so that all listen when it starts."""
-    return LaunchDescription([
-        *ARGUMENTS,
-        node("recorder", {"path": "record"}, only_with="record"),
-        node("reconstructor", {"device": "device"}),
-        node("sketcher", {}),
-        node("player", {"input": "input"}, only_with="input"),
-    ])
+    """What `ros2 launch` runs."""
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=pipeline)])
+
+
+def pipeline(context) -> list[Node]:
+    """The nodes, by what was given."""
+    given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
+    given = {name: value for name, value in given.items() if value}
+    files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
+    remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
+    switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
+    return [
+        Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
+             parameters=[*files, switches | texts(given, parameters)], remappings=remappings,
+             ros_arguments=["--log-level", given["log_level"]], on_exit=ended)
+        for name, parameters in NODES.items() if name not in ONLY_WITH or ONLY_WITH[name] in given]
+
+
+def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, ParameterValue]:
+    """Parameters that are texts, whatever they look like: a file may be called 1.0."""
+    return {parameter: ParameterValue(given[argument], value_type=str)
+            for parameter, argument in parameters.items() if argument in given}
+
+
+def config_file(config: str) -> str:
+    """The path of a parameter file, given so or by its name in share/srt3d_ros/config."""
+    shipped = Path(get_package_share_directory(PACKAGE), "config", f"{config}.yaml")
+    return str(shipped) if shipped.is_file() else config
+
+
+def ended(event, context) -> Shutdown | None:
+    """A pipeline that has lost a node is of no use; but a player may come to its end."""
+    if event.process_name.startswith("player-") and event.returncode == 0:
+        return None
+    return Shutdown(reason=f"{event.process_name} has ended")

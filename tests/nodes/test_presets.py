@@ -1,0 +1,54 @@
+"""The parameter files for kinds of sensors: what they set exists, may be set, and is explained."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.nodes.tables import INTERFACES
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PRESETS = sorted(path for path in (REPOSITORY / "config").glob("*.yaml") if path.stem != "srt3d")
+MESSAGE_MB = 32         # of `photons`, `gates` or `sketch`: what the shared memory between two nodes is made for
+
+
+@pytest.fixture(params=PRESETS, ids=lambda path: path.stem)
+def preset(request) -> Path:
+    return request.param
+
+
+def settings(preset: Path) -> dict[str, dict]:
+    """The values that a file sets, by node."""
+    return {key.removeprefix("/**/"): content["ros__parameters"]
+            for key, content in yaml.safe_load(preset.read_text()).items()}
+
+
+def test_there_is_one_for_an_array_of_gates_a_scanner_and_a_large_array():
+    assert [path.stem for path in PRESETS] == ["array_512x512", "scanner_141x141", "spad_32x32_gates"]
+
+
+def test_every_value_is_of_a_parameter_that_takes_it(preset):
+    for node, values in settings(preset).items():
+        table = {parameter.name: parameter for parameter in INTERFACES[node].table}
+        for name, value in values.items():
+            assert table[name].check(value) == value
+
+
+def test_every_value_says_why(preset):
+    lines = preset.read_text().splitlines()
+    values = [number for number, line in enumerate(lines) if line.startswith("    ") and not line.startswith("    #")]
+    assert len(values) == sum(map(len, settings(preset).values()))
+    for number in values:
+        assert lines[number - 1].startswith("    # "), lines[number]
+
+
+def test_a_sensor_of_the_same_name_is_described(preset):
+    sensor = open_sensor(preset.with_name("sensors") / f"{preset.stem}.json")
+    rows, cols = map(int, preset.stem.split("_")[1].split("x"))
+    assert (sensor.rows, sensor.cols) == (rows, cols)
+    assert (sensor.gates is not None) == preset.stem.endswith("gates")
+    assert f"T = {sensor.num_bins} " in preset.read_text().splitlines()[0] + preset.read_text().splitlines()[1]
+    sketcher = settings(preset)["sketcher"]
+    numbers = 2 * sketcher["sketch_size"]
+    assert sensor.pixels * (4 + numbers * (2 if sketcher.get("layout") == "int16" else 4)) < MESSAGE_MB * 2**20
