@@ -53,7 +53,7 @@ def nodes_of(process: psutil.Popen) -> dict[str, psutil.Process]:
     found = {}
     for child in process.children():
         try:
-            found[child.cmdline()[2].rpartition(".")[2]] = child
+            found[child.cmdline()[4]] = child
         except (psutil.NoSuchProcess, IndexError):
             pass
     return found

@@ -6,7 +6,7 @@ import os
 import sys
 
 from srt3d_ros import __version__
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, printable
 
 # Each is a module here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported:
 # a node needs nothing of the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     except OSError as error:
         if error.filename is None:
             raise
-        return _say(f"{error.filename}: {error.strerror}", BAD_INPUT)
+        return _say(printable(f"{error.filename}: {error.strerror}"), BAD_INPUT)
     except ModuleNotFoundError as error:
         if error.name not in EXTRAS:
             raise

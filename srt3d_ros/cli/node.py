@@ -3,6 +3,8 @@
 import argparse
 import importlib
 import json
+import os
+import signal
 import sys
 
 NODES = ("player", "sketcher", "reconstructor", "recorder")
@@ -17,6 +19,10 @@ def add_parser(subparsers) -> None:
 
 def start(name: str, ros_args: list[str]) -> int:
     """Run a node in this process until it ends; returns its exit code."""
+    # While its module is imported, which takes seconds, nothing has begun that would need an orderly end, and an
+    # exception in the middle of an extension module's import can become any other. The node sets handlers of its own.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: os._exit(0))
     sys.argv = [name, *ros_args]
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
 

@@ -55,7 +55,7 @@ class Processes:
 
     def start(self, name: str, **parameters) -> None:
         """Start the node with these ROS parameters."""
-        command = [sys.executable, "-m", f"srt3d_ros.nodes.{name}", *parameter_arguments(parameters)]
+        command = [sys.executable, "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters)]
         with self.log(name).open("wb") as log:
             self._running[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 

@@ -43,7 +43,8 @@ class Process:
 
     def __init__(self, command: list[str]):
         self.lines: list[str] = []
-        environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONUNBUFFERED": "1"}
+        path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(REPOSITORY)]))
+        environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                                          cwd=REPOSITORY, env=environment)
         self.pid = self._process.pid
@@ -127,7 +128,7 @@ class Graph:
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
         """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
-        program = [name] if name.endswith(".py") else ["-m", f"srt3d_ros.nodes.{name}"]
+        program = [name] if name.endswith(".py") else ["-m", "srt3d_ros.cli.main", "node", name]
         command = [sys.executable, *program, "--ros-args", "-r", f"__ns:={self.namespace}"]
         for key, value in parameters.items():
             command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]

@@ -113,3 +113,14 @@ def test_a_mistake_of_ours_is_a_traceback_and_exit_code_1(start):
     probe = start(start="self.nothing")
     assert probe.code() == 1
     assert "AttributeError" in probe.text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["numpy", "rclpy"])
+def test_a_signal_during_imports_ends_the_process_without_a_word(graph, monkeypatch, tmp_path, number, module):
+    """A module of that name, found before the real one, says that it is being imported and takes its time."""
+    (tmp_path / f"{module}.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(600)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    node = graph.start("sketcher").says("importing")
+    assert node.end(number) == 0
+    assert node.lines == ["importing"]
