@@ -49,6 +49,7 @@ class Framing:
     """
 
     def __init__(self, packets: int = 1, period_ns: int = 0, gap_ns: int = 10**9):
+        self.settings = packets, period_ns, gap_ns
         self._period_ns, self._gap_ns = period_ns, gap_ns
         self._packets = 0 if period_ns and packets == AS_MANY_AS_COME else packets
         self.clear()

@@ -33,6 +33,7 @@ class WindowSketcher(Sketcher):
         self._before: deque[Sums | None] = deque([None])
         self._stamps_ns: deque[int] = deque()
         self._difference: Sums | None = None
+        self.newest_photons = 0                 # of the frame that ended last
         self.resize(window_frames)
 
     def resize(self, window_frames: int) -> None:
@@ -52,6 +53,8 @@ class WindowSketcher(Sketcher):
 
     def end_frame(self) -> Sketch:
         """The sketch of the window whose last frame ends here; the next frame is open then."""
+        before = self._before[-1]
+        self.newest_photons = int((self._photons if before is None else self._photons - before[1]).sum())
         self._stamps_ns.append(self._stamp_ns or 0)
         self._stamp_ns = min(self._stamps_ns)
         sketch = self._sketch_since(self._before[0])

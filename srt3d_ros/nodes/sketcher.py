@@ -1,40 +1,56 @@
 """sketcher: `photons` or `gates` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
 
 import sys
-from collections import deque
-from functools import reduce
-from operator import add
+from dataclasses import replace
 
 import numpy as np
+from rclpy.serialization import deserialize_message
+from rclpy.timer import Timer
+from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
+from srt3d_ros.core.framing import Framing
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
 from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
+from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
-from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
+from srt3d_ros.core.window import WindowSketcher
+from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.camera import decode_camera_info
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
 from srt3d_ros.nodes.interface import LOSSLESS, Interface, Service
-from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
 
 PARAMETERS = (
+    Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, or "
+              "a photon file.", form="a path"),
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
-              "them.", low=1, high=MAX_SKETCH_SIZE),
+              "them.", low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
               "IRF, spread to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
-              form="auto, spread, consecutive or integers such as 1,2,5"),
-    Parameter("packets_per_frame", 1, "Messages that make one frame.", low=1, high=100_000),
+              form="auto, spread, consecutive or integers such as 1,2,5", live=True),
+    Parameter("packets_per_frame", 1, "Messages that make one frame; with frame_period_s, 1 is for as many as come.",
+              low=1, high=100_000, live=True),
+    Parameter("frame_period_s", 0.0, "Frames by stamp: each holds the stamps of one period and ends with the first "
+              "packet of a later one, or with packets_per_frame if all come. Where the packets of a frame share its "
+              "stamp, anything up to the time between frames. 0: frames by number only.", "s", 0, 1000, live=True),
+    Parameter("silence_s", 0.5, "With frame_period_s: a frame also ends after so long without a packet.", "s", 0.05,
+              1000, live=True),
+    Parameter("gap_s", 1.0, "Stamps that fall back or leap ahead by more say that driver, bag or clock began again: "
+              "frame and window begin anew. More than the time between packets.", "s", 1e-3, 10_000, live=True),
     Parameter("window_frames", 1, "Frames that each sketch covers, the newest and those before it: a sliding window.",
-              low=1, high=1000),
+              low=1, high=1000, live=True),
     Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
-              choices=("float32", "int16")),
+              choices=("float32", "int16"), live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     LOSSLESS,
 )
@@ -43,93 +59,217 @@ INTERFACE = Interface(
     "sketcher",
     purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
-    inputs=(topics.SENSOR, topics.PHOTONS, topics.GATES),
-    outputs=(topics.SKETCH_SENSOR, topics.SKETCH),
+    inputs=(topics.SENSOR, topics.LENS, topics.PHOTONS, topics.GATES),
+    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     services=(Service("reset", "forget the photons of the frame and of the window under way"),),
     parameters=PARAMETERS,
-    limits=("`photons` and `gates` of one sensor only; two sensors take two namespaces.",),
+    limits=(
+        "`photons` and `gates` of one sensor only; two sensors take two namespaces.",
+        "Packets of the open frame may come in any order. Dropped, and counted, are those older than the last frame "
+        "(`late`), those that are in the open frame or the one before to the last byte (`duplicate`; not where every "
+        "packet is a frame), and those of a frame that never got its number of packets (`incomplete`).",
+        "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
+        "Another sensor, other frequencies, and stamps that begin again start a new window.",
+    ),
 )
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
+LISTEN_FOR_SILENCE_S = 0.05
+STAMP = slice(4, 12)        # of a serialised message with a header
 
 
 class SketcherNode(PipelineNode):
-    """Follows the latched `sensor`, also when it changes, and publishes `sketch/sensor` and a `sketch` a frame."""
+    """Follows `sensor` and the lens, also when they change, and publishes `sketch/sensor` and a `sketch` a frame.
+
+    Every packet that came in is in a published frame, in the open one, or dropped for a cause:
+    frames_in = packets + packets_open + dropped, once none waits.
+    """
 
     interface = INTERFACE
-    _sketcher: Sketcher | None = None
+    _described: SensorModel | None = None       # as on `sensor`
+    _lens: tuple[int, int, Pinhole] | None = None
+    _sensor: SensorModel | None = None          # what both make
+    _sketcher: WindowSketcher | None = None     # None while photons cannot be used
+    _silence: Timer | None = None
 
     def configure(self) -> None:
         """Compile and advertise."""
-        self._frequencies_for(ANY_SENSOR)       # a list that no sensor could use is refused now
+        self._check(self.parameters.as_dict())
         warm_up()
-        self._window: deque[Sketch] = deque(maxlen=self.parameters["window_frames"])
+        path = self.parameters["sensor_file"]
+        self._from_file = sensor_message.encode(open_sensor(path)) if path else None
+        if path:
+            self._file_sensor = self.advertise("sensor")
         self._sketches = self.advertise("sketch")
         self._sketch_sensor = self.advertise("sketch/sensor")
         self.serve("reset", self._reset)
+        self.parameters.on_check = self._check
+        self.parameters.on_change = lambda: self.worker.call(self._adopt)
 
     def activate(self) -> None:
         """Follow the sensor and its photons."""
-        self._sensor: SensorModel | None = None
-        self._sketcher = None
-        self._packets = 0
+        self._framing = self._make_framing()
+        self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
         self.hold_frames_for("a sensor description on sensor")
+        if self._from_file is not None:
+            self._file_sensor.publish(self._from_file)      # also to this node: who follows a file follows the topic
+        self._echo = self._from_file and self._from_file.data
         self.follow("sensor", self._on_sensor)
-        self.subscribe("photons", lambda raw: self._on_frame(raw, photons_message))
-        self.subscribe("gates", lambda raw: self._on_frame(raw, gates_message))
+        self.listen("sensor/camera_info", self._hear_camera_info)
+        self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message))
+        self.subscribe("gates", lambda raw: self._on_packet(raw, gates_message))
+        self._silence = self.create_timer(LISTEN_FOR_SILENCE_S, self._listen_for_silence)
+
+    def deactivate(self) -> None:
+        """As all nodes do; and listen no more."""
+        super().deactivate()
+        self.destroy_timer(self._silence)
+        self._described = self._lens = self._sensor = self._sketcher = None
 
     def forget(self) -> None:
         """Begin a new frame and a new window."""
-        if self._sketcher is not None:
-            self._sketcher.reset()
-        self._packets = 0
-        self._window.clear()
+        self._give_up(self._framing.open)
+        self._framing.clear()
 
     def _reset(self) -> str:
         self.forget()
         return "a new frame begins"
 
-    def _frequencies_for(self, sensor: SensorModel) -> tuple[int, ...]:
-        spec, size = self.parameters["frequencies"], self.parameters["sketch_size"]
-        return choose(spec, sensor, size if spec in RULES else None)
+    # ---- What the photons are sketched with
 
     def _on_sensor(self, message: String) -> None:
-        sensor = sensor_message.decode(message)
-        if sensor.same_as(self._sensor):
+        if message.data == self._echo:              # the file's, which comes back once
+            self._echo = None
+            if self._described is not None:
+                return
+        elif self._from_file is not None:
+            self.get_logger().info("the description on sensor is used instead of sensor_file")
+        self._described = sensor_message.decode(message)
+        self._look()
+
+    def _hear_camera_info(self, raw: bytes) -> None:
+        content = raw[:STAMP.start] + raw[STAMP.stop:]
+        if content != self._last_camera_info:       # most drivers send the same with every image
+            self._last_camera_info = content
+            self.worker.call(self._on_camera_info, raw)
+
+    def _on_camera_info(self, raw: bytes) -> None:
+        self._lens = None
+        try:
+            self._lens = decode_camera_info(deserialize_message(raw, CameraInfo))
+        except InvalidInput as problem:
+            self._refuse_lens(str(problem))
+        self._look()
+
+    def _refuse_lens(self, problem: str) -> None:
+        self.diagnostics.count(camera_info_refused=1)
+        self.diagnostics.note(problem)
+        self.get_logger().warning(f"sensor/camera_info is not used: {problem}")
+
+    def _look(self) -> None:
+        """Put sensor and lens together."""
+        if self._described is None:
             return
-        chosen = self._frequencies_for(sensor)
-        self._sketcher = Sketcher(sensor, chosen)
-        self._sensor = sensor
-        self._packets = 0
-        self._window.clear()
-        self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, chosen, self._window.maxlen))
-        self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins,
-                              frequencies=" ".join(map(str, chosen)))
+        self._sensor = self._described
+        if self._lens is not None:
+            rows, cols, lens = self._lens
+            if (rows, cols) == (self._sensor.rows, self._sensor.cols):
+                self._sensor = self._sensor.replace(projection=lens)
+            else:
+                self._refuse_lens(f"its pixels are {rows} × {cols}: expected {self._sensor.rows} × {self._sensor.cols}")
+        self._adopt()
+
+    def _adopt(self) -> None:
+        """Sketch from now on as sensor and parameters say; what they leave as it was goes on."""
+        values, framing = self.parameters.as_dict(), self._make_framing()
+        if framing.settings != self._framing.settings:
+            self.forget()
+            self._framing = framing
+        if self._sensor is None:
+            return
+        before, self._sketcher = self._sketcher, None       # of no use, unless what follows succeeds
+        frequencies, frames = frequencies_for(self._sensor, values), values["window_frames"]
+        if before is None or frequencies != before.frequencies or not self._sensor.same_as(before.sensor):
+            self.forget()
+            self._sketcher = WindowSketcher(self._sensor, frequencies, frames)
+        else:
+            self._sketcher = before
+            if frames == before.window_frames:
+                return
+            before.resize(frames)
+        self._sketch_sensor.publish(sketch_message.encode_sensor(self._sensor, frequencies, frames))
+        self.diagnostics.show(rows=self._sensor.rows, cols=self._sensor.cols, num_bins=self._sensor.num_bins,
+                              window_frames=frames, frequencies=" ".join(map(str, frequencies)))
         self.release_frames()
 
-    def _on_frame(self, raw: bytes, codec) -> None:
-        if self._sketcher is None:
-            raise Dropped("no_sensor", "nobody has described the sensor on `sensor` yet")
-        header, frame = codec.decode_cdr(raw, self._sensor)
-        self._sketcher.add(frame)
-        self._packets += 1
-        if self._packets < self.parameters["packets_per_frame"]:
-            return
-        newest = self._sketcher.sketch()
-        self._sketcher.reset()
-        self._packets = 0
-        self._window.append(newest)
-        self._publish(reduce(add, self._window), self.parameters["frame_id"] or header.frame_id)
-        self.diagnostics.count(photons=int(newest.photons.sum()))
+    def _check(self, values: dict[str, Value]) -> None:
+        """Refuse parameters that the present sensor, or that no sensor, could be sketched with."""
+        sensor = self._sensor or ANY_SENSOR
+        WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
 
-    def _publish(self, sketch: Sketch, frame_id: str) -> None:
+    def _make_framing(self) -> Framing:
+        values = self.parameters
+        return Framing(values["packets_per_frame"], round(values["frame_period_s"] * 1e9), round(values["gap_s"] * 1e9))
+
+    # ---- Packets
+
+    def _on_packet(self, raw: bytes, codec) -> None:
+        self._last_packet_ns = self.now_ns()
+        if self._sketcher is None:
+            raise Dropped("no_sensor", "there is no description of the sensor that can be used")
+        header, photons = codec.decode_cdr(raw, self._sketcher.sensor)
+        placed = self._framing.place(header.stamp_ns, raw)
+        if placed.ended:
+            self._end_frame(placed.ended)
+        if placed.began_again:
+            self.get_logger().info("stamps began again, and so do frame and window", throttle_duration_sec=LOG_EVERY_S)
+            self._give_up(placed.forgotten)
+        if placed.dropped:
+            self.diagnostics.drop(placed.dropped)
+            return
+        self._sketcher.add(photons)
+        self._frame_id = header.frame_id
+        if placed.completed:
+            self._end_frame(placed.completed)
+        self.diagnostics.show(packets_open=self._framing.open)
+
+    def _listen_for_silence(self) -> None:
+        if self._framing.open and self._is_silent():
+            self.worker.call(self._end_of_silence)
+
+    def _is_silent(self) -> bool:
+        return self.now_ns() - self._last_packet_ns > self.parameters["silence_s"] * 1e9
+
+    def _end_of_silence(self) -> None:
+        if self._is_silent() and (packets := self._framing.end_of_silence()):
+            self._end_frame(packets)
+            self.diagnostics.show(packets_open=0)
+
+    def _end_frame(self, packets: int) -> None:
+        sketch = self._sketcher.end_frame()
+        self.diagnostics.count(packets=packets, photons=self._sketcher.newest_photons)
+        frame_id = self.parameters["frame_id"] or self._frame_id
         data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
         self.publish_frame(self._sketches, data, sketch.stamp_ns)
+
+    def _give_up(self, packets: int) -> None:
+        """Forget the open frame, which has so many packets, and the window."""
+        if packets:
+            self.diagnostics.drop("incomplete", packets)
+        self.diagnostics.show(packets_open=0)
+        if self._sketcher is not None:
+            self._sketcher.reset()
+
+
+def frequencies_for(sensor: SensorModel, values: dict[str, Value]) -> tuple[int, ...]:
+    """What the parameters mean for a sensor; InvalidInput if it cannot be sketched so."""
+    spec = values["frequencies"]
+    return choose(spec, sensor, values["sketch_size"] if spec in RULES else None)
 
 
 def warm_up() -> None:
     """Sketch photons in every form in which they may arrive, so that nothing is compiled while frames wait."""
-    sketcher = Sketcher(ANY_SENSOR, (1,))
+    sketcher = WindowSketcher(ANY_SENSOR, (1,))
     sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
     for toa_dtype in TOA_DTYPES:
         for pixels in ([0, 1], [1, 0]):         # sorted and not

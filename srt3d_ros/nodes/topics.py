@@ -7,6 +7,8 @@ from std_msgs.msg import String
 from srt3d_ros.nodes.interface import Topic
 
 SENSOR = Topic("sensor", String, "the sensor's description (JSON)", latched=True)
+LENS = Topic("sensor/camera_info", CameraInfo, "the sensor's pinhole and lens, instead of the description's projection",
+             when="a calibrated camera publishes it")
 PHOTONS = Topic("photons", PointCloud2, "photons as events: row, col, time of arrival (ToA)")
 GATES = Topic("gates", Image, "photons as the ToA words of a gated SPAD array")
 SKETCH_SENSOR = Topic("sketch/sensor", String, "sensor, frequencies and window of the sketches (JSON)", latched=True)
@@ -14,7 +16,8 @@ SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and 
 POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")
 WATCHED = "while somebody subscribes"
 IMAGES = (
-    Topic("depth", Image, "metres to the strongest point of each pixel", when=WATCHED),
+    Topic("depth", Image, "metres to the strongest point of each pixel: z of a pinhole sensor, range of a scanner",
+          when=WATCHED),
     Topic("intensity", Image, "signal photons of the strongest point of each pixel", when=WATCHED),
     Topic("background", Image, "background photons of each pixel", when=WATCHED),
 )

@@ -49,8 +49,10 @@ def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
 @pytest.mark.parametrize("width", [1, 2, 5, 50])
 def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
     sent = frames(20)
-    for k, sketch in enumerate(slide(WindowSketcher(SENSOR, FREQUENCIES, width), sent)):
+    sketcher = WindowSketcher(SENSOR, FREQUENCIES, width)
+    for k, sketch in enumerate(slide(sketcher, sent)):
         assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
+    assert sketcher.newest_photons == sent[-1].photons
 
 
 def test_sums_that_run_over_change_nothing():

@@ -11,8 +11,9 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_transition_graph", "transition_event", "describe_parameters", "get_parameter_types",
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
-EVERYTHING = {"player": {"lossless": True}}       # parameters with which a node has all its topics
-NEVER_TOGETHER = {"player": {"gates"}}
+EVERYTHING = {"player": {"lossless": True},       # parameters with which a node has all its topics
+              "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json"}}
+NEVER_TOGETHER = {"player": {"gates", "/clock"}}
 
 
 @pytest.fixture(params=INTERFACES)

@@ -3,17 +3,23 @@
 import dataclasses
 
 import numpy as np
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.camera import camera_info
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -95,6 +101,84 @@ def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
     decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
     assert [header.stamp_ns - STAMP_NS for header, _ in decoded] == [0, 0, 0, 2]     # of the window's first photons
     assert [int(sketch.photons[0, 0]) for _, sketch in decoded] == [80, 160, 240, 240]
+    np.testing.assert_array_equal(decoded[2][1].sums, decoded[3][1].sums)            # to the bit: the same photons
+
+
+def test_frames_by_stamp_and_every_packet_in_the_books(graph, sensor, events):
+    sketches = graph.collect(PointCloud2, "sketch")
+    process = graph.start("sketcher", frame_period_s=0.1, silence_s=0.3, lossless=True).ready()
+    _, frequencies, _ = graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+
+    def send(*stamps_ms):
+        for stamp in stamps_ms:
+            photons.publish(photons_at(events, sensor, STAMP_NS + stamp * 1_000_000))
+
+    def frames():
+        decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
+        return [((header.stamp_ns - STAMP_NS) // 1_000_000, int(sketch.photons[0, 0]) // 40)
+                for header, sketch in decoded]
+
+    send(0, 20, 60, 40, 40, 100, 60, 140)       # out of order, a double, and one that is late
+    graph.wait(lambda: len(frames()) == 2, "the second frame, which only silence ends")
+    assert frames() == [(0, 4), (100, 2)]
+    send(220, -5000, -4980)                     # began again: the open frame ends with what it has
+    graph.wait(lambda: len(frames()) == 4, "the first frame after the beginning")
+    assert frames()[2:] == [(220, 1), (-5000, 2)] and "stamps began again" in process.text
+    report = graph.reports("sketcher", "frames_out", 4)
+    expected = {"frames_in": 11, "packets": 9, "packets_open": 0, "photons": 9 * events.photons, "dropped.late": 1,
+                "dropped.duplicate": 1, "dropped": 2, "errors": 0}
+    assert {key: int(report[key]) for key in expected} == expected
+
+
+def test_a_frame_that_never_gets_its_packets_is_counted_and_a_reset_gives_one_up(graph, sensor, events):
+    sketches = graph.collect(PointCloud2, "sketch")
+    graph.start("sketcher", packets_per_frame=3, window_frames=2, lossless=True).ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+
+    def send(*stamps_s):
+        for stamp in stamps_s:
+            photons.publish(photons_at(events, sensor, STAMP_NS + round(stamp * 1e9)))
+
+    send(0, 0.1, 0.2, 0.3, 0.4, 60, 60.1, 60.2)         # the driver began again when 0.3 and 0.4 waited for a third
+    graph.wait(lambda: len(sketches) == 2, "two frames")
+    send(60.3, 60.4)
+    graph.reports("sketcher", "packets_open", 2)
+    assert graph.call(Trigger, "sketcher/reset", Trigger.Request()).success
+    send(60.5, 60.6, 60.7)
+    graph.wait(lambda: len(sketches) == 3, "a frame after the reset")
+    assert [int(np.frombuffer(sketch.data, np.uint32, 1)[0]) for sketch in sketches] == [120] * 3      # no old windows
+    report = graph.reports("sketcher", "frames_out", 3)
+    assert [int(report[key]) for key in ("frames_in", "packets", "packets_open", "dropped.incomplete")] == [13, 9, 0, 4]
+
+
+def test_the_sensor_may_come_from_a_file_and_its_lens_from_a_camera_info(graph, sensor, events, tmp_path):
+    path = tmp_path / "spad.json"
+    path.write_text(sensor_message.encode(sensor).data)
+    described = graph.collect_latched(String, "sketch/sensor")
+    published = graph.collect_latched(String, "sensor")
+    process = graph.start("sketcher", sensor_file=path).ready()
+    graph.wait(lambda: described and published, "the sensor of the file")
+    assert sketch_message.decode_sensor(described[0])[0].same_as(sensor) and published[0].data == path.read_text()
+
+    cameras = graph.matched(graph.publisher(CameraInfo, "sensor/camera_info"))
+    lens = Pinhole(30.0, 31.0, 5.5, 7.5, PlumbBob(k1=-0.1))
+    for stamp_ns in (0, 1, 2):
+        cameras.publish(camera_info(sensor.replace(projection=lens), stamp_ns, "spad"))
+    graph.wait(lambda: len(described) == 2, "the sensor with the lens")
+    wrong = sensor.replace(rows=8, projection=lens)
+    for stamp_ns in (3, 4):
+        cameras.publish(camera_info(wrong, stamp_ns, "spad"))
+    graph.wait(lambda: len(described) == 3, "the sensor without a lens that does not fit")
+    graph.reports("sketcher", "camera_info_refused", 1)
+    assert "its pixels are 8 × 12: expected 16 × 12" in process.text
+    assert [sketch_message.decode_sensor(message)[0].projection for message in described[1:]] == [
+        lens, sensor.projection]
+
+    other = sensor.replace(num_bins=64)
+    assert graph.introduce(other)[0].same_as(other)
+    assert "used instead of sensor_file" in process.text and graph.report("sketcher")["errors"] == "0"
 
 
 def test_lossless_keeps_photons_that_come_before_their_sensor(graph, sensor, events):
@@ -136,25 +220,36 @@ def test_a_bad_parameter_ends_the_start_with_one_line(graph):
     assert len(process.lines) == 1 and process.text.startswith("frequencies is banana: expected auto")
 
 
-def test_live_parameters_change_and_the_others_refuse_with_a_reason(graph, sensor, events):
+def test_live_parameters_change_between_frames_and_what_the_sensor_cannot_have_is_refused(graph, sensor, events):
     sketches = graph.collect(PointCloud2, "sketch")
+    described = graph.collect_latched(String, "sketch/sensor")
     qos = f"qos_overrides.{graph.namespace}/photons.subscription.reliability:=best_effort"
     process = graph.start("sketcher", "-p", qos, sketch_sise=3).ready()
     graph.introduce(sensor)
     reader, = graph.node.get_subscriptions_info_by_topic("photons")
     assert reader.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     assert "sketcher has no such parameter, did you mean sketch_size?" in process.text
-    client = graph.node.create_client(SetParameters, "sketcher/set_parameters")
-    assert client.wait_for_service(60)
 
-    def set_parameter(name, value):
-        future = client.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
-        graph.wait(future.done, "the answer")
-        return future.result().results[0]
+    def set_parameters(**values):
+        changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        return graph.call(SetParametersAtomically, "sketcher/set_parameters_atomically",
+                          SetParametersAtomically.Request(parameters=changes)).result
 
-    assert set_parameter("frame_id", "mast").successful
-    refused = set_parameter("sketch_size", 5)
-    assert not refused.successful and "read-only" in refused.reason
-    graph.matched(photons := graph.publisher(PointCloud2, "photons")).publish(photons_at(events, sensor, STAMP_NS))
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    photons.publish(photons_at(events, sensor, STAMP_NS))
     graph.wait(lambda: sketches, "a sketch")
-    assert sketches[0].header.frame_id == "mast" and photons
+    changes = {"frequencies": "1,4,9", "window_frames": 5, "layout": "int16", "frame_id": "mast"}
+    assert set_parameters(**changes).successful
+    graph.wait(lambda: len(described) == 2, "the new description")
+    assert sketch_message.decode_sensor(described[1])[1:] == ((1, 4, 9), 5)
+    photons.publish(photons_at(events, sensor, STAMP_NS + 1))
+    graph.wait(lambda: len(sketches) == 2, "a sketch of the new kind")
+    assert sketches[1].header.frame_id == "mast" and sketches[1].point_step == 4 + 4 * 3
+
+    for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
+                           ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
+                           ({"packets_per_frame": 0}, "packets_per_frame out of range"),
+                           ({"lossless": True}, "read-only")):
+        refused = set_parameters(**values)
+        assert not refused.successful and reason in refused.reason
+    assert graph.report("sketcher")["errors"] == "0" and len(described) == 2
