@@ -1,31 +1,46 @@
-"""`srt3d play`: the player node with ordinary options, for a photon file or the simulator."""
+"""`srt3d play`: the player node with ordinary options, for a photon file, a bag or the simulator."""
 
 import argparse
 
 from srt3d_ros.cli import node
 
-PARAMETERS = ("input", "rate_hz", "duration_s", "frames", "loop", "lossless", "output")
+PARAMETERS = ("input", "rate_hz", "duration_s", "frames", "loop", "lossless", "output", "bag_rate", "bag_loop",
+              "bag_start_s", "bag_stamps", "bag_photons_topic", "clock")
 
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "play", help="publish photons over ROS 2, from a photon file or the simulator",
-        description="Publish the photons of a file, or of the simulator's moving scene, as a sensor's driver would. "
-                    "What is left out keeps the default of the player node.")
-    parser.add_argument("input", metavar="INPUT", help="photon file (.npz, or .mat as published), or: simulator")
-    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
+        "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
+        description="Publish the photons of a file, of a bag, or of the simulator's moving scene, as a sensor's driver "
+                    "would. What is left out keeps the default of the player node.")
+    parser.add_argument("input", metavar="INPUT", help="photon file (.npz, or .mat as published), a bag (its folder, "
+                                                       ".mcap or .db3 file), or: simulator")
     parser.add_argument("--duration-s", type=float, metavar="S", help="stop after this time")
     parser.add_argument("--frames", type=int, metavar="N", help="stop after this many frames")
-    parser.add_argument("--loop", action=argparse.BooleanOptionalAction, help="send a file's frame again and again")
+    parser.add_argument("--loop", action=argparse.BooleanOptionalAction,
+                        help="begin again at the end (a file's one frame: yes; a bag: no)")
     parser.add_argument("--lossless", action="store_const", const=True,
                         help="wait for the pipeline instead of leaving frames behind")
-    parser.add_argument("--gates", dest="output", action="store_const", const="gates",
+    frames = parser.add_argument_group("files and the simulator")
+    frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
+    frames.add_argument("--gates", dest="output", action="store_const", const="gates",
                         help="publish `gates`, as a SPAD array reads out, instead of `photons`")
+    bags = parser.add_argument_group("bags (docs/bags.md)")
+    bags.add_argument("--rate", dest="bag_rate", type=float, metavar="X",
+                      help="pace, 1 as recorded; 0 with --lossless: as fast as the pipeline answers")
+    bags.add_argument("--start-s", dest="bag_start_s", type=float, metavar="S", help="begin this long after the start")
+    bags.add_argument("--stamps", dest="bag_stamps", choices=("original", "now"),
+                      help="as recorded, or as if the photons were acquired now")
+    bags.add_argument("--photons-topic", dest="bag_photons_topic", metavar="TOPIC",
+                      help="where the photons are, if the bag has several topics of them")
+    bags.add_argument("--clock", action="store_const", const=True,
+                      help="publish the bag's time on /clock, for nodes with use_sim_time")
     parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
                         help="the rest goes to ROS 2: remapping, parameters, …")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
+    args.bag_loop = args.loop       # one of the two is the input's
     given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
     return node.start("player", [*node.parameter_arguments(given), *args.ros_args])

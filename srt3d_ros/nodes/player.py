@@ -1,44 +1,41 @@
-"""player: a photon file or the simulator → `photons` or `gates`, with the latched `sensor`, at a rate."""
+"""player: a photon file, the simulator or a bag → `photons` or `gates`, with the latched `sensor`, at a pace."""
 
-import math
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import count
 
+from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
+from rclpy.time import Time
+from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock as ClockMessage
 
-from srt3d_ros import datasets
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
-from srt3d_ros.nodes.interface import LOSSLESS, Interface
-from srt3d_ros.nodes.parameters import Parameter, Parameters
+from srt3d_ros.nodes.interface import LOSSLESS, Interface, Topic
+from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.sources import SIMULATOR, Item, open_source
 
-SIMULATOR = "simulator"
 ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: whoever had them is gone
 ACKNOWLEDGE_S = 5.0
+CLOCK_PERIOD_S = 0.01
+LONG_AGO_S = 60.0           # stamps this old are of another time
 
 PARAMETERS = (
-    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), or the simulator's moving scene.",
-              form="a path or simulator"),
-    Parameter("output", "photons", "Topic and form to send in; gates suit small arrays with few photons a pixel.",
-              choices=("photons", "gates")),
-    Parameter("rate_hz", 10.0, "Frames a second; 0 with `lossless`: as fast as they are answered.", "Hz", 0, 10_000),
-    Parameter("loop", True, "Send a file's frame again and again; the simulator never ends."),
+    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), a bag (its folder, .mcap or .db3 file), "
+              "or the simulator's moving scene.", form="a path or simulator"),
+    Parameter("output", "photons", "File and simulator: topic and form to send in; gates suit small arrays with few "
+              "photons a pixel.", choices=("photons", "gates")),
+    Parameter("rate_hz", 10.0, "File and simulator: frames a second; 0 with `lossless`: as fast as they are answered.",
+              "Hz", 0, 10_000),
+    Parameter("loop", True, "File: send its frame again and again; the simulator never ends, bags have `bag_loop`."),
     Parameter("frames", 0, "Frames to send, then exit; 0: no limit.", low=0, high=10**9),
-    Parameter("duration_s", 0.0, "Time to send for, then exit; 0: no limit. Needs a rate.", "s", 0, 10**6),
+    Parameter("duration_s", 0.0, "Time to send for, a bag's own, then exit; 0: no limit. Needs a rate.", "s", 0, 10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
     Parameter("in_flight", 4, "When lossless: frames sent that `points` may still have to answer; more than "
@@ -50,52 +47,89 @@ PARAMETERS = (
     Parameter("bin_width_s", 0.0, "File: bin width, where the file does not say.", "s", 0, 1),
     Parameter("irf", "", "File: path of the IRF (.npy or .npz), where the file has none.", form="a path"),
     Parameter("fov_deg", 0.0, "File: field of view of the larger side, where the file does not say.", "deg", 0, 179),
-    Parameter("frame_id", "", "tf frame of the photons; that of the file or simulator if empty."),
+    Parameter("frame_id", "", "File and simulator: tf frame of the photons; their own if empty."),
+    Parameter("bag_rate", 1.0, "Bag: pace, 1 as recorded, 2 twice as fast; 0 with `lossless`: as fast as frames are "
+              "answered.", low=0, high=1000),
+    Parameter("bag_loop", False, "Bag: begin again at its end."),
+    Parameter("bag_start_s", 0.0, "Bag: where to begin, after its first message.", "s", 0, 10**6),
+    Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
+              choices=("original", "now")),
+    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; found by itself where there is one.",
+              form="a topic's full name"),
+    Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; found by itself beside the photons.",
+              form="a topic's full name"),
+    Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )
 
 INTERFACE = Interface(
     "player",
-    purpose="Plays a photon file, or the simulator's moving scene, as a sensor's driver would, and ends by itself "
-    "after the last frame.",
+    purpose="Plays a photon file, a bag or the simulator's moving scene, as a sensor's driver would, and ends by "
+    "itself after the last frame.",
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
-    outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons"),
-             replace(topics.GATES, when="`output` is gates")),
+    outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons, or the bag has photons"),
+             replace(topics.GATES, when="`output` is gates, or the bag has gates"),
+             Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
-    limits=("At a rate that the machine cannot keep, frames are late; none is skipped.",),
+    limits=("At a rate that the machine cannot keep, frames are late; none is skipped.",
+            "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
+            "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
+            "Of a bag, the photons and their sensor are played and nothing else."),
 )
 
 
 class PlayerNode(PipelineNode):
-    """Sends frame k with the stamp first + k / rate_hz, at that time, and ends by itself after the last."""
+    """Sends what is due when it is due, stamped with the time at which it was due or as it was recorded."""
 
     interface = INTERFACE
 
     def configure(self) -> None:
         """Open the input, describe the sensor."""
-        rate_hz = self.parameters["rate_hz"]
-        require(rate_hz > 0 or self.lossless, "rate_hz", rate_hz, "above 0 Hz, or lossless to send as fast as answered")
-        require(rate_hz > 0 or not self.parameters["duration_s"], "rate_hz", rate_hz, "above 0 Hz with duration_s")
-        sensor, self._frame, notes = open_input(self.parameters)
-        for note in notes:
+        self._source = open_source(self.parameters.as_dict())
+        self._replays = bool(self._source.start_ns) and self.parameters["bag_stamps"] == "original"
+        require(self._replays or not self.parameters["clock"], "clock", True, "false, unless a bag keeps its stamps")
+        for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
-        if self.parameters["output"] == "gates" and sensor.gates is None:
-            sensor = sensor.replace(gates=GateWords())
-        if self.parameters["frame_id"]:
-            sensor = sensor.replace(frame_id=self.parameters["frame_id"])
-        self._sensor = sensor
-        self._encoded: tuple[PhotonEvents, bytes] | None = None
-        self._encode(self._frame(0), 0)     # what cannot be sent is refused before anybody waits for it
         self._unanswered: deque[int] = deque()
-        self._sensor_publisher = self.advertise("sensor")
-        self._sensor_publisher.publish(sensor_message.encode(sensor))
-        self._total = self._frames_to_send()
-        self._publisher = self.advertise(self.parameters["output"])
+        self._recorded = (self._source.start_ns, time.monotonic())
+        self._sensors: Publisher | None = None
+        if self._source.sensor is not None:
+            self._sensors = self.advertise("sensor")
+            self._sensors.publish(self._source.sensor)
+        self._publisher = self.advertise(self._source.output)
+        self._clock_timer: Timer | None = None
+        if self.parameters["clock"]:
+            self._clock_publisher = self.advertise("/clock")
 
     def activate(self) -> None:
         """Begin to play."""
         if self.lossless:
             self._answers = self.listen("points", self._on_answer)
+        if self.parameters["clock"]:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._clock_timer = self.create_timer(CLOCK_PERIOD_S, self._publish_clock, clock=steady)
         self.worker.call(self._play)
+
+    def deactivate(self) -> None:
+        """Stop playing; the next activation begins at the beginning."""
+        super().deactivate()
+        if self._clock_timer is not None:
+            self.destroy_timer(self._clock_timer)
+        self._unanswered.clear()
+
+    def cleanup(self) -> None:
+        """Close the input."""
+        super().cleanup()
+        self._source.close()
+
+    def now_ns(self) -> int:
+        """Of the clock of the stamps: if they are kept, the recording's, which stands still while the player waits."""
+        if not self._replays:
+            return super().now_ns()
+        time_ns, due_at = self._recorded
+        return time_ns - round(max(due_at - time.monotonic(), 0) * self._source.rate * 1e9)
+
+    def _publish_clock(self) -> None:
+        self._clock_publisher.publish(ClockMessage(clock=Time(nanoseconds=self.now_ns()).to_msg()))
 
     def _play(self) -> None:
         try:
@@ -116,60 +150,72 @@ class PlayerNode(PipelineNode):
                         f"{wanted} subscriber{'s' * (wanted > 1)} on {publisher.topic_name}")
         if self.lossless:
             self.wait_until(self._answers.get_publisher_count, f"somebody who publishes {self._answers.topic_name}")
-        self._wait_until_acknowledged(self._sensor_publisher)
+        if self._sensors is not None:
+            self._wait_until_acknowledged(self._sensors)
 
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
         self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
 
     def _send_all(self) -> None:
-        rate_hz = self.parameters["rate_hz"]
-        started = first_ns = stamp_ns = 0
-        for k in count():
-            if k == self._total or self.halted.is_set():
-                return
-            frame = self._frame(k)
+        sent, total = 0, self.parameters["frames"] or None
+        begun = stamp_ns = None
+        for item in self._source.items():
+            if begun is None:
+                begun, self._first_ns = time.monotonic(), super().now_ns()
+            due_at = begun + item.due_ns * 1e-9
+            self._recorded = item.time_ns, due_at
+            if item.topic == "sensor":
+                self._send_sensor(item, due_at)
+                continue
             self._wait_for_answers(self.parameters["in_flight"] - 1)
-            if k == 0:
-                started, first_ns = time.monotonic(), self.now_ns()
-                self.diagnostics.show(first_stamp_ns=first_ns)
-                stamp_ns = first_ns
-            elif rate_hz:
-                stamp_ns = first_ns + round(k * 1e9 / rate_hz)
-            else:
-                stamp_ns = max(stamp_ns + 1, self.now_ns())
-            data = self._encode(frame, stamp_ns)
-            if rate_hz and self.halted.wait(max(started + k / rate_hz - time.monotonic(), 0)):
+            stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
+            if before_ns is None:
+                self._begin(stamp_ns)
+            elif stamp_ns < before_ns:      # a bag begins again: answers are told apart by stamps that rise
+                self._wait_for_answers(0)
+            data = item.raw if stamp_ns == item.stamp_ns else cdr.restamp(item.raw, stamp_ns)
+            if not self._wait_until_due(due_at):
                 return
             if self.lossless:
                 self._unanswered.append(stamp_ns)
             self.publish_frame(self._publisher, data, stamp_ns)
-            self.diagnostics.count(frames_sent=1, photons_sent=frame.photons)
+            self.diagnostics.count(frames_sent=1, **({} if item.photons is None else {"photons_sent": item.photons}))
+            sent += 1
+            if sent == total or self.halted.is_set():
+                return
 
-    def _frames_to_send(self) -> int | None:
-        limits = []
-        if self.parameters["input"] != SIMULATOR and not self.parameters["loop"]:
-            limits.append(1)
-        if self.parameters["frames"]:
-            limits.append(self.parameters["frames"])
-        if self.parameters["duration_s"]:
-            limits.append(math.ceil(self.parameters["duration_s"] * self.parameters["rate_hz"]))
-        return min(limits, default=None)
+    def _begin(self, stamp_ns: int) -> None:
+        """Say what belongs to the first frame."""
+        self.diagnostics.show(first_stamp_ns=stamp_ns)
+        age_s = (super().now_ns() - stamp_ns) * 1e-9
+        if age_s > LONG_AGO_S and not self.parameters["clock"]:
+            self.get_logger().info(
+                f"the stamps are the recording's, {age_s:.0f} s old, and latencies count from them: clock:=true here "
+                "and use_sim_time:=true elsewhere, or bag_stamps:=now, make them mean something")
 
-    def _encode(self, events: PhotonEvents, stamp_ns: int) -> bytes:
-        """The message of a frame; that of a file, which is the same again and again, is written once."""
-        if self._encoded is None or self._encoded[0] is not events:
-            sensor = self._sensor
-            if self.parameters["output"] == "gates":
-                data = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, sensor.frame_id)
-            else:
-                data = photons_message.encode_cdr(events, sensor, sensor.frame_id)
-            self._encoded = events, data
-        return cdr.restamp(self._encoded[1], stamp_ns)
+    def _stamp(self, item: Item, before_ns: int | None) -> int:
+        """Of a frame after one with the stamp `before_ns`: as recorded, as due, or just now."""
+        if self._replays:
+            return item.stamp_ns
+        if self._source.rate:
+            return self._first_ns + item.acquired_ns
+        return max((before_ns or 0) + 1, super().now_ns())
+
+    def _send_sensor(self, item: Item, due_at: float) -> None:
+        """Publish another description between the frames: those before have been answered, those after come later."""
+        self._wait_for_answers(0)
+        if self._wait_until_due(due_at):
+            self._sensors.publish(item.raw)
+            self._wait_until_acknowledged(self._sensors)
+
+    def _wait_until_due(self, due_at: float) -> bool:
+        """False if the node is stopped meanwhile."""
+        return not self._source.rate or not self.halted.wait(max(due_at - time.monotonic(), 0))
 
     def _on_answer(self, raw: bytes) -> None:
         """A cloud answers its frame and, since the pipeline keeps the order, all before it."""
         try:
-            stamp_ns = cdr.read_cloud(raw).header.stamp_ns
+            stamp_ns = cdr.stamp_ns(raw)
         except InvalidInput as error:
             self.diagnostics.error(f"{self._answers.topic_name}: {error}")
             return
@@ -184,16 +230,6 @@ class PlayerNode(PipelineNode):
                 self.diagnostics.count(unanswered=waiting)
                 self.get_logger().warning(f"{waiting} frames were never answered on {self._answers.topic_name}")
                 self._unanswered.clear()
-
-
-def open_input(parameters: Parameters) -> tuple[SensorModel, Callable[[int], PhotonEvents], tuple[str, ...]]:
-    """The sensor, a function that gives the photons of frame k, and what was assumed where a file does not say."""
-    if parameters["input"] == SIMULATOR:
-        simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
-        return simulator.sensor, lambda k: simulator.frame(k)[0], ()
-    overrides = {name: parameters[name] for name in ("num_bins", "bin_width_s", "irf", "fov_deg") if parameters[name]}
-    photons = datasets.open_photons(parameters["input"], **overrides)
-    return photons.sensor, lambda k: photons.frame, photons.notes
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,0 +1,224 @@
+"""What the player plays: a photon file, the simulator or a bag, each as messages that are due one after the other."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from itertools import count
+from typing import NamedTuple, Protocol
+
+from srt3d_ros import datasets
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.datasets.bag import Bag, Topic, is_bag
+from srt3d_ros.datasets.bag_photons import find_photons
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import cdr
+from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
+
+SIMULATOR = "simulator"
+OVERRIDES = ("num_bins", "bin_width_s", "irf", "fov_deg")
+NS_PER_S = 1_000_000_000
+ALONE_NS = NS_PER_S // 10       # from a bag's only message to itself
+
+
+class Item(NamedTuple):
+    """A message to send.
+
+    Args:
+        topic: "photons", "gates" or "sensor".
+        raw: serialised.
+        due_ns: when, at the pace of play, counted from the beginning.
+        acquired_ns: its stamp, counted likewise.
+        stamp_ns: its stamp as it was recorded; None for a frame that is sent as if it were acquired now.
+        time_ns: when it was recorded; 0 if it was not.
+        photons: in it; None if nobody counted them.
+    """
+
+    topic: str
+    raw: bytes
+    due_ns: int
+    acquired_ns: int = 0
+    stamp_ns: int | None = None
+    time_ns: int = 0
+    photons: int | None = None
+
+
+class Source(Protocol):
+    """What the player needs of what it plays.
+
+    Args:
+        output: "photons" or "gates".
+        sensor: the serialised description to begin with; None if there is none.
+        rate: recorded seconds that pass in one; 0: messages are due as soon as those before are answered.
+        start_ns: when the recording began; 0 if nothing was recorded.
+        notes: a line each for what was assumed.
+    """
+
+    output: str
+    sensor: bytes | None
+    rate: float
+    start_ns: int
+    notes: tuple[str, ...]
+
+    def items(self) -> Iterator[Item]:
+        """The messages from the beginning; a sensor among them only where it changes. InvalidInput: a bag breaks."""
+
+    def close(self) -> None:
+        """Give back the files."""
+
+
+def open_source(parameters: Mapping) -> Source:
+    """The source that the player's parameters describe; InvalidInput if it cannot be played."""
+    if is_bag(parameters["input"]):
+        return BagSource(parameters)
+    rate_hz = parameters["rate_hz"]
+    require(rate_hz > 0 or parameters["lossless"], "rate_hz", rate_hz,
+            "above 0 Hz, or lossless to send as fast as answered")
+    require(rate_hz > 0 or not parameters["duration_s"], "rate_hz", rate_hz, "above 0 Hz with duration_s")
+    if parameters["input"] == SIMULATOR:
+        simulator = Simulator(ppp=parameters["ppp"], sbr=parameters["sbr"], seed=parameters["seed"])
+        return FrameSource(simulator.sensor, lambda k: simulator.frame(k)[0], None, parameters)
+    overrides = {name: parameters[name] for name in OVERRIDES if parameters[name]}
+    photons = datasets.open_photons(parameters["input"], **overrides)
+    return FrameSource(photons.sensor, lambda k: photons.frame, None if parameters["loop"] else 1, parameters,
+                       photons.notes)
+
+
+class FrameSource:
+    """Frames of the simulator, or that of a photon file: frame k is due k / rate_hz after the first.
+
+    Args:
+        sensor: that saw them.
+        frame: gives frame k.
+        frames: how many there are; None: there is no end.
+        parameters: of the player.
+        notes: see Source.
+
+    Raises:
+        InvalidInput: the first frame cannot be sent.
+    """
+
+    start_ns = 0
+
+    def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonEvents], frames: int | None,
+                 parameters: Mapping, notes: tuple[str, ...] = ()):
+        self.output, self.notes = parameters["output"], notes
+        if self.output == "gates" and sensor.gates is None:
+            sensor = sensor.replace(gates=GateWords())
+        if parameters["frame_id"]:
+            sensor = sensor.replace(frame_id=parameters["frame_id"])
+        self.sensor = sensor_message.encode_cdr(sensor)
+        self._rate_hz = parameters["rate_hz"]
+        self.rate = 1.0 if self._rate_hz else 0.0
+        self._sensor, self._frame, self._frames = sensor, frame, frames
+        if parameters["duration_s"]:
+            within = math.ceil(parameters["duration_s"] * self._rate_hz)
+            self._frames = within if frames is None else min(frames, within)
+        self._encoded: tuple[PhotonEvents, bytes] | None = None
+        self._encode(frame(0))
+
+    def items(self) -> Iterator[Item]:
+        """See Source."""
+        for k in count():
+            if k == self._frames:
+                return
+            events = self._frame(k)
+            due_ns = round(k * NS_PER_S / self._rate_hz) if self._rate_hz else 0
+            yield Item(self.output, self._encode(events), due_ns, due_ns, photons=events.photons)
+
+    def close(self) -> None:
+        """See Source."""
+
+    def _encode(self, events: PhotonEvents) -> bytes:
+        """The message of a frame; that of a file, which is the same again and again, is written once."""
+        if self._encoded is None or self._encoded[0] is not events:
+            sensor = self._sensor
+            if self.output == "gates":
+                data = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, sensor.frame_id)
+            else:
+                data = photons_message.encode_cdr(events, sensor, sensor.frame_id)
+            self._encoded = events, data
+        return self._encoded[1]
+
+
+class BagSource:
+    """The photons of a bag and the sensors that described them, as they were recorded and when.
+
+    Args:
+        parameters: of the player.
+
+    Raises:
+        InvalidInput: the bag cannot be read, it is not clear which topics are meant, or nothing is left to play.
+    """
+
+    def __init__(self, parameters: Mapping):
+        self.rate = parameters["bag_rate"]
+        require(self.rate > 0 or parameters["lossless"], "bag_rate", self.rate,
+                "above 0, or lossless to send as fast as answered")
+        for name in (*OVERRIDES, "frame_id"):
+            require(not parameters[name], name, parameters[name], "nothing: a bag is sent as it was recorded")
+        self._loop = parameters["bag_loop"]
+        self._bag = Bag(parameters["input"])
+        topics = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
+        self.output, self._frames = topics.output, topics.frames
+        self._played = (topics.frames,) if topics.sensor is None else (topics.frames, topics.sensor)
+        self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
+        self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
+        first = next(self._bag.messages((topics.frames,), self.start_ns), None)
+        require(first is not None and not self._is_late(first.time_ns), "bag_start_s", parameters["bag_start_s"],
+                f"a time after which {topics.frames.name} has messages")
+        self.sensor = self._sensor_in_force(topics.sensor)
+        self.notes = () if self.sensor else (
+            f"no sensor is described beside {topics.frames.name}: somebody else has to publish it",)
+
+    def items(self) -> Iterator[Item]:
+        """See Source."""
+        described, begun_ns = self.sensor, 0        # how long was played before this turn
+        while True:
+            if described != self.sensor:
+                described = self.sensor
+                yield Item("sensor", described, self._paced(begun_ns), time_ns=self.start_ns)
+            for k, message in enumerate(self._bag.messages(self._played, self.start_ns)):
+                passed_ns = message.time_ns - self.start_ns
+                if self._is_late(message.time_ns):
+                    break
+                due_ns, longest_ns = self._paced(begun_ns + passed_ns), passed_ns + passed_ns // max(k, 1)
+                if message.topic == self._frames.name:
+                    stamp_ns = _stamp(message.raw, message.time_ns)
+                    acquired_ns = self._paced(begun_ns + stamp_ns - self.start_ns)
+                    yield Item(self.output, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
+                elif message.raw != described:
+                    described = message.raw
+                    yield Item("sensor", described, due_ns, time_ns=message.time_ns)
+            if not self._loop:
+                return
+            begun_ns += longest_ns or ALONE_NS      # the mean interval after the last message
+
+    def close(self) -> None:
+        """See Source."""
+        self._bag.close()
+
+    def _sensor_in_force(self, topic: Topic | None) -> bytes | None:
+        """The last description before the start, or else the first one after it."""
+        found = None
+        for message in self._bag.messages(() if topic is None else (topic,)):
+            if found is not None and message.time_ns > self.start_ns:
+                break
+            found = message.raw
+        return found
+
+    def _is_late(self, time_ns: int) -> bool:
+        return bool(self._duration_ns) and time_ns - self.start_ns >= self._duration_ns
+
+    def _paced(self, ns: int) -> int:
+        return round(ns / self.rate) if self.rate else 0
+
+
+def _stamp(raw: bytes, recorded_ns: int) -> int:
+    """The stamp of a message; of one that has none, when it was recorded: those who read it shall count it."""
+    try:
+        return cdr.stamp_ns(raw)
+    except InvalidInput:
+        return recorded_ns

@@ -1,0 +1,132 @@
+"""What the player plays, message by message: what is due when, with which stamps, and where it begins and ends."""
+
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import cdr, photons
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.nodes import player
+from srt3d_ros.nodes.sources import open_source
+
+START_NS = 1_600_000_000_000_000_000
+MS = 1_000_000
+
+
+@pytest.fixture
+def source():
+    """Open the source that these parameters describe; closed after the test."""
+    opened = []
+
+    def open_with(**given):
+        defaults = {parameter.name: parameter.default for parameter in player.PARAMETERS}
+        opened.append(open_source(defaults | {name: str(value) if isinstance(value, Path) else value
+                                              for name, value in given.items()}))
+        return opened[-1]
+
+    yield open_with
+    for each in opened:
+        each.close()
+
+
+@pytest.fixture(scope="module")
+def described(sensor) -> list[bytes]:
+    return [sensor_message.encode_cdr(sensor.replace(num_bins=bins)) for bins in (100, 90)]
+
+
+@pytest.fixture(scope="module")
+def frames(sensor) -> list[bytes]:
+    """Four frames, acquired 10 ms apart and 3 ms before they are recorded."""
+    events = [PhotonEvents(np.array([k], np.uint32), np.array([k], np.uint16), START_NS + (10 * k + 7) * MS)
+              for k in range(4)]
+    return [photons.encode_cdr(each, sensor, "spad") for each in events]
+
+
+@pytest.fixture(scope="module")
+def bag(described, frames, tmp_path_factory) -> Path:
+    """Recorded in ms: sensor 0 and again 22, another 25, frames 10, 20, 30, 40."""
+    path = tmp_path_factory.mktemp("bags") / "bag"
+    writer = BagWriter(path)
+    writer.add_topic("/spad/info", "std_msgs/msg/String", [Offer()])
+    writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
+    for at_ms, topic, raw in ((0, "info", described[0]), (10, "raw", frames[0]), (20, "raw", frames[1]),
+                              (22, "info", described[0]), (25, "info", described[1]), (30, "raw", frames[2]),
+                              (40, "raw", frames[3])):
+        writer.write(f"/spad/{topic}", START_NS + at_ms * MS, raw)
+    writer.close()
+    return path
+
+
+def test_frames_of_a_file_are_due_at_its_rate_until_the_time_is_over(source, photon_file, events):
+    played = source(input=photon_file, rate_hz=50.0, duration_s=0.05)
+    items = list(played.items())
+    assert [(item.topic, item.due_ns, item.acquired_ns, item.stamp_ns) for item in items] == [
+        ("photons", k * 20 * MS, k * 20 * MS, None) for k in range(3)]
+    assert {item.photons for item in items} == {events.photons} and len({id(item.raw) for item in items}) == 1
+
+
+def test_without_loop_a_file_is_one_frame_and_the_simulator_has_no_end(source, photon_file):
+    assert len(list(source(input=photon_file, loop=False).items())) == 1
+    assert len(list(islice(source(input="simulator", ppp=0.1, loop=False, rate_hz=1000.0).items(), 3))) == 3
+
+
+def test_a_bag_is_played_as_it_was_recorded(source, bag, described, frames):
+    played = source(input=bag)
+    assert (played.output, played.sensor, played.rate, played.start_ns) == ("photons", described[0], 1.0, START_NS)
+    assert [(item.topic, item.due_ns // MS, item.raw) for item in played.items()] == [
+        ("photons", 10, frames[0]), ("photons", 20, frames[1]), ("sensor", 25, described[1]),
+        ("photons", 30, frames[2]), ("photons", 40, frames[3])]
+    stamps = [(item.stamp_ns, item.acquired_ns, item.time_ns) for item in played.items() if item.topic == "photons"]
+    assert stamps == [(START_NS + (10 * k + 7) * MS, (10 * k + 7) * MS, START_NS + (10 * k + 10) * MS)
+                      for k in range(4)]
+
+
+def test_the_pace_of_a_bag_can_be_changed(source, bag):
+    twice = [(item.due_ns, item.acquired_ns) for item in source(input=bag, bag_rate=2.0).items()]
+    assert twice[:2] == [(5 * MS, 3.5 * MS), (10 * MS, 8.5 * MS)]
+    assert {item.due_ns for item in source(input=bag, bag_rate=0.0, lossless=True).items()} == {0}
+
+
+def test_a_part_of_a_bag_begins_with_the_sensor_in_force(source, bag, described, frames):
+    early = source(input=bag, bag_start_s=0.015, duration_s=0.012)
+    assert early.sensor == described[0]
+    assert [(item.due_ns // MS, item.raw) for item in early.items()] == [(5, frames[1]), (10, described[1])]
+    late = source(input=bag, bag_start_s=0.03)
+    assert late.sensor == described[1] and [item.raw for item in late.items()] == frames[2:]
+
+
+def test_a_bag_in_a_loop_goes_on_a_mean_interval_after_its_end_with_its_first_sensor(source, bag, described, frames):
+    items = list(islice(source(input=bag, bag_loop=True).items(), 8))
+    assert [item.raw for item in items[5:]] == [described[0], frames[0], frames[1]]
+    # 40 ms long, 7 messages: the next turn begins 40 / 6 ms later
+    assert [item.due_ns - 40 * MS for item in items[5:]] == [6_666_666, 16_666_666, 26_666_666]
+    assert [item.stamp_ns for item in items[6:]] == [START_NS + 7 * MS, START_NS + 17 * MS]
+
+
+def test_a_message_without_a_stamp_is_played_for_others_to_count(source, tmp_path, described, frames):
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
+    for k, raw in enumerate((frames[0], b"\0\1\0\0", frames[1])):
+        writer.write("/photons", START_NS + k, raw)
+    writer.close()
+    played = source(input=tmp_path / "bag")
+    assert [(item.raw, item.stamp_ns) for item in played.items()][1] == (b"\0\1\0\0", START_NS + 1)
+    assert played.sensor is None and "no sensor is described beside /photons" in played.notes[0]
+    assert cdr.stamp_ns(frames[0])
+
+
+@pytest.mark.parametrize("given, line", [
+    ({"bag_rate": 0.0}, "bag_rate is 0.0: expected above 0, or lossless"),
+    ({"frame_id": "mast"}, "frame_id is mast: expected nothing: a bag is sent as it was recorded"),
+    ({"bag_photons_topic": "/raw"}, "photons_topic is /raw: expected .*/spad/raw"),
+    ({"bag_start_s": 0.05}, "bag_start_s is 0.05: expected a time after which /spad/raw has messages"),
+    ({"bag_start_s": 0.021, "duration_s": 0.004}, "bag_start_s is 0.021: expected a time after which"),
+])
+def test_a_bag_that_cannot_be_played_so_is_refused(source, bag, given, line):
+    with pytest.raises(InvalidInput, match=line):
+        source(input=bag, **given)
