@@ -88,7 +88,7 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
     assert np.array_equal(read.xyz, cloud.xyz) and np.array_equal(read.intensity, cloud.intensity)
     assert read.stamp_ns == cloud.stamp_ns
     ((_, _, depth_m),) = reader.depth_images()
-    assert np.allclose(depth_m, cloud.range_image(), atol=0.0006, equal_nan=True)
+    assert np.allclose(depth_m, cloud.depth_image(ball[1].projection), atol=0.0006, equal_nan=True)
     assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
     assert reader.is_finished()
 

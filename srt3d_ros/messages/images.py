@@ -5,7 +5,6 @@ from sensor_msgs.msg import Image
 
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, typed
-from srt3d_ros.messages.camera import camera_info as camera_info
 from srt3d_ros.messages.header import Header
 from srt3d_ros.messages.layout import pack_image, unpack_image
 from srt3d_ros.messages.schema import load

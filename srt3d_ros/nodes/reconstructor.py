@@ -4,56 +4,33 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain, count
+from pathlib import Path
 
 import numpy as np
 from std_msgs.msg import String
 
-from srt3d_ros.core.background import BACKGROUNDS
+from srt3d_ros import cloud_files
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.device import DEVICES
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
-from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES, SRT3D
-from srt3d_ros.core.weighting import WEIGHTINGS
+from srt3d_ros.core.srt3d import SRT3D
+from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.interface import LOSSLESS, Interface, Service
-from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.interface import Interface, Service
+from srt3d_ros.nodes.parameters import Value
+from srt3d_ros.nodes.reconstruction import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
 
-AS_PUBLISHED = "auto"
-PIPELINES = ("latency", "throughput")
 IN_FLIGHT = 2           # frames that may be under way at once
-PARAMETERS = (
-    Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
-        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but srt3d are published with the "
-        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS),
-    Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "srt3d, smle: share of the pixels without a surface that "
-              "may show a point.", low=1e-12, high=0.5, live=True),
-    Parameter("background", BACKGROUNDS[0], "srt3d: how the background spreads over the bins: as the sensor's "
-              "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS),
-    Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for srt3d and what the "
-              "others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS)),
-    Parameter("warm_start", False, "srt3d: begin with the last frame's surfaces where this one's photons confirm them: "
-              "less error while the scene goes on.", live=True),
-    Parameter("pipeline", PIPELINES[0], "latency: a frame is published before the next one begins. throughput: one is "
-              "published while the next is reconstructed, and on a GPU copied to and fro; more frames a second.",
-              choices=PIPELINES),
-    Parameter("upsampling", 1, "srt3d: finer pixels of `points` and of the images along the side of each pixel.",
-              low=1, high=MAX_UPSAMPLING, live=True),
-    Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES),
-    Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
-              "surface.", choices=("xyzi", "full"), live=True),
-    Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
-    LOSSLESS,
-)
 
 INTERFACE = Interface(
     "reconstructor",
@@ -61,12 +38,32 @@ INTERFACE = Interface(
     "stands for; on a GPU where there is one.",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
-    services=(Service("reset", "forget the last frame's surfaces, with which `warm_start` begins"),),
+    services=(
+        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, and the newest cloud"),
+        Service("save_cloud", "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in "
+                "`save_folder`; the answer names it")),
     parameters=PARAMETERS,
-    limits=("A pixel sees at most `surfaces` surfaces, the strongest first.",),
+    limits=("A pixel sees at most `surfaces` surfaces, the strongest first; an organised cloud and the images have "
+            "only that one.",
+            "The images are as the sensor sees them: a lens's distortion is taken off `points`, not off the images, "
+            "whose `camera_info` tells it.",
+            "A change of a parameter that a reconstruction is made with (`method`, `surfaces`, `upsampling`, …) takes "
+            "the time of a few frames and forgets the last frame's surfaces."),
 )
 
 ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame under way: the cloud to wait for, and what to know to publish it."""
+
+    wait: Callable[[], PointCloud]
+    sensor: SensorModel
+    frequencies: tuple[int, ...]
+    frame_id: str
+    photons: int
+    settings: dict[str, Value]
 
 
 class ReconstructorNode(PipelineNode):
@@ -76,30 +73,36 @@ class ReconstructorNode(PipelineNode):
 
     def __init__(self):
         super().__init__()
-        # What publishes: in the worker itself, or beside it.
-        self._publisher = self.add_stage() if self.parameters["pipeline"] == "throughput" else None
+        self._stage = self.add_stage()      # publishes beside the worker, in the pipeline "throughput"
         self._in_flight = threading.Semaphore(IN_FLIGHT)
-        self._sensor: SensorModel | None = None
-        self.parameters.on_change = lambda: self.worker.call(self._rebuild)
+        self._described: tuple[SensorModel, tuple[int, ...]] | None = None
+        self._newest: tuple[PointCloud, Frame] | None = None
+        self.parameters.on_check = self._check
+        self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
         """Compile and advertise."""
-        self._reconstructor = self._build(ANY_SENSOR, (1, 2, 3))        # compiles, or says that there is no such device
+        self._settings = self.parameters.as_dict()      # the worker's, so that they change between frames
+        check_together(self._settings)
+        self._reconstructor = build(ANY_SENSOR, (1, 2, 3), self._settings)      # or says that there is no such device
+        self._reconstructor.warm_up()
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
         self._camera_info = self.advertise("camera_info")
         self.serve("reset", self._reset)
+        self.serve("save_cloud", self._save_cloud)
 
     def activate(self) -> None:
         """Follow the sketches and their description."""
-        self._sensor = None
-        self._frequencies: tuple[int, ...] = ()
+        self._described = None
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("sketch", self._on_sketch)
 
     def forget(self) -> None:
-        """Begin the next frame without the last one's surfaces."""
+        """Begin the next frame without the last one's surfaces; let nobody save it any more."""
+        self._stage.finish(self.finish_s)
+        self._newest = None
         if isinstance(self._reconstructor, SRT3D):
             self._reconstructor.forget()
 
@@ -107,40 +110,58 @@ class ReconstructorNode(PipelineNode):
         self.forget()
         return "the next frame begins without the last one's surfaces"
 
-    def _build(self, sensor: SensorModel, frequencies: tuple[int, ...]):
-        method = METHODS[self.parameters["method"]]
-        options = {name: self.parameters[name] for name in ("surfaces", "device", *method.options)}
-        if options.get("weighting") == AS_PUBLISHED:
-            del options["weighting"]
-        reconstructor = method.build(sensor, frequencies, **options)
-        reconstructor.warm_up()
-        return reconstructor
+    def _save_cloud(self) -> str:
+        newest = self._newest
+        require(newest is not None, "cloud", "none yet", "a sketch to have come: does the sketcher publish `sketch`?")
+        cloud, frame = newest
+        folder = Path(self._settings["save_folder"]).expanduser().absolute()
+        path = _free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
+        sensor = frame.sensor.replace(frame_id=frame.frame_id)
+        cloud_files.save(cloud, path, frequencies=frame.frequencies, sensor=sensor)
+        return f"{len(cloud)} points saved as {path}"
 
-    def _rebuild(self) -> None:
-        if self._sensor is not None:
-            self._reconstructor = self._build(self._sensor, self._frequencies)
+    def _check(self, values: dict[str, Value]) -> None:
+        """Refuse what could not be applied."""
+        check_together(values)
+        if options(values) != options(self.parameters.as_dict()):
+            build(*(self._described or (ANY_SENSOR, (1, 2, 3))), values)
+
+    def _apply(self) -> None:
+        """Have the next frame done with the parameters as they are now."""
+        settings = self.parameters.as_dict()
+        self._stage.finish(self.finish_s)
+        if self._described is not None and options(settings) != options(self._settings):
+            self._rebuild(*self._described, settings)
+        self._settings = settings
+
+    def _rebuild(self, sensor: SensorModel, frequencies: tuple[int, ...], settings: dict[str, Value]) -> None:
+        reconstructor = build(sensor, frequencies, settings)
+        reconstructor.warm_up()
+        self._reconstructor = reconstructor
+        self.diagnostics.show(device=reconstructor.device)
 
     def _on_sensor(self, message: String) -> None:
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
-        if frequencies != self._frequencies or not sensor.same_as(self._sensor):
-            self._reconstructor = self._build(sensor, frequencies)
-            self._sensor, self._frequencies = sensor, frequencies
+        if self._described is None or frequencies != self._described[1] or not sensor.same_as(self._described[0]):
+            self._rebuild(sensor, frequencies, self._settings)
+            self._described = sensor, frequencies
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
-                              frequencies=" ".join(map(str, frequencies)), device=self._reconstructor.device)
+                              frequencies=" ".join(map(str, frequencies)))
         self.release_frames()
 
     def _on_sketch(self, raw: bytes) -> None:
-        if self._sensor is None:
+        if self._described is None:
             raise Dropped("no_sensor", "nobody has described the sketch on `sketch/sensor` yet")
-        header, sketch = sketch_message.decode_cdr(raw, self._frequencies, self._sensor)
-        photons, sensor = int(sketch.photons.sum()), self._reconstructor.sensor
-        frame_id = self.parameters["frame_id"] or header.frame_id
-        if self._publisher is None:
-            self._publish(self._begin(sketch), sensor, frame_id, photons)
+        sensor, frequencies = self._described
+        header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor)
+        facts = (self._reconstructor.sensor, frequencies, self._settings["frame_id"] or header.frame_id,
+                 int(sketch.photons.sum()), self._settings)
+        if self._settings["pipeline"] == "latency":
+            self._publish(Frame(self._begin(sketch), *facts))
             return
         self._in_flight.acquire()
         try:
-            self._publisher.offer(self._publish_beside, self._begin(sketch), sensor, frame_id, photons)
+            self._stage.offer(self._publish_beside, Frame(self._begin(sketch), *facts))
         except BaseException:
             self._in_flight.release()
             raise
@@ -158,29 +179,37 @@ class ReconstructorNode(PipelineNode):
 
         return finish
 
-    def _publish_beside(self, *frame) -> None:
+    def _publish_beside(self, frame: Frame) -> None:
         try:
-            self._publish(*frame)
+            self._publish(frame)
         finally:
             self._in_flight.release()
 
-    def _publish(self, wait: Callable[[], PointCloud], sensor: SensorModel, frame_id: str, photons: int) -> None:
-        cloud = wait()
-        data = points_message.encode_cdr(cloud, frame_id, self.parameters["fields"], sensor)
+    def _publish(self, frame: Frame) -> None:
+        settings, seen = frame.settings, frame.wait()
+        cloud = seen.within(*limits_m(settings))
+        data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], frame.sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
-        self.diagnostics.count(points=len(cloud), photons=photons)
-        self._publish_images(cloud, sensor, frame_id)
+        self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=frame.photons)
+        self._publish_images(cloud, frame.sensor, frame.frame_id)
+        self._newest = cloud, frame
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
-        draw = {"depth": cloud.range_image, "intensity": lambda: cloud.image("intensity"),
+        draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():
             if publisher.get_subscription_count():
                 publisher.publish(image_message.encode_cdr(draw[name](), cloud.stamp_ns, frame_id))
         if self._camera_info.get_subscription_count():
-            camera_info = image_message.camera_info(sensor, cloud.stamp_ns, frame_id)
-            if camera_info is not None:         # a scanner is no camera
-                self._camera_info.publish(camera_info)
+            info = camera_info(sensor, cloud.stamp_ns, frame_id)
+            if info is not None:        # a scanner is no camera
+                self._camera_info.publish(info)
+
+
+def _free(path: Path) -> Path:
+    """The path if nothing is there, or else the first of NAME_2, NAME_3, … where nothing is."""
+    numbered = (path.with_name(f"{path.stem}_{number}{path.suffix}") for number in count(2))
+    return next(candidate for candidate in chain([path], numbered) if not candidate.exists())
 
 
 def main(args: list[str] | None = None) -> int:

@@ -14,5 +14,5 @@ def save_cloud(cloud: PointCloud, path: Path, sensor: SensorModel, properties: d
     """Write a cloud and its depth image to an .rrd file; OSError if it cannot be written."""
     log = FrameLog(path, sensor, _APPLICATION_ID, properties, still_blueprint)
     log.cloud(cloud.stamp_ns, 0, cloud.xyz, cloud.intensity)
-    log.depth(cloud.stamp_ns, 0, cloud.range_image())
+    log.depth(cloud.stamp_ns, 0, cloud.depth_image(sensor.projection))
     log.close()

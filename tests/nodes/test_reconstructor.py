@@ -5,10 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.projection import AngularScan
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
@@ -38,6 +43,19 @@ def send(graph, sensor, sketch):
             publisher.publish(message)
 
     return send
+
+
+@pytest.fixture
+def setting(graph):
+    """Sets parameters together, as `ros2 param set` does one; the reason why not, or an empty text."""
+    def setting(**values) -> str:
+        given = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=given)
+        result = graph.call(SetParametersAtomically, "reconstructor/set_parameters_atomically", request).result
+        assert result.successful == (not result.reason)
+        return result.reason
+
+    return setting
 
 
 def test_a_cloud_keeps_stamp_and_frame_and_lies_on_the_plane(graph, sensor, sketch, send):
@@ -98,6 +116,135 @@ def test_upsampling_gives_points_and_images_of_finer_pixels(graph, sensor, sketc
     assert (cameras[0].k[0], cameras[0].k[2]) == (finer.projection.fx, finer.projection.cx)
 
 
+def test_points_and_images_agree_on_what_is_within_the_limits(graph, sensor, sketch, send, setting):
+    clouds = graph.collect(PointCloud2, "points")
+    images = {name: graph.collect(Image, name) for name in ("depth", "intensity")}
+    graph.start("reconstructor", lossless=True, organised=True).ready()
+    message = sketch_message.encode_cdr(sketch, "spad")
+
+    def frame() -> tuple[PointCloud2, np.ndarray, np.ndarray]:
+        before = len(clouds)
+        send(message)
+        graph.wait(lambda: len(clouds) > before and {len(clouds)} == set(map(len, images.values())), "a frame")
+        return clouds[-1], *(image_message.decode(kept[-1])[1] for kept in images.values())
+
+    whole, depth_m, intensity = frame()
+    assert (whole.height, whole.width) == (16, 12)
+    seen = np.isfinite(depth_m)
+    assert whole.is_dense == seen.all() and (np.isfinite(intensity) == seen).all()
+    range_m = depth_m / sensor.rays[..., 2]
+    middle_m = float(np.nanmedian(range_m))
+    assert setting(min_range_m=0.5, max_range_m=middle_m, fields="full") == ""
+    near, depth_m, intensity = frame()
+    points = points_message.decode(near)[1]
+    assert 0.2 * sensor.pixels < len(points["xyz"]) < 0.8 * sensor.pixels and not near.is_dense
+    assert np.linalg.norm(points["xyz"], axis=1).max() <= middle_m * (1 + 1e-6)
+    for image, column in ((depth_m, points["xyz"][:, 2]), (intensity, points["intensity"])):
+        assert np.isfinite(image).sum() == len(column) and (image[points["row"], points["col"]] == column).all()
+    assert setting(organised=False, min_range_m=middle_m, max_range_m=0.0) == ""
+    far = frame()[0]
+    assert (far.height, far.width, far.is_dense) == (1, int(seen.sum()) - len(points["xyz"]), True)
+    assert int(graph.reports("reconstructor", "frames_out", 3)["points_out_of_range"]) == int(seen.sum())
+
+
+def test_parameters_that_do_not_go_together_are_refused_with_the_reason_and_change_nothing(graph, sensor, sketch, send,
+                                                                                           setting):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor", lossless=True, max_range_m=4.0).ready()
+    assert setting(min_range_m=4.0) == "min_range_m is 4.0: expected less than max_range_m, 4 m"
+    assert setting(min_range_m=-1.0).startswith("min_range_m is -1.0: expected a number of 0 or more m")
+    assert setting(method="smle", warm_start=True) == "warm_start is True: expected False, as smle has no such option"
+    assert setting(method="rt3d").startswith("method is rt3d: expected ")
+    assert setting(save_format="las") == "save_format is las: expected ply or pcd or npz"
+    if not torch.cuda.is_available():
+        assert setting(device="cuda").startswith("device is cuda: expected ")
+    assert setting(min_range_m=4.5, max_range_m=5.0) == "" and setting(min_range_m=0.0) == ""
+    send(sketch_message.encode_cdr(sketch, "spad"))
+    graph.wait(lambda: clouds, "a cloud")
+    assert len(points_message.decode(clouds[0])[1]["xyz"]) > 0.9 * sensor.pixels
+
+
+def test_method_and_pipeline_can_be_changed_between_frames(graph, sensor, sketch, send, setting):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor", lossless=True, fields="full").ready()
+    expected = {}
+    for at, change in enumerate(({}, {"pipeline": "throughput", "background": "flat"}, {"method": "smle",
+                                 "background": "sensor"}, {"method": "srt3d", "pipeline": "latency"})):
+        assert not change or setting(**change) == ""
+        for stamp_ns in (STAMP_NS + 2 * at, STAMP_NS + 2 * at + 1):
+            send(sketch_message.encode_cdr(dataclasses.replace(sketch, stamp_ns=stamp_ns), "spad"))
+        graph.wait(lambda: len(clouds) == 2 * at + 2, f"the clouds of {change}")
+        expected[at] = points_message.decode(clouds[-1])[1]["intensity"].tolist()
+    assert expected[0] == expected[3] != expected[2]
+    assert [points_message.decode(cloud)[0].stamp_ns for cloud in clouds] == list(range(STAMP_NS, STAMP_NS + 8))
+    assert graph.reports("reconstructor", "frames_out", 8)["errors"] == "0"
+
+
+def test_a_reset_makes_the_next_frame_a_first_one(graph, sensor, sketch, send):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor", lossless=True, warm_start=True, fields="full").ready()
+    message = sketch_message.encode_cdr(sketch, "spad")
+    for frames in range(1, 5):
+        send(message)
+        graph.wait(lambda: len(clouds) == frames, "a cloud")
+        if frames == 2:
+            assert graph.call(Trigger, "reconstructor/reset", Trigger.Request()).success
+    intensity = [points_message.decode(cloud)[1]["intensity"].tolist() for cloud in clouds]
+    assert intensity[0] == intensity[2] and intensity[1] == intensity[3] and intensity[0] != intensity[1]
+
+
+def test_the_newest_cloud_is_saved_where_and_as_what_the_parameters_say(graph, sensor, sketch, send, setting, tmp_path):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor", lossless=True, save_folder=tmp_path, frame_id="rig").ready()
+
+    def save() -> tuple[bool, str]:
+        answer = graph.call(Trigger, "reconstructor/save_cloud", Trigger.Request())
+        return answer.success, answer.message
+
+    assert save() == (False, "cloud is none yet: expected a sketch to have come: does the sketcher publish `sketch`?")
+    send(sketch_message.encode_cdr(sketch, "spad"))
+    graph.wait(lambda: clouds, "a cloud")
+    xyz = points_message.decode(clouds[0])[1]["xyz"]
+    name = f"cloud_{STAMP_NS}"
+    assert save() == (True, f"{len(xyz)} points saved as {tmp_path / name}.ply")
+    assert save() == (True, f"{len(xyz)} points saved as {tmp_path / name}_2.ply")
+    assert setting(save_format="npz") == "" and save()[0]
+    assert (np.load(tmp_path / f"{name}.npz")["xyz"] == xyz).all()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.npz", f"{name}.ply", f"{name}_2.ply"]
+    header = (tmp_path / f"{name}.ply").read_bytes().split(b"end_header")[0].decode()
+    assert f"element vertex {len(xyz)}" in header and "in the frame rig" in header
+    assert setting(save_folder=str(tmp_path / "absent"), save_format="pcd") == ""
+    success, why = save()
+    assert not success and why.startswith(f"output is {str(tmp_path)[:20]}") and len(why.splitlines()) == 1
+    assert graph.call(Trigger, "reconstructor/reset", Trigger.Request()).success
+    assert save()[1].startswith("cloud is none yet")
+
+
+def test_a_lens_bends_the_rays_and_is_told_beside_the_images_and_a_scanner_has_ranges_and_no_camera(graph, sensor,
+                                                                                                    sketch):
+    clouds, depths = graph.collect(PointCloud2, "points"), graph.collect(Image, "depth")
+    cameras, publisher = graph.collect(CameraInfo, "camera_info"), graph.publisher(PointCloud2, "sketch")
+    describe = graph.node.create_publisher(String, "sketch/sensor", base.LATCHED)
+    graph.start("reconstructor", lossless=True, fields="full").ready()
+    lens = dataclasses.replace(sensor.projection, distortion=PlumbBob(-0.3, 0.1, 0.001, -0.002, 0.0))
+    scan = AngularScan(0.5, -0.1, 0.4, -0.05)
+    for frames, projection in enumerate((lens, scan), start=1):
+        other = sensor.replace(projection=projection, num_bins=sensor.num_bins + frames)
+        describe.publish(sketch_message.encode_sensor(other, sketch.frequencies, 1))
+        graph.reports("reconstructor", "num_bins", other.num_bins)
+        graph.matched(publisher).publish(sketch_message.encode_cdr(sketch, "spad"))
+        graph.wait(lambda: len(clouds) == len(depths) == frames and cameras, "a cloud, a depth image and a camera")
+        points, depth_m = points_message.decode(clouds[-1])[1], image_message.decode(depths[-1])[1]
+        range_m = np.linalg.norm(points["xyz"], axis=1)
+        directions = points["xyz"] / range_m[:, None]
+        np.testing.assert_allclose(directions, other.rays[points["row"], points["col"]], atol=1e-6)
+        expected_m = range_m if projection is scan else points["xyz"][:, 2]
+        np.testing.assert_allclose(depth_m[points["row"], points["col"]], expected_m, rtol=1e-6)
+    assert graph.reports("reconstructor", "frames_out", 2) and len(cameras) == 1
+    assert list(cameras[0].d) == [-0.3, 0.1, 0.001, -0.002, 0.0]
+    assert np.abs(sensor.replace(projection=lens).rays - sensor.rays).max() > 1e-3
+
+
 def test_bad_sketches_are_counted_and_survived(graph, sensor, sketch, send):
     clouds = graph.collect(PointCloud2, "points")
     process = graph.start("reconstructor", lossless=True).ready()
@@ -134,6 +281,12 @@ def test_other_methods_on_sketches_can_be_chosen(graph, sensor, sketch, send, pa
     ranges = np.linalg.norm(points_message.decode(clouds[0])[1]["xyz"], axis=1)
     assert len(ranges) > 0.8 * sensor.pixels
     assert abs(np.median(ranges) - sensor.range_m(50)) < sensor.range_m(1) - sensor.range_m(0)
+
+
+def test_what_does_not_go_together_is_one_line_and_exit_code_2(graph):
+    process = graph.start("reconstructor", min_range_m=3.0, max_range_m=2.0)
+    assert process.code() == 2
+    assert process.lines == ["min_range_m is 3.0: expected less than max_range_m, 2 m"]
 
 
 @pytest.mark.parametrize("name, value", [("method", "rt3d"), ("weighting", "half"), ("upsampling", 5),

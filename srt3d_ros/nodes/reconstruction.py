@@ -1,0 +1,77 @@
+"""The reconstructor's parameters: what they are, which go together, and the reconstruction that they make."""
+
+import numpy as np
+
+from srt3d_ros.core.background import BACKGROUNDS
+from srt3d_ros.core.device import DEVICES
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
+from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
+from srt3d_ros.core.weighting import WEIGHTINGS
+from srt3d_ros.errors import require
+from srt3d_ros.nodes.interface import LOSSLESS
+from srt3d_ros.nodes.parameters import Parameter, Value
+
+AS_PUBLISHED = "auto"
+PIPELINES = ("latency", "throughput")
+PARAMETERS = (
+    Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
+        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but srt3d are published with the "
+        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
+    Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "srt3d, smle: share of the pixels without a surface that "
+              "may show a point.", low=1e-12, high=0.5, live=True),
+    Parameter("background", BACKGROUNDS[0], "srt3d: how the background spreads over the bins: as the sensor's "
+              "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS,
+              live=True),
+    Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for srt3d and what the "
+              "others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
+    Parameter("warm_start", False, "srt3d: begin with the last frame's surfaces where this one's photons confirm them: "
+              "less error while the scene goes on.", live=True),
+    Parameter("pipeline", PIPELINES[0], "latency: a frame is published before the next one begins. throughput: one is "
+              "published while the next is reconstructed, and on a GPU copied to and fro; more frames a second.",
+              choices=PIPELINES, live=True),
+    Parameter("upsampling", 1, "srt3d: finer pixels of `points` and of the images along the side of each pixel.",
+              low=1, high=MAX_UPSAMPLING, live=True),
+    Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
+    Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
+              "surface.", choices=("xyzi", "full"), live=True),
+    Parameter("organised", False, "`points` as rows × cols, the strongest point of each pixel at its place, NaN where "
+              "a pixel has none; if false, all points one after the other.", live=True),
+    Parameter("min_range_m", 0.0, "Points nearer than this along their pixel's ray are left out, of `points` and of "
+              "the images; 0 = no limit.", "m", low=0.0, live=True),
+    Parameter("max_range_m", 0.0, "Points farther than this are left out; 0 = no limit.", "m", low=0.0, live=True),
+    Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
+    Parameter("save_folder", "", "Where `~/save_cloud` writes; the working directory if empty.", live=True),
+    Parameter("save_format", "ply", "What it writes: ply and pcd have x, y, z and intensity, npz all that is known.",
+              choices=("ply", "pcd", "npz"), live=True),
+    LOSSLESS,
+)
+DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
+OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
+
+
+def check_together(values: dict[str, Value]) -> None:
+    """Raise InvalidInput for values that are possible each, but not together."""
+    method, nearest, farthest = METHODS[values["method"]], values["min_range_m"], values["max_range_m"]
+    for name in OPTIONS:
+        require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
+                f"{DEFAULTS[name]}, as {method.name} has no such option")
+    require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
+
+
+def limits_m(values: dict[str, Value]) -> tuple[float, float]:
+    """The least and the greatest range of a point, metres."""
+    return values["min_range_m"], values["max_range_m"] or np.inf
+
+
+def options(values: dict[str, Value]) -> dict[str, Value]:
+    """The values on which the reconstruction itself depends."""
+    names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
+    return {name: values[name] for name in names if (name, values[name]) != ("weighting", AS_PUBLISHED)}
+
+
+def build(sensor: SensorModel, frequencies: tuple[int, ...], values: dict[str, Value]):
+    """The reconstruction that these parameters ask for; InvalidInput if there is none."""
+    chosen = options(values)
+    return METHODS[chosen.pop("method")].build(sensor, frequencies, **chosen)
