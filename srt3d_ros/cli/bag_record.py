@@ -1,0 +1,33 @@
+"""`srt3d bag-record`: the bag_recorder node with ordinary options."""
+
+import argparse
+
+from srt3d_ros.cli import node
+
+PARAMETERS = ("path", "topics", "format", "max_duration_s", "max_size_mb")
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "bag-record", help="record photons and their sensor, or other topics, in a ROS 2 bag",
+        description="Record the photons and the description of their sensor, or other topics of the pipeline, in a bag "
+                    "that `srt3d play`, `srt3d reconstruct` and `ros2 bag play` read (docs/bags.md). Ends with Ctrl-C. "
+                    "What is left out keeps the default of the bag_recorder node.")
+    parser.add_argument("path", metavar="OUT", help="the bag, a folder that is not there yet")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC",
+                        help="what to record (photons gates sensor); also sketch, sketch/sensor, points, depth, …")
+    parser.add_argument("--format", choices=("mcap", "sqlite3"), help="how rosbag2 stores it (mcap)")
+    parser.add_argument("--max-duration", dest="max_duration_s", type=float, metavar="S", help="end after this time")
+    parser.add_argument("--max-size", dest="max_size_mb", type=int, metavar="MB", help="end at this size")
+    parser.add_argument("--namespace", metavar="NS", help="namespace of the topics")
+    parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
+                        help="the rest goes to ROS 2: remapping, parameters, …")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
+    if args.topics:
+        given["topics"] = ",".join(args.topics)
+    place = ["-r", f"__ns:=/{args.namespace.strip('/')}"] if args.namespace else []
+    return node.start("bag_recorder", [*node.parameter_arguments(given), *place, *args.ros_args])
