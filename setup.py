@@ -18,6 +18,7 @@ VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).join
 RERUN = "rerun-sdk>=0.41,<0.42"
 PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 SCIPY = "scipy>=1.11,<2"
+ROSBAGS = "rosbags>=0.11.9,<0.12"
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
@@ -25,8 +26,9 @@ EXTRAS = {
     "review": [RERUN, *PICTURES],
     "demo": [RERUN, *PICTURES],
     "mat": [SCIPY],
-    "test": [SCIPY, "pytest>=8,<10", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
-             "rosbags>=0.10,<0.12", "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18",
+    "bags": [ROSBAGS],
+    "test": [SCIPY, ROSBAGS, "pytest>=8,<10", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
+             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18",
              # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
              'triton>=3.4,<4; sys_platform == "linux"'],
 }

@@ -10,10 +10,10 @@ from srt3d_ros.errors import InvalidInput, printable
 
 # Each is a module here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported:
 # a node needs nothing of the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "evaluate", "benchmark", "play", "demo", "node")
+COMMANDS = ("reconstruct", "evaluate", "benchmark", "play", "bag-record", "demo", "node")
 
 # Optional packages: how to get what a command turns out to need.
-EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "demo", "PIL": "demo", "scipy": "mat"}
+EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "demo", "PIL": "demo", "scipy": "mat", "rosbags": "bags"}
 
 FAILED = 1
 BAD_INPUT = 2
@@ -34,7 +34,7 @@ def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in commands:
-        importlib.import_module(f"srt3d_ros.cli.{name}").add_parser(subparsers)
+        importlib.import_module(f"srt3d_ros.cli.{name.replace('-', '_')}").add_parser(subparsers)
     return top
 
 

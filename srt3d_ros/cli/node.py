@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 
-NODES = ("player", "sketcher", "reconstructor", "recorder")
+NODES = ("player", "sketcher", "reconstructor", "recorder", "bag_recorder")
 
 
 def add_parser(subparsers) -> None:

@@ -5,12 +5,12 @@
 
 from pathlib import Path
 
-from srt3d_ros.nodes import player, reconstructor, recorder, sketcher
+from srt3d_ros.nodes import bag_recorder, player, reconstructor, recorder, sketcher
 from srt3d_ros.nodes.pages import page
 from srt3d_ros.nodes.parameters import as_yaml
 
 INTERFACES = {interface.name: interface for interface in (
-    sketcher.INTERFACE, reconstructor.INTERFACE, recorder.INTERFACE, player.INTERFACE)}
+    sketcher.INTERFACE, reconstructor.INTERFACE, recorder.INTERFACE, bag_recorder.INTERFACE, player.INTERFACE)}
 
 HEADING = """\
 # Every parameter of the nodes with its default: a start for your own file. Made by python -m srt3d_ros.nodes.tables.

@@ -12,7 +12,8 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
 EVERYTHING = {"player": {"lossless": True},       # parameters with which a node has all its topics
-              "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json"}}
+              "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json"},
+              "bag_recorder": {"topics": ",".join(topic.name for topic in INTERFACES["bag_recorder"].inputs)}}
 NEVER_TOGETHER = {"player": {"gates", "/clock"}}
 
 
