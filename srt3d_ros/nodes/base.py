@@ -21,14 +21,14 @@ from srt3d_ros.nodes.interface import Interface
 from srt3d_ros.nodes.lifecycle import ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.relay import Relay
-from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, Dropped, Worker
+from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, PATIENCE_S, Dropped, Worker
 
-PUBLISH_DEPTH, SUBSCRIBE_DEPTH = 5, 2
+PUBLISH_DEPTH = SUBSCRIBE_DEPTH = 8     # messages of 10 ms for as long as a thread may have to wait for its turn
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
 FOLLOW_DEPTH = 100      # of reports, which come from many nodes at once
 LOG_EVERY_S = 2.0       # repeated complaints
 POLL_S = 0.005
-PATIENCE_S = 0.5        # a wait this long is worth a log line
+TELL_AFTER_S = 0.5      # a wait this long is worth a log line
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OVERRIDABLE = QoSOverridingOptions(
@@ -43,7 +43,7 @@ class PipelineNode(ManagedNode):
     `activate`, and forgets past frames in `forget`.
 
     Args:
-        queue_limit: frames that may wait for the worker unless lossless; by default the newest only.
+        queue_limit: frames that wait for a worker that does not keep up, unless lossless; by default the newest only.
 
     Raises:
         InvalidInput: a parameter cannot be used.
@@ -65,7 +65,8 @@ class PipelineNode(ManagedNode):
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the worker is to wait for nothing: the node is being stopped
         self.exit_code = 0
-        self.worker = Worker(LOSSLESS if self.lossless else queue_limit, self._failed, self.diagnostics.drop)
+        limit = LOSSLESS if self.lossless else queue_limit
+        self.worker = Worker(limit, self._failed, self.diagnostics.drop, PATIENCE_S)
         self._stages = [self.worker]
         self._listening: list[Subscription] = []
         self._advertised: list[Publisher] = []
@@ -178,7 +179,7 @@ class PipelineNode(ManagedNode):
             waited_s = time.monotonic() - started
             if waited_s >= timeout_s:
                 break
-            if waited_s >= PATIENCE_S and not told:
+            if waited_s >= TELL_AFTER_S and not told:
                 told = True
                 self.diagnostics.wait_for(what)
                 self.get_logger().info(f"waiting for {what}")

@@ -1,11 +1,15 @@
 """One thread that does a node's work, so that the executor never blocks."""
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 NEWEST_ONLY = 1
+PATIENCE_S = 0.25       # for which frames may wait while a busy machine catches up
+CALM_S = 2.0            # without a frame given up: it has caught up
+MOST_WAITING = 64       # frames, however patient: bounds the memory
 LOSSLESS = 256          # frames that may wait when none may be dropped; bounds the memory if the sender does not
 
 
@@ -27,19 +31,27 @@ class _Job:
     function: Callable
     args: tuple
     is_frame: bool
+    since_s: float = field(default_factory=lambda: time.monotonic())
 
 
 class Worker:
     """Runs jobs in the order in which they came. Frames may push each other out of the queue; other jobs never are.
 
+    A machine that is held up for a moment catches up: nothing is lost while no frame waits longer than `patience_s`.
+    One that cannot keep up has only `limit` frames wait, so that none is older than it has to be, until no frame was
+    given up for CALM_S.
+
     Args:
         limit: frames that may wait. A frame too many pushes out the oldest: with 1, the newest frame is always next.
+        patience_s: how long more frames than that may wait; 0: not at all.
         failed: called with (exception, is_frame) when a job raises; the worker goes on.
         dropped: called with (cause, frames) for waiting frames that are given up: "queue" if newer ones push them out.
     """
 
-    def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str, int], None]):
-        self.limit, self._failed, self._dropped = limit, failed, dropped
+    def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str, int], None],
+                 patience_s: float = 0.0):
+        self.limit, self._failed, self._dropped, self._patience_s = limit, failed, dropped, patience_s
+        self._calm_from_s = 0.0
         self._jobs: deque[_Job] = deque()
         self._frames_waiting = 0
         self._holding = False
@@ -89,19 +101,30 @@ class Worker:
         self._thread.join(timeout_s)
 
     def _put(self, job: _Job) -> None:
-        pushed_out = False
+        pushed_out = 0
         with self._changed:
             if self._closing:
                 return
-            if job.is_frame and self._frames_waiting == self.limit:
-                self._jobs.remove(next(waiting for waiting in self._jobs if waiting.is_frame))
-                pushed_out = True
-            else:
-                self._frames_waiting += job.is_frame
+            if job.is_frame:
+                pushed_out = self._push_out(job.since_s) if self._frames_waiting >= self.limit else 0
+                self._frames_waiting += 1
             self._jobs.append(job)
             self._changed.notify_all()
         if pushed_out:
-            self._dropped("queue", 1)
+            self._dropped("queue", pushed_out)
+
+    def _push_out(self, now_s: float) -> int:
+        """Make room for a frame if that has to be; how many frames were given up for it."""
+        frames = [job for job in self._jobs if job.is_frame]
+        patient = now_s >= self._calm_from_s and now_s - frames[0].since_s < self._patience_s
+        if patient and len(frames) < MOST_WAITING:
+            return 0
+        given_up = frames[:len(frames) - self.limit + 1]
+        for job in given_up:
+            self._jobs.remove(job)
+        self._frames_waiting -= len(given_up)
+        self._calm_from_s = now_s + CALM_S
+        return len(given_up)
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""

@@ -4,16 +4,17 @@ import threading
 
 import pytest
 
-from srt3d_ros.nodes.worker import Worker
+from srt3d_ros.nodes import worker as module
+from srt3d_ros.nodes.worker import CALM_S, MOST_WAITING, Worker
 
 
 class Probe:
     """A worker whose first job waits until `go`, and what came of the jobs."""
 
-    def __init__(self, limit: int):
+    def __init__(self, limit: int, patience_s: float = 0.0):
         self.done, self.failed, self.dropped = [], [], []
         self.worker = Worker(limit, lambda error, is_frame: self.failed.append((error, is_frame)),
-                             lambda cause, frames: self.dropped.extend([cause] * frames))
+                             lambda cause, frames: self.dropped.extend([cause] * frames), patience_s)
         self.busy, self.go = threading.Event(), threading.Event()
         self.worker.call(self._block)
         self.busy.wait()
@@ -31,8 +32,8 @@ class Probe:
 def probe():
     probes = []
 
-    def probe(limit):
-        probes.append(Probe(limit))
+    def probe(limit, patience_s=0.0):
+        probes.append(Probe(limit, patience_s))
         return probes[-1]
 
     yield probe
@@ -91,3 +92,61 @@ def test_frames_that_wait_are_given_up_and_counted_when_it_is_cleared_and_other_
     clearing.worker.clear("inactive")
     clearing.finish()
     assert clearing.done == ["sensor"] and clearing.dropped == ["inactive"] * 3
+
+
+class Clock:
+    now_s = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(module, "time", clock)
+    return clock
+
+
+def test_frames_wait_while_a_busy_machine_catches_up_and_only_the_newest_if_it_does_not(probe, clock):
+    patient = probe(limit=1, patience_s=0.25)
+    for k in range(10):
+        patient.worker.offer(patient.done.append, k)
+        clock.now_s += 0.02
+    assert patient.dropped == []                # the oldest waits for 0.2 s
+    clock.now_s += 0.06
+    patient.worker.offer(patient.done.append, 10)
+    assert len(patient.dropped) == 10
+    for k in range(11, 15):                     # overloaded: no patience until there was nothing to give up for CALM_S
+        clock.now_s += 0.9 * CALM_S
+        patient.worker.offer(patient.done.append, k)
+        assert len(patient.dropped) == k
+    patient.finish()
+    assert patient.done == [14]
+
+
+def test_patience_comes_back_after_a_calm_time_without_drops(probe, clock):
+    patient = probe(limit=1, patience_s=0.25)
+    patient.worker.offer(patient.done.append, 0)
+    clock.now_s += 0.3
+    patient.worker.offer(patient.done.append, 1)
+    assert patient.dropped == ["queue"]
+    patient.go.set()
+    assert patient.worker.finish(60)
+    patient.busy.clear()
+    patient.go.clear()
+    patient.worker.call(patient._block)
+    patient.busy.wait()
+    clock.now_s += 1.01 * CALM_S
+    for k in range(2, 6):
+        patient.worker.offer(patient.done.append, k)
+    patient.finish()
+    assert patient.done == [1, 2, 3, 4, 5] and patient.dropped == ["queue"]
+
+
+def test_however_patient_a_queue_stays_bounded(probe, clock):
+    patient = probe(limit=2, patience_s=1e9)
+    for k in range(MOST_WAITING + 1):
+        patient.worker.offer(patient.done.append, k)
+    patient.finish()
+    assert patient.done == [MOST_WAITING - 1, MOST_WAITING] and len(patient.dropped) == MOST_WAITING - 1
