@@ -1,7 +1,7 @@
-"""Read a recording back, without a viewer: clouds, depth images, time series, properties."""
+"""Read a recording back, without a viewer: clouds, images, time series, log lines, properties."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +11,13 @@ from rerun.chunk import Chunk, RrdReader
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import layout
+from srt3d_ros.recording.repair import examine
 
+DEPTH_STD = "depth_std"
+LOG = "/log"
 _ROW_ID = "rerun.controls.RowId"
+_TYPES = {6: np.uint8, 7: np.int8, 8: np.uint16, 9: np.int16, 10: np.uint32, 11: np.int32, 12: np.uint64, 13: np.int64,
+          33: np.float16, 34: np.float32, 35: np.float64}      # rerun's ChannelDatatype
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +29,7 @@ class CloudFrame:
         xyz: float32 [N, 3], metres.
         intensity: float32 [N], photons.
         colour: uint32 [N], 0xRRGGBBAA, as shown.
+        depth_std_m: float32 [N], metres, or None where none were recorded.
     """
 
     stamp_ns: int
@@ -31,6 +37,10 @@ class CloudFrame:
     xyz: np.ndarray
     intensity: np.ndarray
     colour: np.ndarray
+    depth_std_m: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.xyz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +51,27 @@ class Series:
     values: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class CloudIndex:
+    """Which clouds there are, in the order of their stamps: int64 [N] frame indices, stamps in nanoseconds, points."""
+
+    frame_index: np.ndarray
+    stamp_ns: np.ndarray
+    points: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """A line of a node's log: its stamp (None = recorded without one), level (INFO, WARN, …) and text."""
+
+    stamp_ns: int | None
+    level: str
+    text: str
+
+
 class RecordingReader:
     """An .rrd file written by RecordingWriter.
 
@@ -48,12 +79,14 @@ class RecordingReader:
         path: the file; it need not be finished, but must not end in the middle of a chunk.
 
     Raises:
-        InvalidInput: if there is no such file, it is no recording, or it is cut off.
+        InvalidInput: if there is no such file, it is no recording, a newer rerun wrote it, or it is cut off.
     """
 
     def __init__(self, path):
         self.path = Path(path)
-        require(self.path.is_file(), "recording", str(path), "an .rrd file that exists")
+        self._state = examine(path)
+        require(not self._state.lost_bytes, "recording", str(path),
+                "a whole .rrd file; this one is cut off, and `srt3d review` repairs it into a copy")
         try:
             with warnings.catch_warnings():     # rerun warns of a missing footer; `is_finished` tells
                 warnings.simplefilter("ignore")
@@ -66,68 +99,114 @@ class RecordingReader:
 
     def is_finished(self) -> bool:
         """True if the file was closed: its footer is there."""
-        try:
-            self._reader.store()
-        except (RuntimeError, ValueError):
-            return False
-        return True
+        return self._state.is_finished
 
-    def clouds(self) -> Iterator[CloudFrame]:
-        """The clouds, in the order they were logged in."""
-        for chunk in self._chunks(layout.POINTS):
-            stamps, frames, xyz, intensity, colour = self._columns(
-                chunk, layout.STAMP, layout.FRAME, "Points3D:positions", layout.INTENSITY, "Points3D:colors")
-            for k in range(chunk.num_rows):
-                yield CloudFrame(int(stamps[k]), int(frames[k]), _array(xyz[k]).reshape(-1, 3),
-                                 _array(intensity[k]), _array(colour[k]))
+    def cloud_index(self) -> CloudIndex:
+        """Stamp, frame and number of points of every cloud."""
+        parts = [(frames, stamps, _lengths(xyz)) for _, frames, stamps, xyz in
+                 self._rows(layout.POINTS, layout.FRAME, layout.STAMP, "Points3D:positions")]
+        frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
+        order = np.argsort(stamps, kind="stable")
+        return CloudIndex(frames[order], stamps[order], points[order])
 
-    def depth_images(self) -> Iterator[tuple[int, int, np.ndarray]]:
+    def clouds(self, only: Container[int] | None = None) -> Iterator[CloudFrame]:
+        """The clouds, in the order they were logged in; those with a frame index in `only` if it is given."""
+        for chunk, stamps, frames, xyz, intensity, colour in self._rows(
+                layout.POINTS, layout.STAMP, layout.FRAME, "Points3D:positions", layout.INTENSITY, "Points3D:colors"):
+            depth_std = self._optional(chunk, DEPTH_STD)
+            for k in range(len(stamps)):
+                if only is None or int(frames[k]) in only:
+                    yield CloudFrame(int(stamps[k]), int(frames[k]), _array(xyz[k]).reshape(-1, 3),
+                                     _array(intensity[k]), _array(colour[k]),
+                                     None if depth_std is None else _array(depth_std[k]))
+
+    def depth_images(self, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
         """(stamp_ns, frame_index, float32 [rows, cols] in metres, NaN = none), in the order they were logged in."""
-        for chunk in self._chunks(layout.DEPTH):
-            stamps, frames, buffers, formats, meters = self._columns(
-                chunk, layout.STAMP, layout.FRAME, "DepthImage:buffer", "DepthImage:format", "DepthImage:meter")
-            for k in range(chunk.num_rows):
-                image, units_per_m = formats[k].as_py()[0], _array(meters[k])[0]
-                shape = image["height"], image["width"]
-                yield int(stamps[k]), int(frames[k]), layout.metres(_array(buffers[k]), shape, units_per_m)
+        return self.images(layout.DEPTH, only)
+
+    def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
+        """(stamp_ns, frame_index, [rows, cols]) of the images at an entity path; depth images in metres, NaN = none.
+
+        Colours come as [rows, cols, channels]. Without images there: nothing.
+        """
+        for chunk, stamps, frames in self._rows(path, layout.STAMP, layout.FRAME):
+            kind = next((kind for kind in ("DepthImage", "Image")
+                         if f"{kind}:buffer" in chunk.to_record_batch().schema.names), None)
+            if kind is None:
+                continue
+            buffers, formats = self._columns(chunk, f"{kind}:buffer", f"{kind}:format")
+            meters = self._optional(chunk, "DepthImage:meter")
+            for k in range(len(stamps)):
+                if only is None or int(frames[k]) in only:
+                    units_per_m = None if meters is None else _array(meters[k])[0]
+                    yield int(stamps[k]), int(frames[k]), _image(_array(buffers[k]), formats[k].as_py()[0], units_per_m)
 
     def series(self) -> dict[str, Series]:
         """Every time series in the order of its stamps, by the name it was logged under."""
         found: dict[str, list] = {}
-        for chunk in self._chunks(f"{layout.METRICS}/**"):
-            stamps, values = self._columns(chunk, layout.STAMP, "Scalars:scalars")
+        for chunk, stamps, values in self._rows(f"{layout.METRICS}/**", layout.STAMP, "Scalars:scalars"):
             name = chunk.entity_path.removeprefix(f"{layout.METRICS}/")
             found.setdefault(name, []).append((stamps, values.flatten().to_numpy()))
         return {name: _in_order(*(np.concatenate(part) for part in zip(*parts))) for name, parts in found.items()}
 
+    def log_lines(self) -> list[LogLine]:
+        """What the nodes logged, in the order it was recorded."""
+        lines = []
+        for chunk, texts in self._rows(f"{LOG}/**", "TextLog:text"):
+            levels, stamps = (self._optional(chunk, name) for name in ("TextLog:level", layout.STAMP))
+            for k in range(chunk.num_rows):
+                level = levels[k].as_py() if levels is not None else None
+                lines.append(LogLine(None if stamps is None else int(stamps[k]), (level or [""])[0],
+                                     (texts[k].as_py() or [""])[0]))
+        return lines
+
     def properties(self) -> dict[str, dict]:
-        """What was told of run and sensor: {"run": {…}, "sensor": {…}}; arrays where there are several values."""
+        """What was told of run, sensor, …: {"run": {…}, "sensor": {…}}; arrays where there are several values."""
         found: dict[str, dict] = {}
         for chunk in self._chunks(f"{layout.PROPERTIES}/**", static=True):
-            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(f"{layout.PROPERTIES}/")
+            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(f"{layout.PROPERTIES}").strip("/")
             for field in batch.schema.names:
-                if name in (layout.RUN, layout.SENSOR) and field != _ROW_ID:
+                if name and field != _ROW_ID:
                     found.setdefault(name, {})[field] = _value(batch.column(field)[0])
         return found
 
+    def _rows(self, content: str, *names: str) -> Iterator[tuple]:
+        """(chunk, a column for each of `names`) for every chunk at the entity paths."""
+        for chunk in self._chunks(content):
+            yield chunk, *self._columns(chunk, *names)
+
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
-        try:
-            yield from self._reader.stream().filter(content=content, is_static=static)
-        except RuntimeError as e:
+        try:        # the index in the footer saves reading what is not asked for
+            stream = self._reader.store().stream() if self.is_finished() else self._reader.stream()
+            yield from stream.filter(content=content, is_static=static)
+        except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
 
     def _columns(self, chunk: Chunk, *names: str) -> list:
         """Columns of a chunk: the times as int64 [rows], everything else as Arrow lists, one for each row."""
-        batch = chunk.to_record_batch()
-        missing = [name for name in names if name not in batch.schema.names]
+        columns = [self._optional(chunk, name) for name in names]
+        missing = [name for name, column in zip(names, columns) if column is None]
         require(not missing, "recording", str(self.path), f"{chunk.entity_path} with {missing and missing[0]}")
-        columns = (batch.column(name) for name in names)
-        return [column.cast(pa.int64()).to_numpy() if name in (layout.STAMP, layout.FRAME) else column
-                for name, column in zip(names, columns)]
+        return columns
+
+    def _optional(self, chunk: Chunk, name: str):
+        """A column as `_columns` gives it; None if the chunk has none of this name."""
+        batch = chunk.to_record_batch()
+        if name not in batch.schema.names:
+            return None
+        column = batch.column(name)
+        return column.cast(pa.int64()).to_numpy() if name in (layout.STAMP, layout.FRAME) else column
 
     def _unreadable(self, error: Exception) -> InvalidInput:
+        if isinstance(error, InvalidInput):
+            return error
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
-        return InvalidInput("recording", str(self.path), f"a whole .rrd file ({why})")
+        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why})")
+
+
+def _lengths(column) -> np.ndarray:
+    """Number of values in each row, int64; 0 where there is none."""
+    return column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
 
 
 def _array(item: pa.Scalar) -> np.ndarray:
@@ -136,6 +215,14 @@ def _array(item: pa.Scalar) -> np.ndarray:
     while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
         values = values.flatten()
     return values.to_numpy(zero_copy_only=False)
+
+
+def _image(buffer: np.ndarray, image_format: dict, units_per_m: float | None) -> np.ndarray:
+    shape = image_format["height"], image_format["width"]
+    if units_per_m is not None:
+        return layout.metres(buffer, shape, units_per_m)
+    values = buffer.view(_TYPES[image_format["channel_datatype"] or 6])
+    return values.reshape(shape if values.size == shape[0] * shape[1] else (*shape, -1))
 
 
 def _value(item: pa.Scalar):

@@ -1,11 +1,12 @@
 """RecordingReader: order, and one clear line for a file that is no recording of ours."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import rerun as rr
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.recording.reader import LogLine, RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
 
 
@@ -35,18 +36,60 @@ def test_a_recording_without_a_frame_is_empty_not_broken(tmp_path):
     assert reader.series() == {} and reader.properties() == {}
 
 
+def with_version(data, minor):
+    return data[:5] + bytes([minor]) + data[6:]
+
+
 @pytest.mark.parametrize("damage, expected", [
-    (lambda data: b"", "too small"),
-    (lambda data: b"row,col,toa\n" * 100, "Not an RRD file"),
-    (lambda data: data[:200], "a whole .rrd file"),
-    (lambda data: data[:-1000], "exceeds file size"),
+    (lambda data: b"", "not empty"),
+    (lambda data: b"row,col,toa\n" * 100, "an .rrd file, as the recorder writes it"),
+    (lambda data: data[:7], "more than its header"),
+    (lambda data: data[:12], "more than its header"),
+    (lambda data: data[:200], "more than its header was written|cut off"),
+    (lambda data: data[:-1000], "`srt3d review` repairs it"),
+    (lambda data: with_version(data, 250), "a file of rerun 0.41.* or older; it is of 0.250.0"),
+    (lambda data: b"RRF3" + data[4:], "or older"),
+    (lambda data: b"RRF1" + data[4:], "0.23 or later"),
+    (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "can be read"),
 ])
-def test_a_damaged_file_gives_one_line(tmp_path, whole, damage, expected):
+def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage, expected):
     path = tmp_path / "bad.rrd"
     path.write_bytes(damage(whole.read_bytes()))
     with pytest.raises(InvalidInput, match=expected) as caught:
         list(RecordingReader(path).clouds())
     assert str(caught.value).startswith("recording is ") and "\n" not in str(caught.value)
+
+
+def test_the_index_of_clouds_is_in_the_order_of_stamps_and_chosen_clouds_are_found(whole):
+    reader = RecordingReader(whole)
+    index = reader.cloud_index()
+    assert index.stamp_ns.tolist() == index.frame_index.tolist() == [0, 1, 2] and index.points.tolist() == [500] * 3
+    assert [cloud.frame_index for cloud in reader.clouds({1})] == [1]
+
+
+def test_optional_components_images_logs_and_properties_are_read_where_they_are(tmp_path):
+    stream = rr.RecordingStream("srt3d_ros")
+    stream.save(tmp_path / "a.rrd")
+    stream.set_time("stamp", timestamp=np.datetime64(7, "ns"))
+    stream.set_time("frame", sequence=3)
+    std = pa.array(np.float32([0.1, 0.2]))
+    stream.log("/points", rr.Points3D(np.ones((2, 3), np.float32), colors=np.zeros(2, np.uint32)),
+               rr.AnyValues(intensity=std, depth_std=std))
+    counts = np.arange(6, dtype=np.uint16).reshape(2, 3)
+    stream.log("/photons", rr.Image(counts, color_model="L"))
+    stream.log("/intensity", rr.DepthImage(counts.astype(np.float32), meter=1))
+    stream.log("/log/sketcher", rr.TextLog("a line", level="WARN"))
+    stream.send_property("versions", rr.AnyValues(numpy="2.4"))
+    stream.disconnect()
+    reader = RecordingReader(tmp_path / "a.rrd")
+    (cloud,) = reader.clouds()
+    assert np.array_equal(cloud.depth_std_m, np.float32([0.1, 0.2]))
+    assert [(stamp, frame) for stamp, frame, _ in reader.images("/photons")] == [(7, 3)]
+    assert all(np.array_equal(image, counts) for name in ("/photons", "/intensity")
+               for *_, image in reader.images(name))
+    assert list(reader.images("/background")) == []
+    assert reader.log_lines() == [LogLine(7, "WARN", "a line")]
+    assert reader.properties()["versions"] == {"numpy": "2.4"}
 
 
 def test_a_missing_file_gives_one_line(tmp_path):

@@ -1,0 +1,146 @@
+"""Tell whether an .rrd file is whole, and repair one that was cut off into a copy.
+
+An .rrd file is a header of 12 bytes (RRF2, the version of rerun that wrote it, how messages are packed) and messages,
+each behind 16 bytes that tell its kind and its length. The footer, an index of all before it, is written when the file
+is closed. What a killed recorder or a full disk leaves behind lacks the footer and may end within a message.
+"""
+
+import contextlib
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from tqdm import tqdm
+
+from srt3d_ros.errors import require
+
+_HEADER = struct.Struct("<4s4B4B")              # mark, version, options
+_MESSAGE = struct.Struct("<QQ")                 # kind, bytes that follow
+_MARK, _OLD_MARKS, _ANY_MARK = b"RRF2", (b"RRF0", b"RRF1"), b"RRF"
+_END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, number of indices
+_FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chunk, blueprint activation
+_COMPRESSIONS, _PROTOBUF = (0, 1), 2
+_COPY_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class FileState:
+    """How much of a file there is.
+
+    Args:
+        path: the file.
+        size_bytes: of all of it.
+        whole_bytes: up to the end of the last whole message before the footer.
+        is_finished: the footer is there.
+    """
+
+    path: Path
+    size_bytes: int
+    whole_bytes: int
+    is_finished: bool
+
+    @property
+    def lost_bytes(self) -> int:
+        """Of a message that was not written to its end."""
+        return 0 if self.is_finished else self.size_bytes - self.whole_bytes
+
+
+def examine(path) -> FileState:
+    """Look at header, messages and end of a file, not into the messages.
+
+    Raises:
+        InvalidInput: there is no such file; it is empty, or no .rrd file; a newer rerun wrote it; it holds nothing.
+    """
+    path = Path(path)
+    require(path.is_file(), "recording", str(path), "an .rrd file that exists")
+    with open(path, "rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        require(size > 0, "recording", str(path), "an .rrd file that is not empty")
+        file.seek(0)
+        _check_header(file.read(_HEADER.size), path)
+        if size >= _HEADER.size + _END.size:
+            file.seek(-_END.size, os.SEEK_END)
+            if _END.unpack(file.read(_END.size))[:2] == (_MARK, b"FOOT"):
+                return FileState(path, size, size, True)
+        whole = _whole_bytes(file, size)
+    require(whole > _HEADER.size, "recording", str(path), "an .rrd file of which more than its header was written")
+    return FileState(path, size, whole, False)
+
+
+def repair(state: FileState, progress: bool = False) -> Path:
+    """Write the whole messages of an unfinished file to NAME_repaired.rrd beside it, with a footer; the copy's path.
+
+    A copy that is there already is replaced; the original stays as it is. Chunks are joined to larger ones on the way.
+
+    Args:
+        state: what `examine` found.
+        progress: show a bar on the terminal if it takes longer than 2 s.
+
+    Raises:
+        InvalidInput: the copy cannot be written, or what is left cannot be read.
+    """
+    path = state.path
+    target = path.with_name(f"{path.stem}_repaired{path.suffix}")
+    part = path.with_name(f".{target.stem}.{os.getpid()}.part{path.suffix}")
+    require(os.access(path.parent, os.W_OK), "recording", str(path),
+            "a finished file, or a folder that can be written for a repaired copy")
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", "--continue-on-error", "-o", str(part)]
+    try:
+        said = _feed(command, state, progress)
+        require(part.is_file(), "recording", str(path), f"chunks that can be read ({said})")
+        os.replace(part, target)
+    finally:
+        part.unlink(missing_ok=True)
+    return target
+
+
+def _check_header(header: bytes, path: Path) -> None:
+    mark = header[:4]
+    require(mark.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
+    require(mark not in _OLD_MARKS, "recording", str(path), "a file of rerun 0.23 or later: run `rerun rrd migrate`")
+    require(len(header) == _HEADER.size, "recording", str(path),
+            "an .rrd file of which more than its header was written")
+    _, major, minor, patch, _, compression, serializer, *_ = _HEADER.unpack(header)
+    installed = version("rerun-sdk")
+    newer = (major, minor) > tuple(int(part) for part in installed.split(".")[:2])
+    newer |= mark != _MARK or compression not in _COMPRESSIONS or serializer != _PROTOBUF
+    require(not newer, "recording", str(path),
+            f"a file of rerun {installed} or older; it is of {major}.{minor}.{patch}: pip install -U rerun-sdk")
+
+
+def _whole_bytes(file, size: int) -> int:
+    """Where the last whole message before the footer ends."""
+    end = _HEADER.size
+    while end + _MESSAGE.size <= size:
+        file.seek(end)
+        kind, length = _MESSAGE.unpack(file.read(_MESSAGE.size))
+        if kind not in _CONTENTS or end + _MESSAGE.size + length > size:
+            break
+        end += _MESSAGE.size + length
+    return end
+
+
+def _feed(command: list[str], state: FileState, progress: bool) -> str:
+    """Run a command on the whole part of a file; its last line of complaint."""
+    bar = tqdm(total=state.whole_bytes, unit="B", unit_scale=True, desc="repairing", delay=2, leave=False,
+               disable=not progress)
+    quiet = os.environ | {"NO_COLOR": "1", "RUST_LOG": "error"}
+    with bar, tempfile.TemporaryFile() as complaints:
+        with open(state.path, "rb") as file, subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints, env=quiet) as process:
+            left = state.whole_bytes
+            with contextlib.suppress(BrokenPipeError):          # it has ended: what it says tells why
+                while left and (data := file.read(min(left, _COPY_BYTES))):
+                    process.stdin.write(data)
+                    left -= len(data)
+                    bar.update(len(data))
+                process.stdin.close()
+        complaints.seek(0)
+        said = complaints.read().decode(errors="replace").strip().split("\n")[-1] or "rerun says nothing"
+    require(process.returncode == 0, "recording", str(state.path), f"chunks that can be read ({said})")
+    return said

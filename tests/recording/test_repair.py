@@ -1,0 +1,87 @@
+"""A recording that was cut off: repaired into a copy from which at most the chunk that was cut is missing."""
+
+import random
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.recording.repair import examine, repair
+from srt3d_ros.recording.writer import RecordingWriter
+
+FRAMES, POINTS = 40, 300
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A recording of FRAMES clouds, flushed after each: many chunks."""
+    path = tmp_path_factory.mktemp("whole") / "a.rrd"
+    with RecordingWriter(path, None) as writer:
+        for k in range(FRAMES):
+            rng = np.random.default_rng(k)
+            writer.log_cloud(k * 10**8, k, rng.normal(size=(POINTS, 3)), rng.uniform(1, 9, POINTS))
+            writer.log_scalars(k * 10**8, {"points": POINTS}, k)
+            writer.flush()
+    return path
+
+
+def clouds_in(path):
+    """{frame: (xyz, intensity)}"""
+    return {cloud.frame_index: (cloud.xyz, cloud.intensity) for cloud in RecordingReader(path).clouds()}
+
+
+def test_a_finished_file_is_whole(whole):
+    state = examine(whole)
+    assert state.is_finished and state.lost_bytes == 0 and state.whole_bytes == whole.stat().st_size
+
+
+def test_twenty_random_truncations_open_after_repair_and_lack_at_most_one_chunk(tmp_path, whole):
+    data, cut = whole.read_bytes(), tmp_path / "cut.rrd"
+    before = clouds_in(whole)
+    rng = random.Random(5)
+    for size in [rng.randrange(len(data) // 20, len(data)) for _ in range(20)]:
+        cut.write_bytes(data[:size])
+        state = examine(cut)
+        copy = repair(state)
+        assert copy == tmp_path / "cut_repaired.rrd" and cut.read_bytes() == data[:size]
+        assert examine(copy).is_finished and sorted(tmp_path.iterdir()) == [cut, copy]
+        kept = clouds_in(copy)
+        assert sorted(kept) == list(range(len(kept)))           # nothing is missing but the end
+        # All whole messages are kept: what is lost is what the file held of one that is not whole.
+        cut.write_bytes(data[:state.whole_bytes])
+        assert clouds_in(cut).keys() == kept.keys()
+        assert all(np.array_equal(ours, theirs) for k in kept for ours, theirs in zip(kept[k], before[k]))
+
+
+def test_the_layout_is_kept(tmp_path, whole):
+    cut = tmp_path / "cut.rrd"
+    cut.write_bytes(whole.read_bytes()[:-2000])
+    assert len(RrdReader(repair(examine(cut))).blueprints()) == 1
+
+
+def test_a_tail_of_zeros_as_a_power_cut_leaves_it_is_cut_off(tmp_path, whole):
+    data, cut = whole.read_bytes(), tmp_path / "cut.rrd"
+    cut.write_bytes(data[:len(data) // 2])
+    whole_bytes = examine(cut).whole_bytes
+    cut.write_bytes(data[:whole_bytes] + bytes(5000))
+    assert examine(cut).lost_bytes == 5000
+    assert clouds_in(repair(examine(cut)))
+
+
+def test_a_chunk_that_cannot_be_read_is_left_out(tmp_path, whole):
+    data, cut = bytearray(whole.read_bytes()[:-2000]), tmp_path / "cut.rrd"
+    middle = len(data) // 2
+    data[middle:middle + 300] = bytes(255 - b for b in data[middle:middle + 300])
+    cut.write_bytes(data)
+    kept = clouds_in(repair(examine(cut)))
+    assert FRAMES // 2 < len(kept) < FRAMES
+
+
+def test_where_nothing_can_be_written_one_line_says_so(tmp_path, whole, monkeypatch):
+    cut = tmp_path / "cut.rrd"
+    cut.write_bytes(whole.read_bytes()[:-2000])
+    monkeypatch.setattr("srt3d_ros.recording.repair.os.access", lambda *_: False)     # root may write anywhere
+    with pytest.raises(InvalidInput, match="a folder that can be written for a repaired copy"):
+        repair(examine(cut))
