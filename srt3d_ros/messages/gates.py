@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonGates
+from srt3d_ros.core.photons import CHUNK, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, typed
@@ -31,7 +31,7 @@ def encode_cdr(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> bytes:
 
 
 def decode(message: "Image", sensor: SensorModel) -> tuple[Header, PhotonGates]:
-    """The words of a message, copied.
+    """The words of a message: a read-only view of it, or a copy where its bytes lie otherwise.
 
     Raises:
         InvalidInput: the message does not keep the schema or fit the sensor, or the sensor has no `gates`.
@@ -55,8 +55,8 @@ def _pack(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> cdr.Image:
 def _unpack(image: cdr.Image, sensor: SensorModel) -> tuple[Header, PhotonGates]:
     require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
     require(image.height % sensor.rows == 0, "height", image.height, f"a multiple of the sensor's {sensor.rows} rows")
-    # A copy, always: views of a message are read-only, sometimes unaligned, and compiled code wants neither.
-    words = np.array(unpack_image(image, load("gates")), dtype=np.uint16, order="C")
+    # A copy only where it has to be: of 300 MB/s each one costs a tenth of a core.
+    words = np.require(unpack_image(image, load("gates")), np.uint16, ["C_CONTIGUOUS", "ALIGNED"])
     words = words.reshape(image.height // sensor.rows, sensor.rows, sensor.cols)
     _check_words(words, sensor)
     return image.header, PhotonGates(words, image.header.stamp_ns)
@@ -66,8 +66,10 @@ def _check_words(words: np.ndarray, sensor: SensorModel) -> None:
     require(sensor.gates is not None, "sensor.gates", "absent", "first_word and no_detection, to read `gates` with")
     first, none = sensor.gates.first_word, sensor.gates.no_detection
     last = min(first + sensor.num_bins, 65_536) - 1
-    # Unsigned: a word below `first` wraps around to more than any bin.
-    wrong = (words - np.uint16(first) > last - first) & (words != none)
-    if wrong.any():
-        raise InvalidInput("gates word", int(words.reshape(-1)[wrong.argmax()]),
-                           f"{first} to {last}, or {none} for no detection")
+    flat = words.reshape(-1)
+    for part in (flat[start:start + CHUNK] for start in range(0, len(flat), CHUNK)):
+        # Unsigned: a word below `first` wraps around to more than any bin.
+        wrong = (part - np.uint16(first) > last - first) & (part != none)
+        if wrong.any():
+            raise InvalidInput("gates word", int(part[wrong.argmax()]),
+                               f"{first} to {last}, or {none} for no detection")

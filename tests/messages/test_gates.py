@@ -1,13 +1,17 @@
 """`gates` against read-outs of all shapes."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from srt3d_ros.core.photons import PhotonGates
+from srt3d_ros.core.photons import CHUNK, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.messages import gates
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import cdr, gates
 from srt3d_ros.messages.header import Header
 
 
@@ -38,7 +42,25 @@ def test_cycles_are_stacked_vertically(codecs):
     assert (rows[3:] == codecs["gates"].content.words[1]).all()
 
 
-def test_words_own_their_memory(codecs):
-    _, content = codecs["gates"].decode_cdr(codecs["gates"].encode_cdr())
-    flags = content.words.flags
-    assert flags.writeable and flags.aligned and flags.c_contiguous and content.words.dtype.isnative
+def test_words_lie_as_compiled_code_wants_them_and_are_copied_only_where_they_do_not(codecs):
+    image = cdr.read_image(codecs["gates"].encode_cdr())
+    rows = np.frombuffer(image.data, "<u2").reshape(6, 4)
+    padded = np.pad(rows, ((0, 0), (0, 3)))
+    for shape, copied in ((rows, False), (rows.astype(">u2"), True), (padded, True)):
+        raw = cdr.write_image(replace(image, is_bigendian=shape.dtype.byteorder == ">", step=shape.strides[0],
+                                      data=memoryview(shape.tobytes())))
+        words = codecs["gates"].decode_cdr(raw)[1].words
+        assert (words.reshape(6, 4) == rows).all()
+        assert words.flags.aligned and words.flags.c_contiguous and words.dtype.isnative
+        assert np.shares_memory(words, np.frombuffer(raw, np.uint8)) is not copied
+
+
+def test_a_wrong_word_is_found_wherever_it_is():
+    sensor = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=np.ones(1), gates=GateWords(10, 0))
+    for at in (0, CHUNK - 1, CHUNK, 2 * CHUNK - 3):
+        words = np.zeros((CHUNK // 3, 2, 3), np.uint16)
+        raw = bytearray(gates.encode_cdr(PhotonGates(words), sensor, "spad"))
+        start = len(raw) - 2 * words.size
+        raw[start + 2 * at:start + 2 * at + 2] = (60).to_bytes(2, "little")
+        with pytest.raises(InvalidInput, match="gates word is 60: expected 10 to 59, or 0"):
+            gates.decode_cdr(bytes(raw), sensor)
