@@ -92,6 +92,8 @@ class PointCloud:
 
     def within(self, min_m: float = 0.0, max_m: float = np.inf) -> "PointCloud":
         """Only the points whose range along the ray is from `min_m` to `max_m` metres; `surface` counts those left."""
+        if min_m <= 0 and max_m == np.inf:
+            return self
         range_m = self._range_m()
         kept = np.flatnonzero((range_m >= min_m) & (range_m <= max_m))
         if len(kept) == len(self):
@@ -103,7 +105,7 @@ class PointCloud:
                        depth_std_bins=self.depth_std_bins[kept], xyz=self.xyz[kept], surface=rank.astype(np.uint8))
 
     def _range_m(self) -> np.ndarray:
-        return np.linalg.norm(self.xyz, axis=1)
+        return np.sqrt(np.einsum("ij,ij->i", self.xyz, self.xyz))       # several times faster than np.linalg.norm
 
     def _image(self, values: np.ndarray, surface: int = 0) -> np.ndarray:
         chosen = self.surface == surface

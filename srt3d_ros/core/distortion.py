@@ -9,6 +9,7 @@ from srt3d_ros.errors import InvalidInput, require
 STEPS = 4                   # from the middle of the image to the pixel, so that no other solution is run into
 ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
+BLOCK = 2**16               # pixels at a time, whose numbers stay in the cache
 SAMPLES = 64                # between the middle and a pixel, where the model must not fold
 
 
@@ -55,14 +56,11 @@ class PlumbBob:
         Raises:
             InvalidInput: for a place that no ray is seen at.
         """
-        x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
-        at_x, at_y = np.zeros_like(x), np.zeros_like(y)
-        with np.errstate(all="ignore"):         # what diverges is refused below
-            for share in np.arange(1, STEPS + 1) / STEPS:
-                at_x, at_y, open_ = self._newton(at_x, at_y, x * share, y * share)
-        if open_.any():
-            self._refuse(x[open_][0], y[open_][0])
-        return at_x, at_y
+        places = np.stack([x, y]).astype(np.float64).reshape(2, -1)
+        for begin in range(0, places.shape[1], BLOCK):
+            part = slice(begin, begin + BLOCK)
+            places[:, part] = self._undistorted(*places[:, part])
+        return tuple(places.reshape(2, *np.shape(x)))
 
     def check(self, x: np.ndarray, y: np.ndarray) -> None:
         """Raise InvalidInput unless each (x', y'), and all between it and (0, 0), is where one ray is seen.
@@ -77,6 +75,15 @@ class PlumbBob:
             folded = ~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)
         if folded.any():
             self._refuse(x[folded][0], y[folded][0])
+
+    def _undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        at_x, at_y = np.zeros_like(x), np.zeros_like(y)
+        with np.errstate(all="ignore"):         # what diverges is refused below
+            for share in np.arange(1, STEPS + 1) / STEPS:
+                at_x, at_y, left = self._newton(at_x, at_y, x * share, y * share)
+        if left.any():
+            self._refuse(x[left][0], y[left][0])
+        return at_x, at_y
 
     def _newton(self, x: np.ndarray, y: np.ndarray, wanted_x: np.ndarray, wanted_y: np.ndarray):
         """From (x, y) to the solution; and where there is none yet."""
