@@ -29,9 +29,10 @@ ARGUMENTS = (
     DeclareLaunchArgument("points", default_value="", description="Topic of the clouds."),
     DeclareLaunchArgument("device", default_value="", description="Where to reconstruct.",
                           choices=("", "auto", "cpu", "cuda")),
-    DeclareLaunchArgument("input", default_value="", description="Photon file to play, or: simulator. Without, a "
-                          "driver publishes the photons."),
+    DeclareLaunchArgument("input", default_value="", description="Photon file or bag to play, or: simulator. "
+                          "Without, a driver publishes the photons."),
     DeclareLaunchArgument("record", default_value="", description="Recording (.rrd) to write."),
+    DeclareLaunchArgument("bag", default_value="", description="Bag (a folder) to record the photons in."),
     DeclareLaunchArgument("autostart", default_value="", description="Whether the nodes configure and activate "
                           "themselves; false: a lifecycle manager does.", choices=("", *SWITCH)),
     DeclareLaunchArgument("use_sim_time", default_value="", description="Whether the clock is the topic /clock.",
@@ -43,11 +44,12 @@ ARGUMENTS = (
 # Of each node: which parameter an argument sets. The player comes last, so that all listen when it starts.
 NODES = {
     "recorder": {"path": "record"},
+    "bag_recorder": {"path": "bag"},
     "reconstructor": {"device": "device"},
     "sketcher": {"sensor_file": "sensor_file"},
     "player": {"input": "input"},
 }
-ONLY_WITH = {"recorder": "record", "player": "input"}
+ONLY_WITH = {"recorder": "record", "bag_recorder": "bag", "player": "input"}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -82,7 +84,5 @@ def config_file(config: str) -> str:
 
 
 def ended(event, context) -> Shutdown | None:
-    """A pipeline that has lost a node is of no use; but a player may come to its end."""
-    if event.process_name.startswith("player-") and event.returncode == 0:
-        return None
-    return Shutdown(reason=f"{event.process_name} has ended")
+    """A pipeline in which a node has failed is of no use; a player may come to its end."""
+    return Shutdown(reason=f"{event.process_name} has failed") if event.returncode else None

@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -83,11 +84,52 @@ def test_the_command_is_on_path(prefix, environment, tmp_path):
     assert run([prefix / "bin" / "srt3d", "--version"], tmp_path, **environment) == f"srt3d {srt3d_ros.__version__}\n"
 
 
-@pytest.mark.parametrize("folder", ["msg_schemas", "launch", "config"])
+@pytest.mark.parametrize("folder", ["msg_schemas", "launch", "config", "config/sensors", "examples"])
 def test_shared_files_are_installed(prefix, repository, folder):
     def names(place: Path) -> set[str]:
         return {path.name for path in place.glob("*") if path.is_file()}
     assert names(prefix / "share" / "srt3d_ros" / folder) == names(repository / folder)
+
+
+@pytest.fixture
+def ros2(prefix, repository, tmp_path):
+    """Runs `ros2 …` with the installed package: (exit code, what it said). Kernels come compiled, from the source tree."""
+    pytest.importorskip("ros2launch")
+
+    def run_ros2(*arguments, until: str = "") -> tuple[int, str]:
+        command = [Path(sys.executable).parent / "ros2", *arguments]
+        variables = {"AMENT_PREFIX_PATH": str(prefix), "PYTHONPATH": str(repository), "ROS_LOG_DIR": str(tmp_path)}
+        process = subprocess.Popen(command, cwd=tmp_path, env={**os.environ, **variables}, stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT, text=True)
+        said = ""
+        for line in process.stdout:
+            said += line
+            if until and all(text in said for text in until.split("|")):
+                process.send_signal(signal.SIGINT)
+                until = ""
+        return process.wait(), said
+
+    return run_ros2
+
+
+def test_the_launch_system_lists_the_arguments(ros2):
+    code, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "--show-args")
+    assert code == 0 and all(f"'{name}'" in said for name in ("config", "namespace", "sensor_file", "record")), said
+
+
+def test_the_launch_system_runs_the_pipeline(ros2, tmp_path):
+    code, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=simulator", "namespace:=/front",
+                      "config:=scanner_141x141", "record:=run.rrd", "device:=cpu", until="|".join(
+                          f"[front.{name}]: {word}" for name, word in
+                          [("player", "ready"), ("sketcher", "ready"), ("reconstructor", "ready"),
+                           ("recorder", "recording to")]))
+    assert said.count("process has finished cleanly") == 4, said
+    assert (tmp_path / "run.rrd").stat().st_size > 0
+
+
+def test_a_node_that_fails_ends_what_was_launched(ros2):
+    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=no such file.npz")
+    assert "no such file.npz" in said and "has failed" in said, said
 
 
 def test_package_data_is_installed(prefix, environment, repository):

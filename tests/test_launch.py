@@ -1,0 +1,50 @@
+"""The launch file starts what there is: every node, parameters and topics that exist, arguments that say what they do.
+
+It is read here, not run: the launch package comes with ROS 2 alone. tests/test_install.py runs it where there is one.
+"""
+
+import ast
+
+import pytest
+
+from srt3d_ros.nodes.tables import INTERFACES
+
+
+@pytest.fixture(scope="module")
+def launch(repository) -> ast.Module:
+    return ast.parse((repository / "launch" / "srt3d.launch.py").read_text())
+
+
+def constant(tree: ast.Module, name: str):
+    """The value of a constant at the top of the file."""
+    (value,) = (line.value for line in tree.body if isinstance(line, ast.Assign) and line.targets[0].id == name)
+    return ast.literal_eval(value)
+
+
+def declared(tree: ast.Module) -> dict[str, dict[str, str]]:
+    """The keywords of each DeclareLaunchArgument, by the argument's name."""
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)
+             and getattr(node.func, "id", "") == "DeclareLaunchArgument"]
+    return {ast.literal_eval(call.args[0]): {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
+            for call in calls}
+
+
+def test_every_argument_has_a_default_and_a_description(launch):
+    arguments = declared(launch)
+    assert len(arguments) > 10
+    for name, keywords in arguments.items():
+        assert {"default_value", "description"} <= set(keywords), name
+
+
+def test_every_node_is_started_with_parameters_that_it_has(launch):
+    nodes = constant(launch, "NODES")
+    assert set(nodes) == set(INTERFACES)
+    for name, parameters in nodes.items():
+        assert set(parameters) <= {parameter.name for parameter in INTERFACES[name].table}
+        assert set(parameters.values()) <= set(declared(launch))
+    assert set(constant(launch, "ONLY_WITH").values()) <= set(declared(launch))
+
+
+def test_every_topic_that_can_be_renamed_is_one_of_the_nodes(launch):
+    topics = {topic.name for interface in INTERFACES.values() for topic in (*interface.inputs, *interface.outputs)}
+    assert set(constant(launch, "TOPICS")) <= topics & set(declared(launch))
