@@ -33,6 +33,8 @@ class Offer:
 class BagWriter:
     """A bag that is being written: a folder with one storage file and, once closed, metadata.yaml.
 
+    It belongs to the thread that made it: SQLite wants that.
+
     Args:
         path: the folder, which must not exist.
         storage: "mcap" or "sqlite3".
@@ -111,7 +113,7 @@ def _os_errors() -> Iterator[None]:
     """What SQLite says about files, said as the system says it."""
     try:
         yield
-    except sqlite3.Error as error:
+    except sqlite3.OperationalError as error:
         raise OSError(errno.EIO, str(error)) from None
 
 

@@ -5,6 +5,8 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,7 +80,9 @@ class BagRecorderNode(PipelineNode):
         path = Path(self.parameters["path"] or time.strftime("bag_%Y%m%dT%H%M%SZ", time.gmtime())).absolute()
         self._room_at = next(folder for folder in path.parents if folder.exists())
         require(self._has_room(0), "path", path, f"a place with more than {self.parameters['min_free_mb']} MB free")
-        self._writer = BagWriter(path, self.parameters["format"])
+        made: Future[BagWriter] = Future()
+        self.worker.call(_settle, made, lambda: BagWriter(path, self.parameters["format"]))
+        self._writer = made.result()
         self._waiting_bytes, self._lost = 0, Counter()
         self._ended_by = ""
         self._first_ns: int | None = None
@@ -216,6 +220,14 @@ class BagRecorderNode(PipelineNode):
         self.diagnostics.error(text)
         self.exit_code = 1
         self.finished.set()
+
+
+def _settle(future: Future, make: Callable[[], object]) -> None:
+    """Make something in this thread for another."""
+    try:
+        future.set_result(make())
+    except Exception as error:
+        future.set_exception(error)
 
 
 def _offer(topic: Topic, qos: QoSProfile) -> Offer:
