@@ -14,6 +14,7 @@ BACKGROUND = (13, 16, 21)
 # Near is bright, so that what is in front stands out; without the darkest quarter, which the background would swallow.
 RANGE_MAP = colour_table("viridis")[np.linspace(255, 45, 256).round().astype(int)]
 _OUTSIDE = (96, 104, 116)
+_RADIUS_PER_DISTANCE = 0.6      # neighbours then just overlap
 _CLOSER = 1.2                   # larger points than in the viewer: no gaps in surfaces seen aslant
 
 
@@ -26,11 +27,13 @@ class Look:
     radius_m: float
 
     @classmethod
-    def of(cls, cloud: PointCloud, sensor: SensorModel) -> "Look":
-        """The look that suits a cloud."""
+    def of(cls, cloud: PointCloud, sensor: SensorModel | None) -> "Look":
+        """The look that suits a cloud; without a sensor its points get the size that closes an even surface up."""
         range_m = np.linalg.norm(cloud.xyz, axis=1)
-        near_m, far_m = percentile_range(range_m, 1, 99) or sensor.range_m(np.array([0, sensor.num_bins]))
-        return cls(near_m, far_m, _CLOSER * point_radius_m(cloud.xyz, sensor))
+        near_m, far_m = percentile_range(range_m, 1, 99) or (
+            sensor.range_m(np.array([0, sensor.num_bins])) if sensor else (0.0, 1.0))
+        radius_m = point_radius_m(cloud.xyz, sensor) if sensor else _even_radius_m(cloud.xyz)
+        return cls(float(near_m), float(far_m), _CLOSER * radius_m)
 
     def colour(self, xyz: np.ndarray) -> np.ndarray:
         """Colours of points by their range, uint8 [N, 3]; those far outside the cloud's ranges are grey."""
@@ -39,9 +42,18 @@ class Look:
         colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
         return colour
 
-    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
-        """A cloud as `eye` sees it, uint8 [height, width, 3]."""
+    def shaded(self, cloud: PointCloud) -> np.ndarray:
+        """Colours of a cloud's points by range, darker where the intensity is low, uint8 [N, 3]."""
         low, high = percentile_range(cloud.intensity) or (0, 1)
         bright = levels(cloud.intensity, low, high, root=True)[:, None] / np.float32(255)
-        colour = (self.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
-        return draw_surface(cloud.xyz, colour, eye, width, height, self.radius_m, BACKGROUND, finer=2)
+        return (self.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
+
+    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int, finer: int = 2) -> np.ndarray:
+        """A cloud as `eye` sees it, uint8 [height, width, 3]; `finer` as for `draw_surface`."""
+        return draw_surface(cloud.xyz, self.shaded(cloud), eye, width, height, self.radius_m, BACKGROUND, finer)
+
+
+def _even_radius_m(xyz: np.ndarray) -> float:
+    """Half the distance of points spread evenly over the two larger sides of the box that holds most of them."""
+    sides = [np.subtract(*(percentile_range(axis, 1, 99) or (0, 0))[::-1]) for axis in xyz.T]
+    return float(np.sqrt(np.prod(sorted(sides)[1:]) / max(len(xyz), 1))) * _RADIUS_PER_DISTANCE

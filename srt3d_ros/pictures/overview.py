@@ -14,14 +14,14 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.look import BACKGROUND, RANGE_MAP, Look
-from srt3d_ros.pictures.raster import draw_fog, focal_px
+from srt3d_ros.pictures.marks import DIM, TEXT, caption, hex_colour, scale_bar
+from srt3d_ros.pictures.raster import draw_fog
 from srt3d_ros.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 
 _WIDTH_PX, _HEIGHT_PX, _DPI = 2000, 900, 100
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
 _SPECK_OPACITY, _FADE = 0.6, 0.08               # of a photon; of the panel
 _SPARSE = 0.4                                   # photons per picture element below which they are drawn larger
-_TEXT, _DIM = "#e8eaed", "#8b939e"
 _MOST_PHOTONS = 1_000_000                       # drawn; of more, an even sample
 
 
@@ -40,10 +40,10 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
         InvalidInput: if the picture cannot be written there.
     """
     look = Look.of(cloud, sensor)
-    figure = Figure((_WIDTH_PX / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI, facecolor=_hex(BACKGROUND))
+    figure = Figure((_WIDTH_PX / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI, facecolor=hex_colour(BACKGROUND))
     FigureCanvasAgg(figure)
-    _line(figure, 0.94, title, 25, color=_TEXT, weight="bold")
-    _line(figure, 0.045, _caption(figures), 15, color=_DIM)
+    _line(figure, 0.94, title, 25, color=TEXT, weight="bold")
+    _line(figure, 0.045, caption(figures), 15, color=DIM)
     left, photon_xyz = 0.02, None if photons is None else _positions(photons, sensor)
     framed = cloud.xyz if len(cloud) or photons is None else photon_xyz
     if photons is not None:
@@ -57,9 +57,9 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
     axes = _panel(figure, left, width, lambda w, h: look.draw(cloud, eye, w, h),
                   f"{len(cloud):,} points", "coloured by range, shaded by intensity")
     if len(cloud) == 0:
-        axes.text(0.5, 0.5, "no points", color=_DIM, size=20, ha="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no points", color=DIM, size=20, ha="center", transform=axes.transAxes)
     else:
-        _scale_bar(axes, eye)
+        scale_bar(axes, eye)
     _depth_map(figure, 0.71, 0.235, cloud.range_image(), look)
     try:
         figure.savefig(Path(path), format="png", dpi=_DPI, facecolor=figure.get_facecolor())
@@ -98,7 +98,7 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, l
     size_px = min(width * _WIDTH_PX / cols, (_TOP - _BOTTOM) * _HEIGHT_PX / rows)
     width, height = cols * size_px / _WIDTH_PX, rows * size_px / _HEIGHT_PX
     bottom = (_TOP + _BOTTOM - height) / 2
-    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=_hex(BACKGROUND))
+    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=hex_colour(BACKGROUND))
     scale = Normalize(look.near_m, look.far_m)
     axes = figure.add_axes((left, bottom, width, height))
     axes.set_axis_off()
@@ -108,7 +108,7 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, l
     bar = figure.colorbar(ScalarMappable(scale, colours), cax=beside)
     bar.outline.set_visible(False)
     bar.ax.invert_yaxis()
-    bar.ax.tick_params(colors=_DIM, labelsize=13, length=0)
+    bar.ax.tick_params(colors=DIM, labelsize=13, length=0)
 
 
 def _panel(figure: Figure, left: float, width: float, draw: Callable[[int, int], np.ndarray], heading: str, note: str):
@@ -128,31 +128,5 @@ def _line(figure: Figure, height: float, text: str, size: float, **style) -> Non
 
 
 def _heading(figure: Figure, left: float, heading: str, note: str) -> None:
-    figure.text(left, _TOP + 0.055, heading, color=_TEXT, size=17, va="bottom")
-    figure.text(left, _TOP + 0.02, note, color=_DIM, size=13, va="bottom")
-
-
-def _scale_bar(axes, eye: Viewpoint) -> None:
-    """A bar of a round number of metres, as long as it is at the target."""
-    height, width = axes.images[0].get_array().shape[:2]
-    px_per_m = focal_px(eye, width, height) / np.linalg.norm(eye.target - eye.position)
-    exponent = np.floor(np.log10(0.2 * width / px_per_m))
-    length_m = max(step * 10**exponent for step in (1, 2, 5) if step * 10**exponent * px_per_m <= 0.2 * width)
-    end, line = width - 0.02 * width, height - 0.03 * height
-    axes.plot([end - length_m * px_per_m, end], [line, line], color=_DIM, linewidth=2, solid_capstyle="butt")
-    text = f"{length_m:g} m" if length_m >= 1 else f"{length_m * 100:g} cm"
-    axes.text(end, line - 0.015 * height, text, color=_DIM, size=13, ha="right", va="bottom")
-
-
-def _caption(figures: dict) -> str:
-    return "     ".join(f"{name}: {_number(value)}" for name, value in figures.items())
-
-
-def _number(value) -> str:
-    if isinstance(value, (int, np.integer)):
-        return f"{value:,}"
-    return f"{value:.3g}" if isinstance(value, (float, np.floating)) else str(value)
-
-
-def _hex(colour: tuple[int, int, int]) -> str:
-    return "#" + bytes(colour).hex()
+    figure.text(left, _TOP + 0.055, heading, color=TEXT, size=17, va="bottom")
+    figure.text(left, _TOP + 0.02, note, color=DIM, size=13, va="bottom")
