@@ -52,7 +52,7 @@ def test_parameters_set_from_outside_are_applied_between_frames_or_refused_with_
     send = reconstructor()
     send()
     graph.wait(lambda: len(clouds) == 1, "a cloud")
-    results = set_parameters(graph, "reconstructor", fields="full", surfaces=9, device="cuda", frame_id=True)
+    results = set_parameters(graph, "reconstructor", fields="full", surfaces=9, lossless=False, frame_id=True)
     assert [result.successful for result in results] == [True, False, False, False]
     assert "9" in results[1].reason and "read-only" in results[2].reason
     send()
