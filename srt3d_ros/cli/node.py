@@ -17,12 +17,19 @@ def add_parser(subparsers) -> None:
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
 
 
-def start(name: str, ros_args: list[str]) -> int:
-    """Run a node in this process until it ends; returns its exit code."""
-    # While its module is imported, which takes seconds, nothing has begun that would need an orderly end, and an
-    # exception in the middle of an extension module's import can become any other. The node sets handlers of its own.
+def leave_at_once_on_signals() -> None:
+    """Until the nodes set handlers of their own, while their modules are imported, which takes seconds.
+
+    Nothing has begun that would need an orderly end, and an exception in the middle of an extension module's import can
+    become any other.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
+
+
+def start(name: str, ros_args: list[str]) -> int:
+    """Run a node in this process until it ends; returns its exit code."""
+    leave_at_once_on_signals()
     sys.argv = [name, *ros_args]
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
 

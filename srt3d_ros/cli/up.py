@@ -1,0 +1,172 @@
+"""`srt3d up`: the whole pipeline in one process; launch/srt3d.launch.py starts the same in several."""
+
+import argparse
+import difflib
+import json
+import re
+import tempfile
+import textwrap
+from pathlib import Path
+
+from srt3d_ros import __version__, shared_files
+from srt3d_ros.cli import node
+from srt3d_ros.errors import InvalidInput, require
+
+# Which parameter of which node an option sets.
+OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
+           "input": ("player", "input"), "record": ("recorder", "path"), "bag": ("bag_recorder", "path")}
+OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
+LEVELS = ("debug", "info", "warn", "error", "fatal")
+ABOUT = """\
+Run sketcher and reconstructor, and what is asked for beside them, as ROS 2 nodes in one process: photons in, point
+clouds out. A driver publishes `sensor` and `photons` or `gates`; or --input plays them."""
+EXAMPLES = """\
+examples:
+  srt3d up --input simulator --record run.rrd               a moving scene, no sensor needed
+  srt3d up -r photons:=/spad/raw -r sensor:=/spad/sensor    a driver of yours
+  srt3d up --config spad_32x32_gates --sensor-file my.json  a driver that publishes gates and nothing else
+  srt3d up --namespace front -p sketcher.sketch_size:=5 -p reconstructor.fields:=full
+
+-p goes before the other options, they before --config, the last --config before the others; config/srt3d.yaml lists
+every parameter. ros2 param, ros2 lifecycle and ros2 topic reach each node as if it had a process of its own."""
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser("up", help="photons in, point clouds out: the pipeline in one process",
+                                   description=ABOUT, epilog=EXAMPLES,
+                                   formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("--input", metavar="INPUT", help="photon file or bag to play, or: simulator")
+    add("--sensor-file", metavar="FILE", help="description of the sensor (.json), if the driver publishes none")
+    add("--config", metavar="FILE", action="append", default=[],
+        help="parameter file, or the name of one that comes with the package; may be repeated")
+    add("--device", metavar="DEVICE", help="where to reconstruct: auto, cpu or cuda")
+    add("--record", metavar="FILE", help="recording to write (.rrd)")
+    add("--bag", metavar="DIR", help="bag to record the photons in")
+    add("--namespace", metavar="NS", help="of all nodes and topics")
+    add("-r", dest="remap", metavar="TOPIC:=NAME", action="append", default=[],
+        help="another name for a topic; may be repeated")
+    add("-p", dest="set", metavar="NODE.PARAMETER:=VALUE", action="append", default=[],
+        help="a parameter of a node; may be repeated")
+    add("--log-level", choices=LEVELS, help="what the nodes log")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    node.leave_at_once_on_signals()
+    classes = node_classes(args)
+    interfaces = [made.interface for made in classes]
+    from srt3d_ros.nodes.runtime import run as run_nodes
+    with tempfile.NamedTemporaryFile("w", prefix="srt3d_up_", suffix=".yaml") as own:
+        own.write(parameters_yaml(args, interfaces))
+        own.flush()
+        ros_args = ros_arguments(args, interfaces, own.name)
+        return run_nodes(classes, ["srt3d", *ros_args], ready=lambda nodes: print(glance(nodes), flush=True))
+
+
+def node_classes(args: argparse.Namespace) -> list[type]:
+    """The nodes asked for, who listens before who speaks. What an optional one needs is imported with it."""
+    from srt3d_ros.nodes.reconstructor import ReconstructorNode
+    from srt3d_ros.nodes.sketcher import SketcherNode
+    classes = [ReconstructorNode, SketcherNode]
+    if args.bag:
+        from srt3d_ros.nodes.bag_recorder import BagRecorderNode
+        classes.insert(0, BagRecorderNode)
+    if args.record:
+        from srt3d_ros.nodes.recorder import RecorderNode
+        classes.insert(0, RecorderNode)
+    if args.input:
+        from srt3d_ros.nodes.player import PlayerNode
+        classes.append(PlayerNode)
+    return classes
+
+
+def parameters_yaml(args: argparse.Namespace, interfaces: list) -> str:
+    """A parameter file of the options and of -p: ROS 2's own `-p NODE:NAME:=VALUE` knows no node in a namespace.
+
+    Raises:
+        InvalidInput: a -p that is none, or names what these nodes do not have.
+    """
+    values: dict[str, dict[str, str]] = {interface.name: {} for interface in interfaces}
+    for option, (name, parameter) in OPTIONS.items():
+        if getattr(args, option):
+            values[name][parameter] = json.dumps(getattr(args, option), ensure_ascii=False)
+    for setting in args.set:
+        where, assigned, value = setting.partition(":=")
+        name, _, parameter = where.partition(".")
+        require(assigned and parameter and name in values and "\n" not in value, "-p", setting,
+                f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
+        values[name][_known(parameter, next(one for one in interfaces if one.name == name))] = value
+    lines = []
+    for name, given in values.items():
+        if given:
+            lines += [f"/**/{name}:", "  ros__parameters:", *(f"    {key}: {value}" for key, value in given.items())]
+    return "\n".join(lines or ["/**:", "  ros__parameters: {}"]) + "\n"
+
+
+def _known(parameter: str, interface) -> str:
+    """The parameter, unless the node has none of this name."""
+    names = [known.name for known in interface.table]
+    if parameter not in names and not parameter.startswith(OF_EVERY_NODE):
+        near = difflib.get_close_matches(parameter, names, n=1) or [f"one of {', '.join(names)}"]
+        raise InvalidInput(f"parameter of {interface.name}", parameter, near[0])
+    return parameter
+
+
+def ros_arguments(args: argparse.Namespace, interfaces: list, own_file: str) -> list[str]:
+    """The options as arguments of ROS 2; `own_file` is that of `parameters_yaml`."""
+    out = ["--ros-args"]
+    for config in [*args.config, own_file]:
+        out += ["--params-file", _config_file(config)]
+    topics = {topic.name for interface in interfaces for topic in (*interface.inputs, *interface.outputs)
+              if not topic.name.startswith("/")}
+    for rule in args.remap:
+        out += ["-r", _remapping(rule, topics)]
+    if args.namespace:
+        namespace = args.namespace.strip("/")
+        require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII), "--namespace", args.namespace,
+                "letters, digits and _, beginning with a letter, with / between")
+        out += ["-r", f"__ns:=/{namespace}"]
+    if args.log_level:
+        out += ["--log-level", args.log_level]
+    return out
+
+
+def _config_file(config: str) -> str:
+    path = shared_files.find(f"config/{config}.yaml") or Path(config)
+    require(path.is_file(), "--config", config, "a parameter file, or the name of one that comes with the package")
+    return str(path)
+
+
+def _remapping(rule: str, topics: set[str]) -> str:
+    """The rule, unless it renames a topic that these nodes do not have; ROS 2 would not say so."""
+    topic, assigned, name = rule.partition(":=")
+    require(assigned and name, "-r", rule, "TOPIC:=NAME")
+    plain = re.fullmatch(r"[a-z]\w*(/\w+)*", topic)
+    require(not plain or topic in topics, "-r", rule, f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(topics))}")
+    return rule
+
+
+def glance(nodes: list) -> str:
+    """What runs, under which names it can be reached, and what to do next."""
+    lines = [f"srt3d {__version__}: {len(nodes)} nodes in one process; Ctrl-C ends them", ""]
+    for one in reversed(nodes):         # as the data flow
+        lines.append(f"  {one.get_fully_qualified_name()}" + "  (unconfigured)" * (one.state == "unconfigured"))
+        lines += _topics("in ", one, one.interface.inputs, one.subscriptions)
+        lines += _topics("out", one, one.interface.outputs, one.publishers)
+    by_name = {one.interface.name: one for one in nodes}
+    points = by_name["reconstructor"].resolve_topic_name("points")
+    sensor = by_name["sketcher"].resolve_topic_name("sensor")
+    lines += ["", f"  look      ros2 topic hz {points}; rviz2, PointCloud2 on {points}",
+              "  health    ros2 topic echo /diagnostics"]
+    if "player" not in by_name:
+        lines.append(f"  waiting   for a driver: {sensor}, then photons or gates; docs/quickstart-driver.md writes one")
+    return "\n".join([*lines, ""])
+
+
+def _topics(title: str, one, declared: tuple, made) -> list[str]:
+    """The topics of a node that are there now, by their final names."""
+    there = {entity.topic_name for entity in made}
+    names = [one.resolve_topic_name(topic.name) for topic in declared]
+    return textwrap.wrap("  ".join(name for name in dict.fromkeys(names) if name in there), 110,
+                         initial_indent=f"    {title}  ", subsequent_indent=" " * 9)

@@ -1,0 +1,82 @@
+"""`srt3d up`: its options reach the nodes, in one process that says what runs and ends in order."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+import yaml
+from rerun.chunk import RrdReader
+
+from srt3d_ros.cli import main, up
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.nodes.tables import INTERFACES
+
+PIPELINE = [INTERFACES[name] for name in ("reconstructor", "sketcher", "player")]
+
+
+def parsed(*options: str):
+    return main.parser(("up",)).parse_args(["up", *options])
+
+
+def test_the_pipeline_runs_in_one_process_and_ends_in_order(repository, tmp_path):
+    recording = tmp_path / "run.rrd"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--input", "simulator", "--record", recording,
+         "--namespace", "front", "-r", "points:=/robot/cloud"], cwd=repository, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True)
+    said = ""
+    for line in process.stdout:
+        said += line
+        if "recording to" in said and "health" in said:
+            break
+    process.send_signal(signal.SIGINT)
+    said += process.stdout.read()
+    assert process.wait() == 0, said
+    assert f"recording to {recording}" in said      # a node in a namespace got its parameter
+    for node in ("player", "sketcher", "reconstructor", "recorder"):
+        assert f"  /front/{node}\n" in said
+    assert "    out  /robot/cloud  /front/depth" in said and "ros2 topic hz /robot/cloud" in said
+    assert RrdReader(recording).recordings()
+
+
+def test_what_is_nearer_to_the_command_line_wins(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**/sketcher:\n  ros__parameters:\n    sketch_size: 7\n")
+    args = parsed("--config", "scanner_141x141", "--config", str(mine), "--device", "cpu", "--input", "1.0",
+                  "-p", "reconstructor.device:=auto", "-p", "sketcher.sketch_size:=5",
+                  "-p", "sketcher.qos_overrides./sketch.publisher.depth:=9")
+    assert yaml.safe_load(up.parameters_yaml(args, PIPELINE)) == {
+        "/**/reconstructor": {"ros__parameters": {"device": "auto"}},
+        "/**/sketcher": {"ros__parameters": {"sketch_size": 5, "qos_overrides./sketch.publisher.depth": 9}},
+        "/**/player": {"ros__parameters": {"input": "1.0"}}}
+    files = [value for flag, value in zip(*[iter(up.ros_arguments(args, PIPELINE, str(mine))[1:])] * 2)
+             if flag == "--params-file"]
+    assert [path.rsplit("/", 1)[1] for path in files] == ["scanner_141x141.yaml", "mine.yaml", "mine.yaml"]
+
+
+@pytest.mark.parametrize("options, line", [
+    (["-p", "sketch_size:=5"], "-p is sketch_size:=5: expected NODE.PARAMETER:=VALUE, NODE one of reconstructor"),
+    (["-p", "sketcher.sketchsize:=5"], "parameter of sketcher is sketchsize: expected sketch_size"),
+    (["-p", "recorder.path:=a.rrd"], "-p is recorder.path:=a.rrd: expected NODE.PARAMETER:=VALUE, NODE one of"),
+    (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of background, camera_info"),
+    (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),
+    (["--namespace", "a-b"], "--namespace is a-b: expected letters"),
+    (["--config", "nothing"], "--config is nothing: expected a parameter file"),
+])
+def test_a_mistake_is_one_line(options, line, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.touch()
+    with pytest.raises(InvalidInput) as refused:
+        args = parsed(*options)
+        up.parameters_yaml(args, PIPELINE)
+        up.ros_arguments(args, PIPELINE, str(own))
+    assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("rule", ["points:=/robot/cloud", "/spad/raw:=photons", "sketcher:photons:=raw",
+                                  "sketch/sensor:=description", "~/reset:=forget"])
+def test_what_ros_2_can_remap_can_be(rule, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.touch()
+    assert rule in up.ros_arguments(parsed("-r", rule), PIPELINE, str(own))
