@@ -144,7 +144,7 @@ def record_gates(graph, sensor, tmp_path):
     def record(line: str = "", **parameters):
         program = tmp_path / "program.py"
         program.write_text(PROGRAM.format(line=line))
-        recorder = graph.start(str(program), path=tmp_path / "bag", topics="gates", **parameters).ready()
+        recorder = graph.start(str(program), **{"path": tmp_path / "bag", "topics": "gates"} | parameters).ready()
         driver = graph.matched(graph.publisher(Image, "gates"))
         words = np.zeros((1000, sensor.rows, sensor.cols), np.uint16)
         for k in range(4):
@@ -164,6 +164,14 @@ def test_a_bag_that_reaches_a_limit_is_complete(record_gates, tmp_path, line, li
     assert recorder.code() == code
     assert f"/gates {messages}, " in recorder.lines[-1] and recorder.lines[-1].endswith(words), recorder.text
     assert len(read(tmp_path / "bag")) == messages
+
+
+def test_frames_that_still_wait_at_the_end_are_written(graph, record_gates, tmp_path):
+    recorder = record_gates("bag_recorder.HOLD_S = 1000", topics="gates,sensor")
+    graph.reports("bag_recorder", "frames_in", 4)
+    assert graph.report("bag_recorder")["frames_out"] == "0"
+    assert recorder.end(signal.SIGTERM) == 0
+    assert len(read(tmp_path / "bag")) == 4
 
 
 def test_a_bag_that_can_no_longer_be_written_is_one_line_and_exit_code_1(record_gates):

@@ -1,14 +1,18 @@
 """The player alone: what it sends, when, and how it ends."""
 
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import points as points_message
@@ -78,6 +82,87 @@ def test_lossless_keeps_at_most_in_flight_frames_unanswered(graph, events, photo
     assert graph.report("player").get("unanswered") is None and points_message
 
 
+RECORDED_NS, APART_NS = 1_600_000_000_000_000_000, 20_000_000
+
+
+def write_bag(path: Path, messages: list[bytes]) -> Path:
+    """A bag of photons, and of descriptions of their sensor where there is JSON, recorded 20 ms after each other."""
+    writer = BagWriter(path)
+    writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
+    writer.add_topic("/spad/sensor", "std_msgs/msg/String", [Offer()])
+    for k, raw in enumerate(messages):
+        writer.write("/spad/sensor" if raw[8:9] == b"{" else "/spad/raw", RECORDED_NS + k * APART_NS, raw)
+    writer.close()
+    return path
+
+
+@pytest.fixture
+def descriptions(sensor) -> list[bytes]:
+    return [sensor_message.encode_cdr(sensor.replace(num_bins=bins)) for bins in (100, 90)]
+
+
+@pytest.fixture
+def recorded(sensor) -> list[bytes]:
+    """Four frames, stamped 5 ms before they were recorded if they are recorded from the second message on."""
+    stamps = [RECORDED_NS + (k + 1) * APART_NS - 5_000_000 for k in range(4)]
+    frames = [PhotonEvents(np.array([k], np.uint32), np.array([7], np.uint16), stamp) for k, stamp in enumerate(stamps)]
+    return [photons_message.encode_cdr(frame, sensor, "spad") for frame in frames]
+
+
+def test_a_bag_is_sent_as_it_was_recorded_with_its_clock(graph, tmp_path, descriptions, recorded):
+    frames, clocks = graph.collect(PointCloud2, "photons", raw=True), graph.collect(Clock, "/clock")
+    described = graph.collect_latched(String, "sensor")
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded, descriptions[1]])
+    player = graph.start("player", input=bag, clock=True)
+    assert player.code() == 0
+    graph.wait(lambda: len(frames) == 4 and len(described) == 2, "what is in the bag")
+    assert [frame[:len(raw)] for frame, raw in zip(frames, recorded)] == recorded
+    assert [sensor_message.decode(message).num_bins for message in described] == [100, 90]
+    times = [clock.clock.sec * 10**9 + clock.clock.nanosec for clock in clocks]
+    assert times == sorted(times) and RECORDED_NS <= times[0] < times[-1] <= RECORDED_NS + 5 * APART_NS
+    report = graph.reports("player", "frames_sent", 4)
+    assert report["latency_p50_ms"] == "5.00"       # by the recording's clock
+
+
+def test_a_bag_can_be_stamped_as_if_it_happened_now(graph, tmp_path, descriptions, recorded):
+    frames, before_ns = graph.collect(PointCloud2, "photons", raw=True), graph.node.get_clock().now().nanoseconds
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded])
+    assert graph.start("player", input=bag, bag_stamps="now", bag_rate=4.0).code() == 0
+    graph.wait(lambda: len(frames) == 4, "what is in the bag")
+    stamps = [cdr.stamp_ns(frame) for frame in frames]
+    assert np.diff(stamps).tolist() == [APART_NS // 4] * 3 and stamps[0] > before_ns
+    assert [frame[12:len(raw)] for frame, raw in zip(frames, recorded)] == [raw[12:] for raw in recorded]
+
+
+def test_another_sensor_comes_between_the_answered_frames_and_those_after_it(graph, tmp_path, descriptions, recorded):
+    frames, described = graph.collect(PointCloud2, "photons"), graph.collect_latched(String, "sensor")
+    answers = graph.publisher(PointCloud2, "points")
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded[:2], descriptions[1], *recorded[2:]])
+    player = graph.start("player", input=bag, lossless=True, bag_rate=0.0, in_flight=3)
+    graph.wait(lambda: len(frames) == 2, "the frames before it")
+    answers.publish(frames[0])
+    assert len(described) == 1
+    answers.publish(frames[1])
+    graph.wait(lambda: len(described) == 2 and len(frames) == 4, "the sensor and the frames after it")
+    assert player.running
+    answers.publish(frames[3])
+    assert player.code() == 0
+
+
+def test_a_bag_that_breaks_off_is_one_line_and_exit_code_1(graph, tmp_path, descriptions, sensor):
+    many = PhotonEvents(np.zeros(200_000, np.uint32), np.zeros(200_000, np.uint16), RECORDED_NS)
+    large = photons_message.encode_cdr(many, sensor, "spad")        # each a chunk of its own
+    file = write_bag(tmp_path / "bag", [descriptions[0], large, large, large]) / "bag.mcap"
+    content = bytearray(file.read_bytes())
+    third = content.rindex(large[:100])
+    content[third - 30:third - 22] = (2**40).to_bytes(8, "little")      # the length of its record
+    file.write_bytes(content)
+    player = graph.start("player", input=file, wait_for_subscribers=0)
+    assert player.code() == 1
+    assert player.text.count("ERROR") == 1 and "bag bag.mcap is unreadable (Truncated record" in player.text
+    assert "Traceback" not in player.text and graph.report("player")["errors"] == "1"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_it_waits_for_subscribers_ends_it_cleanly(graph, photon_file, number):
     player = graph.start("player", input=photon_file).says("waiting for 1 subscriber on ")
@@ -89,6 +174,8 @@ def test_a_signal_while_it_waits_for_subscribers_ends_it_cleanly(graph, photon_f
 @pytest.mark.parametrize("parameters, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
     ({"rate_hz": 0}, "rate_hz is 0.0: expected above 0 Hz"),
+    ({"clock": True}, "clock is True: expected false, unless a bag keeps its stamps"),
+    ({"input": "srt3d_ros"}, "bag is srt3d_ros, without metadata.yaml: expected a complete rosbag2 bag"),
 ])
 def test_what_cannot_be_played_is_one_line_and_exit_code_2(graph, parameters, line):
     player = graph.start("player", **parameters)
