@@ -104,7 +104,7 @@ class SketcherNode(PipelineNode):
         self._sketch_sensor = self.advertise("sketch/sensor")
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
-        self.parameters.on_change = lambda: self.worker.call(self._adopt)
+        self.parameters.on_change = self._on_change
 
     def activate(self) -> None:
         """Follow the sensor and its photons."""
@@ -118,12 +118,13 @@ class SketcherNode(PipelineNode):
         self.listen("sensor/camera_info", self._hear_camera_info)
         self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message))
         self.subscribe("gates", lambda raw: self._on_packet(raw, gates_message))
-        self._silence = self.create_timer(LISTEN_FOR_SILENCE_S, self._listen_for_silence)
+        self._listen_for_silence()
 
     def deactivate(self) -> None:
         """As all nodes do; and listen no more."""
         super().deactivate()
         self.destroy_timer(self._silence)
+        self._silence = None
         self._described = self._lens = self._sensor = self._sketcher = None
 
     def forget(self) -> None:
@@ -134,6 +135,15 @@ class SketcherNode(PipelineNode):
     def _reset(self) -> str:
         self.forget()
         return "a new frame begins"
+
+    def _on_change(self) -> None:
+        if self.state == "active":
+            self._listen_for_silence()
+            self.worker.call(self._adopt)
+
+    def _listen_for_silence(self) -> None:
+        if self.parameters["frame_period_s"] and self._silence is None:     # otherwise, 1 % of a core for nothing
+            self._silence = self.create_timer(LISTEN_FOR_SILENCE_S, self._end_if_silent)
 
     # ---- What the photons are sketched with
 
@@ -233,7 +243,7 @@ class SketcherNode(PipelineNode):
             self._end_frame(placed.completed)
         self.diagnostics.show(packets_open=self._framing.open)
 
-    def _listen_for_silence(self) -> None:
+    def _end_if_silent(self) -> None:
         if self._framing.open and self._is_silent():
             self.worker.call(self._end_of_silence)
 
