@@ -34,8 +34,8 @@ class Link:
 
     def __init__(self, rate_mbit: float = 100):
         self._rate_mbit = rate_mbit
-        self._names = {machine: f"{PREFIX}{os.getpid()}_{machine}" for machine in ADDRESSES}
-        self._shared_memory: Path | None = None
+        self.names = {machine: f"{PREFIX}{os.getpid()}_{machine}" for machine in ADDRESSES}
+        self.shared_memory: Path | None = None
 
     def __enter__(self) -> "Link":
         _remove_orphans()
@@ -52,13 +52,13 @@ class Link:
     def command(self, machine: str, command: Sequence[str]) -> list[str]:
         """What runs `command` on that machine, in a process of the same number."""
         enter = 'mount --bind "$0" /dev/shm && exec "$@"'
-        return ["ip", "netns", "exec", self._names[machine], "sh", "-c", enter, str(self._shared_memory / machine),
+        return ["ip", "netns", "exec", self.names[machine], "sh", "-c", enter, str(self.shared_memory / machine),
                 *command]
 
     def shape(self, rate_mbit: float) -> None:
         """Have the cable carry so many Mbit/s each way."""
         burst = max(int(rate_mbit * 1e6 / 8 * 1e-3), 4000)      # what a millisecond carries, at least two packets
-        for name in self._names.values():
+        for name in self.names.values():
             _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate", f"{rate_mbit}mbit",
                  "burst", str(burst), "latency", QUEUE)
 
@@ -66,18 +66,19 @@ class Link:
         """Lose this share of the packets each way, each by its own chance: netem's loss, which not every kernel has."""
         keep_below = round((1 - share) * (2**32 - 1))
         program = f"4,32 0 0 {RANDOM},37 0 1 {keep_below},6 0 0 2,6 0 0 0"     # above it: drop (2), else pass (0)
-        for name in self._names.values():
+        for name in self.names.values():
             _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "clsact")
             _run("tc", "-n", name, "filter", "replace", "dev", INTERFACE, "ingress", "prio", "1", "handle", "1",
                  "bpf", "da", "bytecode", program)
 
     def unplug(self, machine: str = ROBOT) -> None:
         """Pull the cable out of a machine."""
-        _run("ip", "-n", self._names[machine], "link", "set", INTERFACE, "down")
+        _run("ip", "-n", self.names[machine], "link", "set", INTERFACE, "down")
 
     def plug(self, machine: str = ROBOT) -> None:
-        """Put it in again."""
-        _run("ip", "-n", self._names[machine], "link", "set", INTERFACE, "up")
+        """Put it in again, and wait until the network is up."""
+        _run("ip", "-n", self.names[machine], "link", "set", INTERFACE, "up")
+        self._wait_until_up(machine)
 
     def wire_bytes(self, machine: str = SENSOR) -> int:
         """What a machine has sent, in bytes of Ethernet frames (without preamble, checksum and gap: 24 bytes each)."""
@@ -85,7 +86,7 @@ class Link:
 
     def _interface(self, machine: str) -> dict:
         """What `ip` says about a machine's interface."""
-        return json.loads(_run("ip", "-n", self._names[machine], "-s", "-json", "link", "show", "dev", INTERFACE))[0]
+        return json.loads(_run("ip", "-n", self.names[machine], "-s", "-json", "link", "show", "dev", INTERFACE))[0]
 
     def _wait_until_up(self, machine: str) -> None:
         end = time.monotonic() + TIMEOUT_S
@@ -95,13 +96,13 @@ class Link:
             time.sleep(0.01)
 
     def _make(self) -> None:
-        self._shared_memory = Path(tempfile.mkdtemp(prefix=PREFIX, dir="/dev/shm"))
-        for machine, name in self._names.items():
-            (self._shared_memory / machine).mkdir()
+        self.shared_memory = Path(tempfile.mkdtemp(prefix=PREFIX, dir="/dev/shm"))
+        for machine, name in self.names.items():
+            (self.shared_memory / machine).mkdir()
             _run("ip", "netns", "add", name)
-        one, other = self._names.values()
+        one, other = self.names.values()
         _run("ip", "link", "add", INTERFACE, "netns", one, "type", "veth", "peer", "name", INTERFACE, "netns", other)
-        for machine, name in self._names.items():
+        for machine, name in self.names.items():
             _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", INTERFACE)
             _run("ip", "-n", name, "link", "set", "lo", "up")
             # packets of at most 1500 bytes leave, as from a network card, also where TCP would hand over 64 kB at once
@@ -112,10 +113,10 @@ class Link:
             _run(*self.command(machine, ["true"]))
 
     def _remove(self) -> None:
-        for name in self._names.values():
+        for name in self.names.values():
             _run("ip", "netns", "delete", name, check=False)
-        if self._shared_memory is not None:
-            shutil.rmtree(self._shared_memory, ignore_errors=True)
+        if self.shared_memory is not None:
+            shutil.rmtree(self.shared_memory, ignore_errors=True)
 
 
 def why_not() -> str:

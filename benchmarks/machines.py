@@ -121,12 +121,18 @@ class Watch:
         """What a node's newest diagnostics say; "level" and "message" are theirs, too."""
         return self._reports.get(name, {}).get(key, otherwise)
 
+    def forget(self, name: str) -> None:
+        """Forget what a node has said: it is gone."""
+        self._reports.pop(name, None)
+
     def total(self, name: str, key: str) -> int:
         """A count of a node's newest diagnostics; 0 before the first."""
         return int(self.value(name, key, "0"))
 
     def _read(self) -> None:
         for line in self.process.stdout:
+            if not line.startswith("{"):        # Fast DDS complains there, too
+                continue
             said = json.loads(line)
             if "node" in said:
                 self._reports[said["node"]] = {"level": said["level"], "message": said["message"], **said["values"]}

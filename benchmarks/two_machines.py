@@ -21,7 +21,9 @@ from srt3d_ros.benchmark import frames
 from srt3d_ros.datasets import npz
 from srt3d_ros.evaluation.machine import machine
 
-PROFILES = {"Fast DDS's own": "", "default": None, "network": NETWORK_PROFILE}      # of the sketcher; see deployment.md
+PROFILES = ("Fast DDS's own", "default", "network")     # of the sketcher; docs/deployment.md
+OWN_PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
+<participant profile_name="own"/></profiles></dds>"""
 SMALL, LARGE = 141, 512
 RAW_PPP, RAW_HZ = 1000, 10.0
 RAW_BYTES = 6           # a photon, of the layout uint16
@@ -61,18 +63,21 @@ class Bench:
 
     def __init__(self, folder: Path, seconds: float):
         self.scene, self.folder, self.seconds = Scene(folder), folder, seconds
+        own = folder / "own.xml"
+        own.write_text(OWN_PROFILE)
+        self._profiles = dict(zip(PROFILES, (str(own), None, NETWORK_PROFILE)))
 
     def sketches(self, mbit: float, side: int, layout: str, size: int, rate_hz: float, loss: float = 0,
                  profile: str = "default", reader: str = "") -> dict:
         """Sketches over the link, to a reader that only notes when they come or to a reconstructor; what came of it."""
         sent = round(rate_hz * self.seconds)
-        path, chosen = self.scene.path(side), PROFILES[profile]
+        path, chosen = self.scene.path(side), self._profiles[profile]
         with Link(mbit) as link, Machines(link, self.folder) as machines:
             if loss:
                 link.lose(loss)
             if reader:
                 machines.start(ROBOT, reader)
-            watch = machines.watch("points" if reader else "sketch", profile="" if chosen == "" else None)
+            watch = machines.watch("points" if reader else "sketch", profile=chosen if profile == PROFILES[0] else None)
             machines.start(SENSOR, "sketcher", chosen, layout=layout, sketch_size=size)
             ready(machines, watch, "sketcher", *([reader] if reader else []))
             before = link.wire_bytes()
@@ -127,8 +132,7 @@ class Bench:
                 link.unplug()
                 time.sleep(seconds)
                 watch.arrivals.clear()
-                link.plug()
-                yield {"what": f"cable out for {seconds:g} s", **back(machines, watch)}
+                yield {"what": f"cable out for {seconds:g} s", **back(machines, watch, link.plug)}
             machines.stop(watch.process)        # each reader at the robot costs the cable as much again
             machines.start(ROBOT, "reconstructor")
             clouds = machines.watch("points")
@@ -144,8 +148,7 @@ class Bench:
         victim.wait()
         time.sleep(SILENCE_S)
         clouds.arrivals.clear()
-        machines.start(where, name, **parameters)
-        return back(machines, clouds)
+        return back(machines, clouds, lambda: machines.start(where, name, **parameters))
 
 
 def ready(machines: Machines, watch: Watch, *names: str) -> None:
@@ -162,9 +165,10 @@ def until_silent(watch: Watch) -> None:
         time.sleep(SILENCE_S)
 
 
-def back(machines: Machines, watch: Watch) -> dict:
-    """How long the first message took from now, and how late it was and those after it."""
+def back(machines: Machines, watch: Watch, mend: Callable[[], object]) -> dict:
+    """Mend what is broken; how long the first message took from then on, and how late it was and those after it."""
     started = time.monotonic()
+    mend()
     machines.wait(lambda: watch.arrivals, "the first message")
     elapsed_s = time.monotonic() - started
     machines.wait(lambda: len(watch.arrivals) > 20, "20 more")
