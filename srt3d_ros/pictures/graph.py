@@ -1,0 +1,153 @@
+"""The graph of nodes and topics as a picture, drawn from the nodes' own tables.
+
+    python -m srt3d_ros.pictures.graph > docs/images/graph.svg      # in the source tree; after every change of a table
+
+From top to bottom: who sends photons, then in turn the topics of one node and the node that reads them, then the robot.
+What only records stands at the sides.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+PILL, GAP = (158, 46), 10           # of a topic: width and height; space between two
+NODE = (300, 56)
+SIDE, MARGIN, LANE = 150, 20, 70    # width of the boxes at the sides; around the picture; between boxes and topics
+STEP = 52                           # from a row to the next one below it
+FONT = "font-family='DejaVu Sans, Verdana, sans-serif'"
+MONO = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace'"
+INK, DIM = "#1d2733", "#5c6b7a"
+NODE_FILL, PILL_FILL, OUTSIDE = "#1f5b8f", "#e8f1f9", "#f1efe9"
+ROBOT = "your robot: Nav2, RViz, octomap, …"
+LEGEND = ("dashed: only at times (docs/nodes says when)     latched: late subscribers get it, too     "
+          "every node: /diagnostics, once a second")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Topics beside each other, and the chain's node that reads them (none: the robot does)."""
+
+    topics: tuple
+    reader: object | None
+
+
+def draw(interfaces: Iterable) -> str:
+    """The picture as the text of an SVG file.
+
+    Args:
+        interfaces: of all nodes, `srt3d_ros.nodes.interface.Interface`.
+    """
+    interfaces = list(interfaces)
+    sinks = [one for one in interfaces if not list(one.outputs)]
+    chain = _chain([one for one in interfaces if one not in sinks])
+    rows = _rows(chain)
+    widest = max(len(row.topics) for row in rows) * (PILL[0] + GAP) - GAP
+    middle = MARGIN + SIDE + LANE + widest / 2
+    driver, player = middle - NODE[0] / 2 - GAP, middle + NODE[0] / 2 + GAP
+    parts = [_box(driver, MARGIN, NODE, "your driver", OUTSIDE), _box(player, MARGIN, NODE, chain[0].name)]
+    made = {topic.name for topic in chain[0].outputs}
+    y, bands = MARGIN + NODE[1], []
+    for number, row in enumerate(rows):
+        pills_y, reader_y = y + STEP, y + 2 * STEP + PILL[1]
+        xs = [middle + (k - (len(row.topics) - 1) / 2) * (PILL[0] + GAP) for k in range(len(row.topics))]
+        for x, topic in zip(xs, row.topics):
+            starts = (middle,) if number else (driver, player) if topic.name in made else (driver,)
+            parts += [_curve(start, y, x, pills_y) for start in starts]
+            parts += [_curve(x, pills_y + PILL[1], middle, reader_y, arrow=True), _pill(x, pills_y, topic)]
+        parts.append(_box(middle, reader_y, NODE, row.reader.name) if row.reader else
+                     _box(middle, reader_y, (1.5 * NODE[0], NODE[1]), ROBOT, OUTSIDE))
+        bands.append((pills_y + PILL[1] / 2, xs, row.topics))
+        y = reader_y + NODE[1]
+    for sink, side in zip(sinks, (-1, 1)):
+        parts += _sink(sink, side, 2 * middle, y, bands)
+    parts.append(_text(middle, y + 36, LEGEND, FONT, 13, DIM))
+    return _svg(2 * middle, y + 36 + MARGIN, parts)
+
+
+def _svg(width: float, height: float, parts: list[str]) -> str:
+    """The file; lines are drawn first, below all else."""
+    head = (f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:g} {height:g}' width='{width:g}' "
+            f"height='{height:g}'>\n<rect width='{width:g}' height='{height:g}' rx='10' fill='#ffffff'/>\n"
+            f"<defs><marker id='tip' viewBox='0 0 8 8' refX='7' refY='4' markerWidth='8' markerHeight='8' "
+            f"orient='auto'><path d='M0 0 L8 4 L0 8 z' fill='{DIM}'/></marker></defs>")
+    return "\n".join([head, *sorted(parts, key=lambda part: not part.startswith("<path")), "</svg>", ""])
+
+
+def _chain(nodes: list) -> list:
+    """The nodes in the order of the data: each after all that publish what it cannot do without."""
+    chain: list = []
+    while nodes:
+        ready = next(one for one in nodes if not any(
+            {topic.name for topic in one.inputs if not topic.when} & {topic.name for topic in other.outputs}
+            for other in nodes if other is not one))
+        chain.append(ready)
+        nodes = [one for one in nodes if one is not ready]
+    return chain
+
+
+def _rows(chain: Sequence) -> list[Row]:
+    """Each topic once, below the first node that publishes it; what none publishes, above the node that reads it."""
+    made = {topic.name for node in chain for topic in node.outputs}
+    seen: set[str] = set()
+    rows = []
+    for one, reader in zip(chain, (*chain[1:], None)):
+        outside = [topic for topic in (reader.inputs if reader else ()) if topic.name not in made]
+        topics = {topic.name: topic for topic in (*one.outputs, *outside) if not topic.name.startswith("/")}
+        rows.append(Row(tuple(topic for name, topic in topics.items() if name not in seen), reader))
+        seen |= set(topics)
+    return rows
+
+
+def _sink(node, side: int, width: float, bottom: float, bands: list) -> list[str]:
+    """A box at one side, with an arrow from each row of topics of which it takes some."""
+    left = MARGIN if side < 0 else width - MARGIN - SIDE
+    edge = left + SIDE if side < 0 else left
+    taken = {topic.name for topic in node.inputs}
+    parts = [_box(left + SIDE / 2, MARGIN, (SIDE, bottom - MARGIN), node.name)]
+    for y, xs, topics in bands:
+        names = [topic.name for topic in topics if topic.name in taken]
+        if not names:
+            continue
+        start = xs[0] - PILL[0] / 2 if side < 0 else xs[-1] + PILL[0] / 2
+        parts.append(f"<path d='M{start:g} {y:g} L{edge - 2 * side:g} {y:g}' stroke='{DIM}' fill='none' "
+                     "marker-end='url(#tip)'/>")
+        if len(names) < len(topics):
+            parts += [_text((start + edge) / 2, y - 8 - 15 * k, name, MONO, 12, DIM)
+                      for k, name in enumerate(reversed(names))]
+    return parts
+
+
+def _box(x: float, y: float, size: tuple[float, float], name: str, fill: str = NODE_FILL) -> str:
+    """A node, or what is outside of the package; x is its middle, y its top."""
+    width, height = size
+    own = fill == NODE_FILL
+    return (f"<rect x='{x - width / 2:g}' y='{y:g}' width='{width:g}' height='{height:g}' rx='8' fill='{fill}' "
+            f"stroke='{NODE_FILL if own else DIM}'/>"
+            + _text(x, y + height / 2 + 6, name, MONO if own else FONT, 18, "#ffffff" if own else INK, bold=True))
+
+
+def _pill(x: float, y: float, topic) -> str:
+    """A topic; dashed if it is there only at times."""
+    dashes = " stroke-dasharray='5 4'" if topic.when else ""
+    return (f"<rect x='{x - PILL[0] / 2:g}' y='{y:g}' width='{PILL[0]}' height='{PILL[1]}' rx='{PILL[1] / 2:g}' "
+            f"fill='{PILL_FILL}' stroke='{NODE_FILL}'{dashes}/>"
+            + _text(x, y + 20, topic.name, MONO, 14 if len(topic.name) < 18 else 13, INK, bold=True)
+            + _text(x, y + 36, topic.type.__name__ + ", latched" * topic.latched, FONT, 12, DIM))
+
+
+def _text(x: float, y: float, text: str, font: str, size: int, colour: str, bold: bool = False) -> str:
+    weight = " font-weight='bold'" * bold
+    return (f"<text x='{x:g}' y='{y:g}' {font} font-size='{size}'{weight} fill='{colour}' text-anchor='middle' "
+            f"xml:space='preserve'>{escape(text)}</text>")
+
+
+def _curve(x0: float, y0: float, x1: float, y1: float, arrow: bool = False) -> str:
+    bend = (y1 - y0) / 2
+    tip = " marker-end='url(#tip)'" if arrow else ""
+    return (f"<path d='M{x0:g} {y0:g} C{x0:g} {y0 + bend:g} {x1:g} {y1 - bend:g} {x1:g} {y1:g}' fill='none' "
+            f"stroke='{DIM}'{tip}/>")
+
+
+if __name__ == "__main__":
+    from srt3d_ros.nodes.tables import INTERFACES
+    print(draw(INTERFACES.values()), end="")
