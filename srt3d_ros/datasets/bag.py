@@ -1,7 +1,7 @@
 """rosbag2 bags (mcap or sqlite3), read with rosbags: the topics they hold, and the messages as they were recorded."""
 
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -56,16 +56,13 @@ class Bag:
     """
 
     def __init__(self, path: str | Path):
-        from rosbags.rosbag2 import Reader  # here: only bags need rosbags
-
         self.path = Path(path)
         self._check_path()
+        self._open = ExitStack()
         with self._one_error():
-            self._reader = Reader(self.path)
-            self._reader.open()
-            self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
+            self._readers = self._open_readers()
             counts: dict[tuple[str, str], int] = {}
-            for connection in self._reader.connections:
+            for connection in (connection for reader in self._readers for connection in reader.connections):
                 key = connection.topic, connection.msgtype
                 counts[key] = counts.get(key, 0) + connection.msgcount
         self.topics = tuple(Topic(*key, count) for key, count in counts.items())
@@ -84,9 +81,11 @@ class Bag:
         """
         wanted = {(topic.name, topic.type) for topic in topics}
         with self._one_error():
-            connections = [c for c in self._reader.connections if (c.topic, c.msgtype) in wanted]
-            if connections:         # none would mean all
-                for connection, time_ns, raw in self._reader.messages(connections, start_ns):
+            for reader in self._readers:
+                connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
+                if not connections:         # none would mean all
+                    continue
+                for connection, time_ns, raw in reader.messages(connections, start_ns):
                     if type(time_ns) is not int or type(raw) is not bytes:      # SQLite keeps anything anywhere
                         raise TypeError(f"a message on {connection.topic} is not bytes with a time")
                     yield Message(connection.topic, time_ns, raw)
@@ -98,7 +97,24 @@ class Bag:
 
     def close(self) -> None:
         """Give back the files."""
-        self._reader.close()
+        self._open.close()
+
+    def _open_readers(self) -> list:
+        """A reader for each storage file, the earliest first, or one for all.
+
+        The reader of a folder finds no messages on topics whose QoS is written differently in metadata.yaml and in the
+        files; only where messages or files are compressed does it know more than the files.
+        """
+        from rosbags.rosbag2 import Reader  # here: only bags need rosbags
+
+        whole = Reader(self.path)
+        if not self.path.is_dir():
+            return [self._open.enter_context(whole)]
+        with whole:
+            if not whole.compression_mode:
+                files = [Reader(storage.path) for storage in whole.storage.storages]
+                return sorted((self._open.enter_context(file) for file in files), key=lambda file: file.start_time)
+        return [self._open.enter_context(whole)]
 
     def _check_path(self) -> None:
         require(self.path.exists(), "bag", str(self.path), "a folder or file that exists")

@@ -118,6 +118,40 @@ def test_rosbags_reads_the_messages_by_the_definitions_in_the_bag(bag):
     assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
 
 
+def test_messages_are_found_though_metadata_and_files_give_another_qos(bag):
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("transient_local", "volatile"))
+    with Bag(bag) as opened:
+        assert [message.raw for message in opened.messages(opened.topics)] == [raw for *_, raw in RECORDED]
+
+
+def test_a_bag_of_several_files_is_read_in_the_order_of_their_times(bag, tmp_path, storage):
+    writer = BagWriter(tmp_path / "later", storage)
+    writer.add_topic("/photons", CLOUD, [Offer()])
+    writer.write("/photons", START_NS + 10_000_000, photons_of(7))
+    writer.close()
+    name = storage_file(tmp_path / "later").name
+    storage_file(tmp_path / "later").rename(bag / name)
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("relative_file_paths:", f"relative_file_paths:\n  - {name}"))
+    assert [open_photons(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
+
+
+@pytest.mark.parametrize("storage, mode", [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"),
+                                           ("mcap", "STORAGE")])
+def test_compressed_bags_are_read(tmp_path, storage, mode):
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin[storage.upper()])
+    writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    with writer:
+        for k, (topic, message_type, raw) in enumerate(RECORDED[:2]):
+            types = get_typestore(Stores.ROS2_JAZZY)
+            writer.write(writer.add_connection(topic, message_type, typestore=types), START_NS + k, raw)
+    assert open_photons(tmp_path / "bag").frame.toa.tolist() == [0, 7, 9]
+
+
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
     for number in range(3):
         opened = open_photons(bag, number)
