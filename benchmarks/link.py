@@ -8,7 +8,6 @@ import json
 import os
 import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ ADDRESSES = {SENSOR: "10.77.0.1", ROBOT: "10.77.0.2"}
 INTERFACE = "eth0"
 QUEUE = "50ms"                              # how long a packet may wait to be sent; longer, and it is dropped
 PREFIX = "srt3d_"
+SHARED_MEMORY = Path("/dev/shm")
 TIMEOUT_S = 10
 RANDOM = 2**32 - 0x1000 + 56                # where a packet filter reads a random 32-bit number (SKF_AD_RANDOM)
 
@@ -35,7 +35,7 @@ class Link:
     def __init__(self, rate_mbit: float = 100):
         self._rate_mbit = rate_mbit
         self.names = {machine: f"{PREFIX}{os.getpid()}_{machine}" for machine in ADDRESSES}
-        self.shared_memory: Path | None = None
+        self.shared_memory = SHARED_MEMORY / f"{PREFIX}{os.getpid()}"
 
     def __enter__(self) -> "Link":
         _remove_orphans()
@@ -96,9 +96,8 @@ class Link:
             time.sleep(0.01)
 
     def _make(self) -> None:
-        self.shared_memory = Path(tempfile.mkdtemp(prefix=PREFIX, dir="/dev/shm"))
         for machine, name in self.names.items():
-            (self.shared_memory / machine).mkdir()
+            (self.shared_memory / machine).mkdir(parents=True)
             _run("ip", "netns", "add", name)
         one, other = self.names.values()
         _run("ip", "link", "add", INTERFACE, "netns", one, "type", "veth", "peer", "name", INTERFACE, "netns", other)
@@ -115,8 +114,7 @@ class Link:
     def _remove(self) -> None:
         for name in self.names.values():
             _run("ip", "netns", "delete", name, check=False)
-        if self.shared_memory is not None:
-            shutil.rmtree(self.shared_memory, ignore_errors=True)
+        shutil.rmtree(self.shared_memory, ignore_errors=True)
 
 
 def why_not() -> str:
@@ -131,10 +129,11 @@ def why_not() -> str:
 def _remove_orphans() -> None:
     """Remove what killed processes left behind."""
     names = [line.split()[0] for line in _run("ip", "netns", "list").splitlines()]
-    for name in names:
+    for name in (*names, *(path.name for path in SHARED_MEMORY.glob(PREFIX + "*"))):
         pid = name.removeprefix(PREFIX).partition("_")[0]
         if name.startswith(PREFIX) and pid.isdigit() and not Path(f"/proc/{pid}").exists():
             _run("ip", "netns", "delete", name, check=False)
+            shutil.rmtree(SHARED_MEMORY / name, ignore_errors=True)
 
 
 def _run(*command: str, check: bool = True) -> str:
