@@ -13,8 +13,9 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import layout
 from srt3d_ros.recording.repair import examine
 
-DEPTH_STD = "depth_std"
 LOG = "/log"
+_SCALE, _INTENSITY_SCALE, _DEPTH_STD = "scale", "intensity_scale", "depth_std"
+_PIXEL = ("row", "col", "surface")
 _ROW_ID = "rerun.controls.RowId"
 _TYPES = {6: np.uint8, 7: np.int8, 8: np.uint16, 9: np.int16, 10: np.uint32, 11: np.int32, 12: np.uint64, 13: np.int64,
           33: np.float16, 34: np.float32, 35: np.float64}      # rerun's ChannelDatatype
@@ -30,6 +31,7 @@ class CloudFrame:
         intensity: float32 [N], photons.
         colour: uint32 [N], 0xRRGGBBAA, as shown.
         depth_std_m: float32 [N], metres, or None where none were recorded.
+        row, col, surface: uint16, uint16, uint8 [N], which pixel and which of its points, or None likewise.
     """
 
     stamp_ns: int
@@ -38,6 +40,9 @@ class CloudFrame:
     intensity: np.ndarray
     colour: np.ndarray
     depth_std_m: np.ndarray | None = None
+    row: np.ndarray | None = None
+    col: np.ndarray | None = None
+    surface: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -113,21 +118,23 @@ class RecordingReader:
         """The clouds, in the order they were logged in; those with a frame index in `only` if it is given."""
         for chunk, stamps, frames, xyz, intensity, colour in self._rows(
                 layout.POINTS, layout.STAMP, layout.FRAME, "Points3D:positions", layout.INTENSITY, "Points3D:colors"):
-            depth_std = self._optional(chunk, DEPTH_STD)
+            scale, *optional = (self._optional(chunk, name) for name in (_INTENSITY_SCALE, _DEPTH_STD, *_PIXEL))
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
+                    std, *pixel = (None if column is None or not column[k].is_valid else _array(column[k])
+                                   for column in optional)
                     yield CloudFrame(int(stamps[k]), int(frames[k]), _array(xyz[k]).reshape(-1, 3),
-                                     _array(intensity[k]), _array(colour[k]),
-                                     None if depth_std is None else _array(depth_std[k]))
+                                     _scaled(_array(intensity[k]), scale, k), _array(colour[k]),
+                                     None if std is None else std.astype(np.float32), *pixel)
 
     def depth_images(self, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
         """(stamp_ns, frame_index, float32 [rows, cols] in metres, NaN = none), in the order they were logged in."""
         return self.images(layout.DEPTH, only)
 
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
-        """(stamp_ns, frame_index, [rows, cols]) of the images at an entity path; depth images in metres, NaN = none.
+        """(stamp_ns, frame_index, [rows, cols]) of the images at an entity path, NaN = none; nothing without images.
 
-        Colours come as [rows, cols, channels]. Without images there: nothing.
+        Depth images in metres, float32; those of photon counts in photons, float32 where they were scaled.
         """
         for chunk, stamps, frames in self._rows(path, layout.STAMP, layout.FRAME):
             kind = next((kind for kind in ("DepthImage", "Image")
@@ -135,11 +142,12 @@ class RecordingReader:
             if kind is None:
                 continue
             buffers, formats = self._columns(chunk, f"{kind}:buffer", f"{kind}:format")
-            meters = self._optional(chunk, "DepthImage:meter")
+            meters, scale = self._optional(chunk, "DepthImage:meter"), self._optional(chunk, _SCALE)
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     units_per_m = None if meters is None else _array(meters[k])[0]
-                    yield int(stamps[k]), int(frames[k]), _image(_array(buffers[k]), formats[k].as_py()[0], units_per_m)
+                    image = _image(_array(buffers[k]), formats[k].as_py()[0], units_per_m)
+                    yield int(stamps[k]), int(frames[k]), _scaled(image, scale, k)
 
     def series(self) -> dict[str, Series]:
         """Every time series in the order of its stamps, by the name it was logged under."""
@@ -217,12 +225,16 @@ def _array(item: pa.Scalar) -> np.ndarray:
     return values.to_numpy(zero_copy_only=False)
 
 
+def _scaled(values: np.ndarray, scale, k: int) -> np.ndarray:
+    """Values that were divided by the scale in row `k`, float32; as they are if there is no column of scales."""
+    return values if scale is None else values.astype(np.float32) * _array(scale[k])[0]
+
+
 def _image(buffer: np.ndarray, image_format: dict, units_per_m: float | None) -> np.ndarray:
     shape = image_format["height"], image_format["width"]
     if units_per_m is not None:
         return layout.metres(buffer, shape, units_per_m)
-    values = buffer.view(_TYPES[image_format["channel_datatype"] or 6])
-    return values.reshape(shape if values.size == shape[0] * shape[1] else (*shape, -1))
+    return buffer.view(_TYPES[image_format["channel_datatype"]]).reshape(shape)
 
 
 def _value(item: pa.Scalar):

@@ -1,0 +1,128 @@
+"""`srt3d review`: what a recording holds, without a viewer or a screen."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from srt3d_ros.errors import require
+
+REPAIRED = "{path} was not finished: repaired into {copy}; {lost}"
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "review", help="what a recording holds: figures, a report with pictures and plots, single clouds",
+        description="Print the figures of a recording (.rrd) and write a report with pictures and plots that opens in "
+                    "any browser. A recording that was cut off is repaired into a copy first; the original is never "
+                    "changed.")
+    parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
+    parser.add_argument("-o", "--output", metavar="OUT", type=Path,
+                        help="the report (RECORDING.html), or with --frame the cloud: .npz .ply .pcd .rrd, or .png")
+    parser.add_argument("--no-report", action="store_true", help="print the figures only")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of words")
+    parser.add_argument("--pictures", choices=("auto", "viewer", "own"), default="auto",
+                        help="who draws: the rerun viewer, which needs Vulkan, or srt3d_ros itself (auto: as possible)")
+    instead = parser.add_argument_group("instead of figures and report").add_mutually_exclusive_group()
+    instead.add_argument("--frame", type=int, metavar="N", help="save the cloud of frame N to -o; -1 is the last")
+    instead.add_argument("--turntable", type=Path, metavar="OUT",
+                         help="save a film of a typical cloud turning, .gif, or .mp4 with imageio-ffmpeg")
+    instead.add_argument("--compare", type=Path, metavar="OTHER", help="compare with another recording, frame by frame")
+    instead.add_argument("--to-bag", type=Path, metavar="DIR", help="write the clouds as a bag with the topic /points")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    _check(args)
+    from srt3d_ros.review.recorded import Recorded
+
+    path, notes = _readable(args.recording)
+    for note in notes:
+        print(f"srt3d: {note}", file=sys.stderr)
+    recorded = Recorded.read(path)
+    if args.frame is not None or args.turntable is not None or args.to_bag is not None:
+        return _export(args, recorded)
+    if args.compare is not None:
+        return _compare(args, recorded)
+    return _review(args, recorded, notes)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse what cannot be written before minutes are spent."""
+    from srt3d_ros.review import export
+
+    if args.frame is not None:
+        require(args.output is not None, "-o", "missing", f"a file for the cloud: {', '.join(export.FRAME_SUFFIXES)}")
+        export.check_output(args.output, export.FRAME_SUFFIXES)
+    elif args.turntable is not None:
+        export.check_output(args.turntable, export.TURNTABLE_SUFFIXES)
+    elif args.output is not None:
+        require(args.compare is None and args.to_bag is None and not args.no_report, "-o", str(args.output),
+                "a report or a cloud to be asked for")
+        export.check_output(args.output, (".html", ".htm"))
+
+
+def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
+    """The recording itself, or a repaired copy and what to say of it."""
+    from srt3d_ros.recording.repair import examine, repair
+
+    state = examine(path)
+    if state.is_finished:
+        return path, ()
+    copy = repair(state, progress=True)
+    lost = f"{state.lost_bytes:,} bytes of a last chunk are lost" if state.lost_bytes else "nothing is lost"
+    return copy, (REPAIRED.format(path=path, copy=copy, lost=lost),)
+
+
+def _review(args: argparse.Namespace, recorded, notes: tuple[str, ...]) -> int:
+    from srt3d_ros.review import words
+    from srt3d_ros.review.summary import summarise
+
+    summary, report = summarise(recorded), None
+    if not args.json:
+        print(words.words(summary), flush=True)
+    if not args.no_report:
+        from srt3d_ros.review.report import write_report
+
+        report = args.output or args.recording.with_suffix(".html")
+        write_report(recorded, summary, report, args.pictures, notes)
+    if args.json:
+        print(json.dumps(summary | {"notes": list(notes), "report": report and str(report)}, allow_nan=False))
+    elif report:
+        print(f"\n{report}")
+    return 0
+
+
+def _export(args: argparse.Namespace, recorded) -> int:
+    from srt3d_ros.review import export
+    from srt3d_ros.review.summary import telling_frames
+
+    place = recorded.frame_at(args.frame) if args.frame is not None else telling_frames(recorded)[0]
+    facts = {"frame": int(recorded.index.frame_index[place]), "stamp_ns": int(recorded.index.stamp_ns[place]),
+             "points": int(recorded.index.points[place])}
+    if args.frame is not None:
+        export.save_frame(recorded, place, args.output, args.pictures)
+        _say(args, facts | {"output": str(args.output)}, "{points:,} points of frame {frame}\n{output}")
+    elif args.turntable is not None:
+        export.save_turntable(recorded, place, args.turntable)
+        _say(args, facts | {"output": str(args.turntable)}, "frame {frame}, {points:,} points\n{output}")
+    else:
+        clouds = export.save_bag(recorded, args.to_bag)
+        _say(args, {"clouds": clouds, "output": str(args.to_bag)}, "{clouds:,} clouds on /points\n{output}")
+    return 0
+
+
+def _compare(args: argparse.Namespace, recorded) -> int:
+    from srt3d_ros.review.compare import compare, words
+    from srt3d_ros.review.recorded import Recorded
+
+    path, notes = _readable(args.compare)
+    for note in notes:
+        print(f"srt3d: {note}", file=sys.stderr)
+    comparison = compare(recorded, Recorded.read(path))
+    print(json.dumps(comparison, allow_nan=False) if args.json else words(comparison))
+    return 0
+
+
+def _say(args: argparse.Namespace, facts: dict, words: str) -> None:
+    print(json.dumps(facts) if args.json else words.format(**facts))

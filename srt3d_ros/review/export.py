@@ -1,0 +1,127 @@
+"""Take a cloud out of a recording: as a cloud file, a picture, a turning film; or all clouds, as a bag."""
+
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros import cloud_files
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.pictures.film import SUFFIXES, turn
+from srt3d_ros.pictures.look import Look
+from srt3d_ros.pictures.still import marked
+from srt3d_ros.recording.reader import CloudFrame
+from srt3d_ros.review.camera import Camera
+from srt3d_ros.review.gallery import figures_of, title_of
+from srt3d_ros.review.recorded import Recorded
+
+_PICTURE_PX = (1400, 800)
+_PICTURE = ".png"
+
+
+def save_frame(recorded: Recorded, place: int, output: Path, pictures: str = "auto") -> None:
+    """Save the cloud at a place of the index: a picture if `output` ends in .png, else as `cloud_files.save` does.
+
+    Raises:
+        InvalidInput: it cannot be written there; the recording tells too little of its sensor for a cloud file.
+    """
+    cloud = _cloud(recorded, place)
+    if output.suffix.lower() == _PICTURE:
+        camera = Camera(pictures, cloud, Look.of(cloud, recorded.sensor), _projection(recorded), *_PICTURE_PX)
+        (image,) = camera.draw([cloud])
+        picture = marked(image, camera.look, camera.eye, title_of(recorded, place), figures_of(recorded, place))
+        try:
+            picture.save(output, optimize=True)
+        except OSError as e:
+            raise InvalidInput("output", str(output), f"a file that can be written ({e.strerror or e})") from None
+        return
+    require(recorded.sensor is not None, "recording", str(recorded.path), "one that describes its sensor")
+    frequencies = np.atleast_1d(recorded.properties.get("run", {}).get("frequencies", ())).tolist()
+    background = next((image for *_, image in recorded.reader.images("/background", {cloud.frame_index})), None)
+    cloud_files.save(point_cloud(cloud, recorded.sensor, background), output, frequencies=tuple(frequencies),
+                     sensor=recorded.sensor)
+
+
+def save_turntable(recorded: Recorded, place: int, output: Path) -> None:
+    """Save a film of the cloud at a place of the index, turning to either side; InvalidInput as `turn` says."""
+    cloud = _cloud(recorded, place)
+    turn(output, cloud, Look.of(cloud, recorded.sensor), _projection(recorded))
+
+
+def save_bag(recorded: Recorded, folder: Path, topic: str = "/points") -> int:
+    """Write all clouds as PointCloud2 messages (x, y, z, intensity), at their stamps; their number.
+
+    Raises:
+        InvalidInput: something is there already, or nothing can be written there.
+    """
+    from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+    from srt3d_ros.messages import points
+
+    frame_id = recorded.sensor.frame_id if recorded.sensor else "lidar"
+    writer = BagWriter(folder)
+    writer.add_topic(topic, "sensor_msgs/msg/PointCloud2", [Offer()])
+    for cloud in tqdm(recorded.reader.clouds(), "writing", len(recorded.index), delay=2, leave=False, unit="cloud"):
+        writer.write(topic, cloud.stamp_ns, points.encode_cdr(_bare(cloud), frame_id))
+    writer.close()
+    return writer.messages[topic]
+
+
+def point_cloud(cloud: CloudFrame, sensor: SensorModel, background: np.ndarray | None = None) -> PointCloud:
+    """A recorded cloud as the reconstruction gave it; what was not recorded is found from the geometry, or is NaN.
+
+    Args:
+        cloud: as recorded.
+        sensor: gives pixels and bins.
+        background: float [rows, cols], photons, if recorded.
+    """
+    range_m = np.linalg.norm(cloud.xyz.astype(np.float64), axis=1)
+    row, col = (cloud.row, cloud.col) if cloud.row is not None and cloud.col is not None else _pixels(cloud.xyz, sensor)
+    order = np.lexsort((-cloud.intensity, row.astype(np.int64) * sensor.cols + col))
+    depth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+    std = np.full(len(cloud), np.nan) if cloud.depth_std_m is None else cloud.depth_std_m / sensor.bin_width_m
+    if background is None:
+        background = np.full((sensor.rows, sensor.cols), np.nan)
+    row, col = row[order].astype(np.uint16), col[order].astype(np.uint16)
+    return PointCloud(row, col, depth[order].astype(np.float32), cloud.intensity[order], std[order].astype(np.float32),
+                      cloud.xyz[order], _ranks(row, col), background.astype(np.float32), cloud.stamp_ns)
+
+
+def _pixels(xyz: np.ndarray, sensor: SensorModel) -> tuple[np.ndarray, np.ndarray]:
+    """The pixels whose rays pass nearest to points."""
+    from scipy.spatial import cKDTree
+
+    direction = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
+    return np.divmod(cKDTree(sensor.rays.reshape(-1, 3)).query(direction)[1], sensor.cols)
+
+
+def _ranks(row: np.ndarray, col: np.ndarray) -> np.ndarray:
+    """0 for the first of the points of a pixel, 1 for the next, …; points of a pixel follow each other."""
+    begins = np.flatnonzero((np.diff(row.astype(int), prepend=-1) != 0) | (np.diff(col.astype(int), prepend=-1) != 0))
+    return (np.arange(len(row)) - np.repeat(begins, np.diff(begins, append=len(row)))).astype(np.uint8)
+
+
+def _bare(cloud: CloudFrame) -> PointCloud:
+    """A cloud of which only positions, intensities and the stamp are known."""
+    none = np.empty(0)
+    number = np.zeros(len(cloud), np.uint16)
+    return PointCloud(number, number, none, cloud.intensity, none, cloud.xyz, none, none, cloud.stamp_ns)
+
+
+def _cloud(recorded: Recorded, place: int) -> CloudFrame:
+    return next(iter(recorded.reader.clouds({int(recorded.index.frame_index[place])})))
+
+
+def _projection(recorded: Recorded):
+    return recorded.sensor.projection if recorded.sensor else None
+
+
+def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
+    """InvalidInput unless a file of one of these kinds could be written there, as far as can be told before."""
+    require(output.suffix.lower() in suffixes, "output", str(output), f"a file name that ends in {', '.join(suffixes)}")
+    require(output.parent.is_dir(), "output", str(output), f"a directory {output.parent} that exists")
+
+
+FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", _PICTURE)
+TURNTABLE_SUFFIXES = SUFFIXES

@@ -1,0 +1,109 @@
+"""All of a recording but its clouds and images: read once, held against each other by stamp."""
+
+import re
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
+
+_STAGE = re.compile(r"latency_(?:(?P<stage>\w+)_)?ms")
+_PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
+_EXACT = ("rows", "cols", "num_bins", "irf_ref")
+_MEASURED = ("bin_width_s", "toa_offset_bins", "range_offset_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What a recording holds.
+
+    Args:
+        path: the file that was read.
+        reader: for the clouds and images.
+        index: the clouds there are.
+        series: by name.
+        log: lines of the nodes' logs.
+        properties: by name: run, sensor, parameters, versions.
+    """
+
+    path: Path
+    reader: RecordingReader
+    index: CloudIndex
+    series: dict[str, Series]
+    log: list[LogLine] = field(default_factory=list)
+    properties: dict[str, dict] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, path) -> "Recorded":
+        """Read a whole recording but its clouds; InvalidInput if it is none, or holds no cloud."""
+        reader = RecordingReader(path)
+        index = reader.cloud_index()
+        require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
+        return cls(Path(path), reader, index, reader.series(), reader.log_lines(), reader.properties())
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """When each cloud is, since the first; float64 [N]."""
+        return self.since_first(self.index.stamp_ns)
+
+    def since_first(self, stamp_ns: np.ndarray) -> np.ndarray:
+        """Seconds since the first cloud."""
+        return (np.asarray(stamp_ns) - self.index.stamp_ns[0]) * 1e-9
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Points of each cloud as it was reconstructed, int64 [N]: more than recorded where clouds were thinned."""
+        return np.nan_to_num(self.at_clouds("points"), nan=-1).astype(np.int64)
+
+    def at_clouds(self, name: str) -> np.ndarray:
+        """A series' value at each cloud's stamp, float64 [N]; NaN where there is none, for points those recorded."""
+        stamps, values = self.index.stamp_ns, np.full(len(self.index), np.nan)
+        if name == "points":
+            values[:] = self.index.points
+        series = self.series.get(name)
+        if series is not None and len(series.stamp_ns):
+            at = np.minimum(np.searchsorted(series.stamp_ns, stamps), len(series.stamp_ns) - 1)
+            found = series.stamp_ns[at] == stamps
+            values[found] = series.values[at[found]]
+        return values
+
+    def latencies(self) -> dict[str, Series]:
+        """The series of latencies in milliseconds: `total`, and each stage's by its name."""
+        found = {name: match for name in self.series if (match := _STAGE.fullmatch(name))}
+        return {match["stage"] or "total": self.series[name]
+                for name, match in sorted(found.items(), key=lambda item: item[1]["stage"] or "")}
+
+    @cached_property
+    def sensor(self) -> SensorModel | None:
+        """The sensor as the recording tells it, all pixels alike; None if it tells too little."""
+        facts = self.properties.get("sensor", {})
+        try:
+            projection = _projection(facts)
+            irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
+            return SensorModel(irf=irf, projection=projection, frame_id=str(facts.get("frame_id", "lidar")),
+                               **{name: int(facts[name]) for name in _EXACT},
+                               **{name: float(facts[name]) for name in _MEASURED if name in facts})
+        except (KeyError, TypeError, ValueError, InvalidInput):
+            return None
+
+    def frame_at(self, frame: int) -> int:
+        """The place in the index of the cloud with a frame index; negative ones count from the end."""
+        frames = self.index.frame_index
+        wanted = frames[frame] if -len(frames) <= frame < 0 else frame
+        (found,) = np.nonzero(frames == wanted)
+        require(len(found) > 0, "frame", frame, f"a frame of the recording, {frames.min()} … {frames.max()}")
+        return int(found[0])
+
+
+def _projection(facts: dict):
+    kind = _PROJECTIONS[facts["projection"]]
+    values = {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
+    if "distortion" in values:
+        values["distortion"] = PlumbBob(*np.atleast_1d(values["distortion"]).tolist())
+    return kind(**values)

@@ -1,0 +1,73 @@
+"""The report: a recording's figures, pictures and plots as one HTML file."""
+
+import os
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from srt3d_ros import __version__
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.review import words
+from srt3d_ros.review.gallery import make_gallery
+from srt3d_ros.review.page import PAGE
+from srt3d_ros.review.plots import draw_plots
+from srt3d_ros.review.recorded import Recorded
+
+_MOST_LOG_LINES = 500
+_LONGEST_LIST = 24          # values; of longer ones (an IRF) their number is told
+
+
+def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = "auto", notes: tuple[str, ...] = ()
+                 ) -> None:
+    """Write the report; it appears whole or not at all.
+
+    Args:
+        recorded: the recording.
+        summary: of it.
+        path: the .html file.
+        pictures: who draws the clouds, as for Camera.
+        notes: what the reader should know first: that the recording was repaired, say.
+
+    Raises:
+        InvalidInput: if the file cannot be written there.
+    """
+    html = _page(recorded, summary, pictures, notes)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(html, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as e:
+        raise InvalidInput("report", str(path), f"a file that can be written ({e.strerror or e})") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _page(recorded: Recorded, summary: dict, pictures: str, notes: tuple[str, ...]) -> str:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return environment.from_string(PAGE).render(
+        version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
+        subtitle=words.subtitle(summary), notes=notes, headlines=words.headlines(summary),
+        gallery=make_gallery(recorded, pictures),
+        plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
+        gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
+        log_summary=words.log_words(summary), rows=words.rows(summary), tables=_tables(summary))
+
+
+def _log(recorded: Recorded) -> list[dict]:
+    """The log's last lines, with the seconds since the first cloud."""
+    return [{"at": "" if line.stamp_ns is None else f"{recorded.since_first(line.stamp_ns):+.2f} s",
+             "level": line.level, "text": line.text} for line in recorded.log[-_MOST_LOG_LINES:]]
+
+
+def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
+    """The recording's properties, as (title, rows)."""
+    return [(name.capitalize(), [(key, _text(value)) for key, value in sorted(facts.items())])
+            for name in ("sensor", "run", "parameters", "versions")
+            if isinstance(facts := summary.get(name), dict) and facts]
+
+
+def _text(value) -> str:
+    if isinstance(value, list):
+        return f"{len(value)} values" if len(value) > _LONGEST_LIST else ", ".join(_text(one) for one in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,129 @@
+"""The figures of a recording, as a dictionary for JSON; `words` says them."""
+
+from collections import Counter
+from datetime import UTC, datetime
+
+import numpy as np
+
+from srt3d_ros.review.recorded import Recorded
+
+GAP_PERIODS = 1.5               # frames farther apart than this many usual periods have a gap between them
+_MOST_GAPS = 100                # listed; all are counted
+_DECIMALS = 3
+
+
+def summarise(recorded: Recorded) -> dict:
+    """What the review tells of a recording; times in s or ms as named, None where the recording does not tell.
+
+    frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
+    missing_frames, clouds_not_recorded, drops, latency_ms (p50, p95, max for each stage), points, photons, ppp and
+    depth_std_mm where recorded (median, min, max), bytes and bytes_per_point, incomplete_series, log (lines of each
+    level), typical_frame, fewest_points_frame, most_points_frame, and the properties.
+    """
+    index, seconds = recorded.index, recorded.seconds
+    frames, duration = len(index), float(seconds[-1])
+    gaps, period = find_gaps(recorded)
+    size = recorded.path.stat().st_size
+    typical, fewest, most = telling_frames(recorded)
+    summary = {
+        "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
+        "frames": frames, "duration_s": round(duration, _DECIMALS),
+        "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
+        "period_ms": _rounded(period * 1e3) if period else None,
+        "gaps": gaps[:_MOST_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
+        "clouds_not_recorded": _clouds_not_recorded(recorded), "drops": _last(recorded, "drops"),
+        "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
+        "points": spread(recorded.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
+        "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
+        "incomplete_series": incomplete_series(recorded),
+        "log": dict(Counter(line.level or "?" for line in recorded.log)),
+        "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
+        "most_points_frame": int(index.frame_index[most]),
+    }
+    return summary | {name: {key: _plain(value) for key, value in facts.items()}
+                      for name, facts in recorded.properties.items() if name not in summary}
+
+
+def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
+    """Places where frames are missing, and the usual period in seconds (0 for a single frame)."""
+    seconds, frames = recorded.seconds, recorded.index.frame_index
+    steps = np.diff(seconds)
+    period = float(np.median(steps)) if len(steps) else 0.0
+    places = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
+    return [{"after_frame": int(frames[k]), "at_s": round(float(seconds[k]), _DECIMALS),
+             "seconds": round(float(steps[k]), _DECIMALS), "missing": max(round(float(steps[k]) / period) - 1, 1)}
+            for k in places], period
+
+
+def telling_frames(recorded: Recorded) -> tuple[int, int, int]:
+    """Places in the index of a typical cloud, of that with the fewest points and of that with the most.
+
+    Typical: its points are nearest to the median, and of equals it is nearest to the middle of the recording.
+    """
+    points = recorded.points
+    off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
+    off_median = np.abs(points - np.median(points)) / max(np.median(points), 1)
+    return (int(np.argmin(np.round(off_median, 3) + 1e-3 * off_middle)), int(np.argmin(points)),
+            int(np.argmax(points)))
+
+
+def incomplete_series(recorded: Recorded) -> dict[str, int]:
+    """Series that belong to frames but lack a value at some clouds' stamps: how many are missing."""
+    def missing(name: str) -> int:
+        return int(np.isnan(recorded.at_clouds(name)).sum())
+
+    later = {"frame_rate_hz": 1}        # it takes two clouds
+    per_frame = [name for name in recorded.series if name not in ("drops", "points") and missing(name) < len(
+        recorded.index)]
+    found = {name: missing(name) - later.get(name, 0) for name in per_frame}
+    return {name: count for name, count in found.items() if count > 0}
+
+
+def latency(values: np.ndarray) -> dict[str, float]:
+    """Percentiles of latencies."""
+    p50, p95, most = np.percentile(values, (50, 95, 100))
+    return {"p50": _rounded(p50), "p95": _rounded(p95), "max": _rounded(most)}
+
+
+def spread(values: np.ndarray) -> dict[str, float] | None:
+    """Median and ends of finite values; None without any."""
+    values = np.asarray(values, np.float64)
+    values = values[np.isfinite(values)]
+    if len(values) == 0:
+        return None
+    return {"median": _rounded(np.median(values)), "min": _rounded(values.min()), "max": _rounded(values.max())}
+
+
+def iso_time(stamp_ns: int, decimals: str = "milliseconds") -> str:
+    """A stamp as UTC, 2026-11-21T18:18:50.123Z."""
+    whole, rest = divmod(int(stamp_ns), 10**9)
+    moment = datetime.fromtimestamp(whole, UTC).replace(microsecond=rest // 1000, tzinfo=None)
+    return moment.isoformat(timespec=decimals) + "Z"
+
+
+def _clouds_not_recorded(recorded: Recorded) -> int:
+    series = recorded.series.get("points")
+    return 0 if series is None else int(np.isin(series.stamp_ns, recorded.index.stamp_ns, invert=True).sum())
+
+
+def _last(recorded: Recorded, name: str) -> float | None:
+    series = recorded.series.get(name)
+    return float(series.values[-1]) if series is not None and len(series.values) else None
+
+
+def _spread(recorded: Recorded, name: str) -> dict | None:
+    series = recorded.series.get(name)
+    return None if series is None else spread(series.values)
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), _DECIMALS)
+
+
+def _plain(value):
+    """A property as JSON has it; numbers that are not finite as text."""
+    value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    finite = not isinstance(value, float) or np.isfinite(value)
+    return value if isinstance(value, str | int | float | bool | None) and finite else str(value)

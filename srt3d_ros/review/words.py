@@ -1,0 +1,107 @@
+"""A recording's figures in words, for the terminal and the report."""
+
+import numpy as np
+
+
+def words(summary: dict) -> str:
+    """The summary for a terminal."""
+    lines = [summary["recording"], ""]
+    lines += [f"  {name:<24}{text}" for name, text in rows(summary)]
+    return "\n".join(lines)
+
+
+def rows(summary: dict) -> list[tuple[str, str]]:
+    """(what, figure with unit) for the figures there are."""
+    s = summary
+    rate = f", {s['frame_rate_hz']:.3g} Hz" if s["frame_rate_hz"] else ""
+    found = [("recorded", f"{s['started'].replace('T', ' ')}, {_duration(s['duration_s'])}, {_size(s['bytes'])}"),
+             ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gap_words(s))]
+    if s["clouds_not_recorded"]:
+        found.append(("clouds not recorded", f"{s['clouds_not_recorded']:,}: thinned out, or the disk was slow"))
+    if s["drops"] is not None:
+        found.append(("drops", f"{s['drops']:,.0f} frames or messages, in all nodes"))
+    found += [("latency" if stage == "total" else f"latency, {stage}",
+               f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
+              for stage, v in s["latency_ms"].items()]
+    for name, title, unit in (("points", "points", ""), ("photons", "photons", ""), ("ppp", "photons per pixel", "")):
+        if s[name]:
+            found.append((f"{title} a frame" if name != "ppp" else title, _spread_words(s[name]) + unit))
+    found.append(("size", f"{s['bytes_per_point']:.3g} bytes a point, all included"))
+    if s["incomplete_series"]:
+        lacks = ", ".join(f"{name} lacks {count}" for name, count in s["incomplete_series"].items())
+        found.append(("incomplete series", lacks))
+    if s["log"]:
+        found.append(("log", log_words(s)))
+    sensor, versions = s.get("sensor", {}), s.get("versions", s.get("run", {}))
+    if "rows" in sensor:
+        found.append(("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
+                                f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor.get('projection', 'pinhole')}"))
+    if "frequencies" in s.get("run", {}):
+        frequencies = np.atleast_1d(s["run"]["frequencies"]).tolist()
+        found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))
+    if "srt3d_ros" in versions:
+        revision = f", revision {versions['git_revision'][:12]}" if "git_revision" in versions else ""
+        found.append(("srt3d_ros", f"{versions['srt3d_ros']}{revision}"))
+    found.append(("frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
+                                       f"most points {s['most_points_frame']}"))
+    return found
+
+
+def _gap_words(summary: dict) -> str:
+    if not summary["gap_count"]:
+        return "none"
+    longest = max(summary["gaps"], key=lambda gap: gap["seconds"])
+    return (f"{summary['gap_count']}, about {summary['missing_frames']} frames; the longest {longest['seconds']:.3g} s "
+            f"after frame {longest['after_frame']}")
+
+
+def _spread_words(values: dict) -> str:
+    return f"median {_figure(values['median'])}, {_figure(values['min'])} … {_figure(values['max'])}"
+
+
+def _figure(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1000 or value == round(value) else f"{value:.3g}"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(seconds, 60)
+    return f"{minutes:.0f} min {rest:.0f} s" if minutes else f"{seconds:.3g} s"
+
+
+def _size(number: int) -> str:
+    return f"{number / 1e6:,.1f} MB" if number < 1e9 else f"{number / 1e9:,.2f} GB"
+
+
+def subtitle(summary: dict) -> str:
+    """When, how long and by what sensor, in a line."""
+    sensor = summary.get("sensor", {})
+    pixels = f", {sensor['rows']} × {sensor['cols']} pixels" if "rows" in sensor else ""
+    started = summary["started"][:19].replace("T", " ")
+    return f"Recorded {started} UTC, {_duration(summary['duration_s'])}{pixels}, {_size(summary['bytes'])}"
+
+
+def headlines(summary: dict) -> list[dict]:
+    """The figures that tell most: what, figure, and whether it is bad."""
+    s, latency = summary, summary["latency_ms"].get("total")
+    found = [("frames", f"{s['frames']:,}", False)]
+    if s["frame_rate_hz"]:
+        found.append(("frames a second", f"{s['frame_rate_hz']:.3g}", False))
+    if latency:
+        found += [("median latency", _milliseconds(latency["p50"]), False),
+                  ("95 % are faster than", _milliseconds(latency["p95"]), False)]
+    found.append(("points a frame", _figure(s["points"]["median"]), False))
+    if s["photons"]:
+        found.append(("photons a frame", _figure(s["photons"]["median"]), False))
+    if s["drops"] is not None:
+        found.append(("drops", f"{s['drops']:,.0f}", s["drops"] > 0))
+    found.append(("gaps", f"{s['gap_count']:,}", s["gap_count"] > 0))
+    return [{"what": what, "figure": figure, "bad": bad} for what, figure, bad in found]
+
+
+def log_words(summary: dict) -> str:
+    """How many lines of which level the log has."""
+    return ", ".join(f"{count} {level}" for level, count in summary["log"].items())
+
+
+def _milliseconds(value: float) -> str:
+    return f"{value:.3g} ms" if value < 1000 else f"{value / 1e3:.3g} s"
