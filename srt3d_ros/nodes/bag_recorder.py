@@ -102,6 +102,20 @@ class BagRecorderNode(PipelineNode):
         if self._timer is not None:
             self.destroy_timer(self._timer)
 
+    def stop_frames(self, cause: str) -> None:
+        """As in every node, but first take what has come and waits in the middleware for the executor."""
+        now_ns = time.time_ns()
+        for subscription in self._listening:
+            received_ns = 0
+            while received_ns < now_ns:
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                subscription.callback(*taken)
+                received_ns = taken[1]["received_timestamp"]
+        super().stop_frames(cause)
+
     def forget(self) -> None:
         """Complete the bag and say what is in it."""
         writer, self._writer = self._writer, None

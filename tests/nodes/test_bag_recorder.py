@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.duration import Duration
 from ruamel.yaml import YAML
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
@@ -135,6 +136,8 @@ sys.exit(bag_recorder.main())
 """
 FILLS_UP = ("room = iter([10**9] * 3); real = os.statvfs; "
             "os.statvfs = lambda path: os.statvfs_result([*real(path)[:4], next(room, 0), *real(path)[5:]])")
+BUSY = ("import time; received = bag_recorder.BagRecorderNode._received; "
+        "bag_recorder.BagRecorderNode._received = lambda *of: (time.sleep(0.3), received(*of))")
 FILE_TOO_LARGE = "resource.setrlimit(resource.RLIMIT_FSIZE, (900_000, 900_000))"
 
 
@@ -149,6 +152,7 @@ def record_gates(graph, sensor, tmp_path):
         words = np.zeros((1000, sensor.rows, sensor.cols), np.uint16)
         for k in range(4):
             driver.publish(gates_message.encode_cdr(PhotonGates(words, START_NS + k), sensor, "spad"))
+        driver.wait_for_all_acked(Duration(seconds=30))
         return recorder
 
     return record
@@ -172,6 +176,12 @@ def test_frames_that_still_wait_at_the_end_are_written(graph, record_gates, tmp_
     assert graph.report("bag_recorder")["frames_out"] == "0"
     assert recorder.end(signal.SIGTERM) == 0
     assert len(read(tmp_path / "bag")) == 4
+
+
+def test_what_has_come_before_the_end_is_written_though_the_node_was_too_busy_to_take_it(record_gates, tmp_path):
+    recorder = record_gates(BUSY)
+    assert recorder.end(signal.SIGINT) == 0
+    assert len(read(tmp_path / "bag")) == 4, recorder.text
 
 
 def test_a_bag_that_can_no_longer_be_written_is_one_line_and_exit_code_1(record_gates):
