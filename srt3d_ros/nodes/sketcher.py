@@ -109,6 +109,7 @@ class SketcherNode(PipelineNode):
     def activate(self) -> None:
         """Follow the sensor and its photons."""
         self._framing = self._make_framing()
+        self.worker.messages_per_frame = self.parameters["packets_per_frame"]
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
         self.hold_frames_for("a sensor description on sensor")
         if self._from_file is not None:
@@ -256,6 +257,7 @@ class SketcherNode(PipelineNode):
             self.diagnostics.show(packets_open=0)
 
     def _end_frame(self, packets: int) -> None:
+        self.worker.messages_per_frame = packets
         sketch = self._sketcher.end_frame()
         self.diagnostics.count(packets=packets, photons=self._sketcher.newest_photons)
         frame_id = self.parameters["frame_id"] or self._frame_id

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 NEWEST_ONLY = 1
 PATIENCE_S = 0.25       # for which frames may wait while a busy machine catches up
-CALM_S = 2.0            # without a frame given up: it has caught up
-MOST_WAITING = 64       # frames, however patient: bounds the memory
+CALM_S = 1.0            # without a frame given up: it has caught up
+MOST_WAITING = 64       # messages, however patient: bounds the memory
 LOSSLESS = 256          # frames that may wait when none may be dropped; bounds the memory if the sender does not
 
 
@@ -43,6 +43,7 @@ class Worker:
 
     Args:
         limit: frames that may wait. A frame too many pushes out the oldest: with 1, the newest frame is always next.
+            Where several messages make a frame, `messages_per_frame` says how many, and each is a frame to all else.
         patience_s: how long more frames than that may wait; 0: not at all.
         failed: called with (exception, is_frame) when a job raises; the worker goes on.
         dropped: called with (cause, frames) for waiting frames that are given up: "queue" if newer ones push them out.
@@ -51,6 +52,7 @@ class Worker:
     def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str, int], None],
                  patience_s: float = 0.0):
         self.limit, self._failed, self._dropped, self._patience_s = limit, failed, dropped, patience_s
+        self.messages_per_frame = 1
         self._calm_from_s = 0.0
         self._jobs: deque[_Job] = deque()
         self._frames_waiting = 0
@@ -106,20 +108,21 @@ class Worker:
             if self._closing:
                 return
             if job.is_frame:
-                pushed_out = self._push_out(job.since_s) if self._frames_waiting >= self.limit else 0
+                most = self.limit * self.messages_per_frame
+                pushed_out = self._push_out(most, job.since_s) if self._frames_waiting >= most else 0
                 self._frames_waiting += 1
             self._jobs.append(job)
             self._changed.notify_all()
         if pushed_out:
             self._dropped("queue", pushed_out)
 
-    def _push_out(self, now_s: float) -> int:
-        """Make room for a frame if that has to be; how many frames were given up for it."""
+    def _push_out(self, most: int, now_s: float) -> int:
+        """Make room for a frame if that has to be, and then for all but `most`; how many were given up for it."""
         frames = [job for job in self._jobs if job.is_frame]
         patient = now_s >= self._calm_from_s and now_s - frames[0].since_s < self._patience_s
         if patient and len(frames) < MOST_WAITING:
             return 0
-        given_up = frames[:len(frames) - self.limit + 1]
+        given_up = frames[:len(frames) - most + 1]
         for job in given_up:
             self._jobs.remove(job)
         self._frames_waiting -= len(given_up)

@@ -144,6 +144,15 @@ def test_patience_comes_back_after_a_calm_time_without_drops(probe, clock):
     assert patient.done == [1, 2, 3, 4, 5] and patient.dropped == ["queue"]
 
 
+def test_the_messages_of_one_frame_do_not_push_each_other_out(probe):
+    newest = probe(limit=1)
+    newest.worker.messages_per_frame = 3
+    for k in range(8):
+        newest.worker.offer(newest.done.append, k)
+    newest.finish()
+    assert newest.done == [5, 6, 7] and newest.dropped == ["queue"] * 5
+
+
 def test_however_patient_a_queue_stays_bounded(probe, clock):
     patient = probe(limit=2, patience_s=1e9)
     for k in range(MOST_WAITING + 1):
