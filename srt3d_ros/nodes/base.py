@@ -26,6 +26,7 @@ from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, PATIENCE_S, Dropped, W
 PUBLISH_DEPTH = SUBSCRIBE_DEPTH = 8     # messages of 10 ms for as long as a thread may have to wait for its turn
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
 FOLLOW_DEPTH = 100      # of reports, which come from many nodes at once
+OUTDATED_NS = 10 * 10**9    # a difference of more is of clocks, not of frames under way
 LOG_EVERY_S = 2.0       # repeated complaints
 POLL_S = 0.005
 TELL_AFTER_S = 0.5      # a wait this long is worth a log line
@@ -68,6 +69,7 @@ class PipelineNode(ManagedNode):
         limit = LOSSLESS if self.lossless else queue_limit
         self.worker = Worker(limit, self._failed, self.diagnostics.drop, PATIENCE_S)
         self._stages = [self.worker]
+        self._followed_ns = self._valid_from_ns = 0         # when descriptions were sent, by their sender's clock
         self._listening: list[Subscription] = []
         self._advertised: list[Publisher] = []
         self._serving: list[Service] = []
@@ -86,10 +88,15 @@ class PipelineNode(ManagedNode):
         """Have the worker call `handle` with the CDR bytes of the frames on one of the interface's inputs."""
         gaps = Gaps(lambda: subscription.get_publisher_count())
 
+        def work(raw: bytes, sent_ns: int) -> None:
+            if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
+                raise Dropped("outdated", "it was sent before the description in force")
+            handle(raw)
+
         def received(raw: bytes, info: dict) -> None:
             self.diagnostics.lost(gaps.after(info["publication_sequence_number"]))
             self.diagnostics.received()
-            self.worker.offer(handle, raw)
+            self.worker.offer(work, raw, info["source_timestamp"])
 
         def lost(event) -> None:
             if not gaps.numbered:       # or they would be counted twice
@@ -100,7 +107,16 @@ class PipelineNode(ManagedNode):
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""
-        self._listen(topic, lambda message: self.worker.call(handle, message), FOLLOW_DEPTH)
+        def work(message, sent_ns: int) -> None:
+            self._followed_ns = sent_ns
+            handle(message)
+
+        self._listen(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
+                     FOLLOW_DEPTH)
+
+    def drop_older(self) -> None:
+        """Called for a description that replaces another: drop the frames that its sender had sent before it."""
+        self._valid_from_ns = self._followed_ns
 
     def listen(self, topic: str, handle: Callable[[bytes], None]) -> Subscription:
         """Have the executor call `handle` with the CDR bytes on an input; for what must not wait for the worker."""

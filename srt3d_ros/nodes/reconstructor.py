@@ -144,6 +144,8 @@ class ReconstructorNode(PipelineNode):
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
         if self._described is None or frequencies != self._described[1] or not sensor.same_as(self._described[0]):
             self._rebuild(sensor, frequencies, self._settings)
+            if self._described is not None:
+                self.drop_older()
             self._described = sensor, frequencies
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
                               frequencies=" ".join(map(str, frequencies)))
