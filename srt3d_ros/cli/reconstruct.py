@@ -1,4 +1,4 @@
-"""`srt3d reconstruct`: a photon file to a point cloud file, without ROS."""
+"""`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
 
 import argparse
 import json
@@ -14,12 +14,16 @@ from srt3d_ros.errors import require
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "reconstruct", help="reconstruct a photon file and save the point cloud",
+        "reconstruct", help="reconstruct a photon file or a frame of a bag and save the point cloud",
         description="Sketch the photons of a file, reconstruct them and save the cloud. A published .mat file may lack "
                     "bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
-    parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published")
+    parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published; "
+                                                       "or a bag (docs/bags.md)")
+    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
+    parser.add_argument("--photons-topic", default="", metavar="TOPIC",
+                        help="where a bag's photons are, if it has several topics of them")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
     parser.add_argument("--sketch-size", type=int, metavar="M",
@@ -74,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
     cloud_files.check(args.output)
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
-    photons = open_photons(args.input, **overrides)
+    photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
     method, frequencies = METHODS[args.method], ()
     sensor, frame = photons.sensor, photons.frame
     if args.dark is not None:

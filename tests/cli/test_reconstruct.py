@@ -15,8 +15,11 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
@@ -145,6 +148,23 @@ def test_what_the_file_does_not_say_can_be_given(run):
         assert (facts["num_bins"], file["bin_width_s"], file["irf_ref"]) == (400, 1e-10, 0)
 
 
+def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, run, tmp_path):
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/left/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
+    writer.add_topic("/right/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
+    writer.add_topic("/sensor", "std_msgs/msg/String", [Offer()])
+    few = PhotonEvents(np.zeros(5, np.uint32), np.arange(5, dtype=np.uint16))
+    writer.write("/sensor", 0, sensor_message.encode_cdr(SENSOR))
+    for k, (side, frame) in enumerate((("left", few), ("right", few), ("left", photons[1]))):
+        writer.write(f"/{side}/photons", k + 1, photons_message.encode_cdr(frame, SENSOR, "lidar"))
+    writer.close()
+    _, from_file, _ = run()
+    assert main.main(["reconstruct", str(tmp_path / "bag"), "-o", str(tmp_path / "b.npz"), "--frame", "1",
+                      "--photons-topic", "/left/photons"]) == 0
+    with np.load(tmp_path / "cloud.npz") as file, np.load(tmp_path / "b.npz") as bag:
+        assert np.array_equal(file["xyz"], bag["xyz"]) and len(file["xyz"]) == from_file["points"]
+
+
 def test_a_gate_cuts_the_period(run):
     _, facts, out = run("--gate", "50,100")
     assert facts["num_bins"] == 100
@@ -159,7 +179,8 @@ def test_without_json_it_says_the_same_in_words(photons, tmp_path, capsys):
 
 BAD = {
     "missing file": (["absent.npz", "-o", "a.npz"], "absent.npz"),
-    "a folder": ([".", "-o", "a.npz"], "photon file is"),
+    "a folder that is no bag": ([".", "-o", "a.npz"], "bag is ., without metadata.yaml"),
+    "no such frame": (["FILE", "-o", "a.npz", "--frame", "1"], "frame is 1"),
     "unknown input": (["notes.txt", "-o", "a.npz"], "notes.txt"),
     "broken input": (["broken.npz", "-o", "a.npz"], "broken.npz"),
     "wrong suffix": (["FILE", "-o", "cloud.las"], "output is cloud.las"),
