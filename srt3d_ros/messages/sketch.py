@@ -101,10 +101,9 @@ def _unpack(cloud: cdr.Cloud, frequencies: tuple[int, ...], sensor: SensorModel 
     numbers = np.array(points["sketch"], np.float32, order="C")
     if points["sketch"].dtype.kind == "i":
         numbers /= INT16_SCALE
-    means = numbers.view(np.complex64)
-    _check_means(means)
-    means *= photons[..., None].astype(np.float32)
-    return cloud.header, Sketch(tuple(frequencies), means, photons, cloud.header.stamp_ns)
+    _check_means(numbers.view(np.complex64))
+    numbers *= photons[..., None].astype(np.float32)
+    return cloud.header, Sketch(tuple(frequencies), numbers.view(np.complex64), photons, cloud.header.stamp_ns)
 
 
 def _check_means(means: np.ndarray) -> None:
