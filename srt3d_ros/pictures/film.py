@@ -15,8 +15,8 @@ from srt3d_ros.viewpoint import Viewpoint, look_at
 SUFFIXES = (".gif", ".mp4")
 _SIZE_PX = (640, 480)
 _FRAMES, _RATE_HZ = 72, 24
-_SWING_DEG = 55             # a cloud seen from one side has no back to show
-_COLOURS = 192
+_SWING_DEG = 40             # a cloud seen from one side has no back to show
+_COLOURS = 128
 
 
 def turn(path: Path, cloud, look: Look, projection: Projection | None) -> None:

@@ -32,7 +32,7 @@ def draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, y_
     """
     def draw(axes: Axes) -> None:
         for first, last in spans[:_MOST_SPANS]:
-            axes.axvspan(first, last, color=_SPAN, alpha=0.25, linewidth=0)
+            axes.axvspan(first, last, color=_SPAN, alpha=0.3, linewidth=1)
         for (name, (x, y)), colour in zip(lines.items(), COLOURS):
             finite = np.isfinite(y)
             _line(axes, x[finite], y[finite], color=colour, label=name, linewidth=1.3)

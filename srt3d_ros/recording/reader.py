@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
+from tqdm import tqdm
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import layout
@@ -106,10 +107,11 @@ class RecordingReader:
         """True if the file was closed: its footer is there."""
         return self._state.is_finished
 
-    def cloud_index(self) -> CloudIndex:
-        """Stamp, frame and number of points of every cloud."""
-        parts = [(frames, stamps, _lengths(xyz)) for _, frames, stamps, xyz in
-                 self._rows(layout.POINTS, layout.FRAME, layout.STAMP, "Points3D:positions")]
+    def cloud_index(self, progress: bool = False) -> CloudIndex:
+        """Stamp, frame and number of points of every cloud; `progress`: with a bar if it takes longer than 2 s."""
+        rows = tqdm(self._rows(layout.POINTS, layout.FRAME, layout.STAMP, "Points3D:positions"), "reading", delay=2,
+                    leave=False, unit="chunk", disable=not progress)
+        parts = [(frames, stamps, _lengths(xyz)) for _, frames, stamps, xyz in rows]
         frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
         order = np.argsort(stamps, kind="stable")
         return CloudIndex(frames[order], stamps[order], points[order])

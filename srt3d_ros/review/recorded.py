@@ -43,7 +43,7 @@ class Recorded:
     def read(cls, path) -> "Recorded":
         """Read a whole recording but its clouds; InvalidInput if it is none, or holds no cloud."""
         reader = RecordingReader(path)
-        index = reader.cloud_index()
+        index = reader.cloud_index(progress=True)
         require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
         return cls(Path(path), reader, index, reader.series(), reader.log_lines(), reader.properties())
 
