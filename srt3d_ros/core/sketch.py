@@ -53,7 +53,8 @@ class Sketch:
     def z(self) -> np.ndarray:
         """The paper's sketch, sums / n; complex64 [rows, cols, m], 0 where a pixel saw no photon."""
         each = 1 / np.maximum(self.photons, 1)[..., None].astype(np.float32)
-        return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)     # a complex / takes 4 times as long
+        # as real numbers: complex ones take four times as long to divide
+        return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
     def on_host(self) -> "Sketch":
         """The same with NumPy arrays, if these are tensors on a device."""
