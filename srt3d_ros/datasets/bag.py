@@ -1,6 +1,6 @@
 """rosbag2 bags (mcap or sqlite3), read with rosbags: the topics they hold, and the messages as they were recorded."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,11 +56,13 @@ class Bag:
     """
 
     def __init__(self, path: str | Path):
+        from rosbags.rosbag2 import Reader  # here: only bags need rosbags
+
         self.path = Path(path)
         self._check_path()
         self._open = ExitStack()
         with self._one_error():
-            self._readers = self._open_readers()
+            self._readers = self._open_readers(Reader)
             counts: dict[tuple[str, str], int] = {}
             for connection in (connection for reader in self._readers for connection in reader.connections):
                 key = connection.topic, connection.msgtype
@@ -99,20 +101,18 @@ class Bag:
         """Give back the files."""
         self._open.close()
 
-    def _open_readers(self) -> list:
+    def _open_readers(self, reader: Callable) -> list:
         """A reader for each storage file, the earliest first, or one for all.
 
         The reader of a folder finds no messages on topics whose QoS is written differently in metadata.yaml and in the
         files; only where messages or files are compressed does it know more than the files.
         """
-        from rosbags.rosbag2 import Reader  # here: only bags need rosbags
-
-        whole = Reader(self.path)
+        whole = reader(self.path)
         if not self.path.is_dir():
             return [self._open.enter_context(whole)]
         with whole:
             if not whole.compression_mode:
-                files = [Reader(storage.path) for storage in whole.storage.storages]
+                files = [reader(storage.path) for storage in whole.storage.storages]
                 return sorted((self._open.enter_context(file) for file in files), key=lambda file: file.start_time)
         return [self._open.enter_context(whole)]
 

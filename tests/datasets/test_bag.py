@@ -193,6 +193,19 @@ def test_no_ros_is_needed(bag, repository):
     assert done.stdout == "[2, 7, 9]\n", done.stderr
 
 
+def test_without_rosbags_a_bag_names_the_extra_that_it_needs(bag, repository, tmp_path):
+    script = ("import sys\n"
+              "class Absent:\n"
+              "    def find_spec(self, name, path=None, target=None):\n"
+              "        if name == 'rosbags': raise ModuleNotFoundError(f'No module named {name}', name=name)\n"
+              "sys.meta_path.insert(0, Absent())\n"
+              "from srt3d_ros.cli.main import main\n"
+              f"sys.exit(main(['reconstruct', {str(bag)!r}, '-o', {str(tmp_path / 'a.npz')!r}]))")
+    done = subprocess.run([sys.executable, "-c", script], cwd=repository, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "srt3d: error: rosbags is not installed: pip install 'srt3d_ros[bags]'\n"
+
+
 PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"
 DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
 
