@@ -1,49 +1,56 @@
-"""recorder: `points`, `depth`, photon counts and the pipeline's health → a recording (.rrd)."""
+"""recorder: clouds, images, photon counts, latencies and the nodes' log → recordings (.rrd), or a viewer."""
 
 import os
+import platform
 import sys
 import time
-from itertools import count
+from collections import deque
 from pathlib import Path
 
+import numpy as np
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log
 from std_msgs.msg import String
 
-from srt3d_ros import __version__
-from srt3d_ros.errors import require
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.diagnostics import PIPELINE_ID
+from srt3d_ros.nodes.frame_numbers import Frame, FrameNumbers
 from srt3d_ros.nodes.interface import Interface, Service
-from srt3d_ros.nodes.parameters import Parameter
+from srt3d_ros.nodes.neighbours import Drops, ParameterWatch, own_name, reports
+from srt3d_ros.nodes.parameters import Value
+from srt3d_ros.nodes.recording import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.recording import layout, live
+from srt3d_ros.recording.parts import PartNames
+from srt3d_ros.recording.versions import versions
 from srt3d_ros.recording.writer import RecordingWriter
 
 QUEUE = 64              # messages that may wait; the writer has its own, shorter queue of clouds and images
-WRITER_QUEUE, LOSSLESS_WRITER_QUEUE = 8, 256
-STAMPS_KEPT = 256
-
-PARAMETERS = (
-    Parameter("path", "", "The recording; recording_<UTC time>.rrd in the working directory if empty. The first "
-              "replaces a file that exists; those that `~/start_recording` begins after it are numbered.",
-              form="a path that ends with .rrd"),
-    Parameter("record", True, "Record as soon as the node is active; if false, from `~/start_recording` on."),
-    Parameter("lossless", False, "Queue more before dropping: for replays faster than a sensor."),
-)
+WRITER_QUEUE, LOSSLESS_WRITER_QUEUE = 16, 512
+LINES_KEPT = 1000       # log lines from before the first frame
+NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
 
 INTERFACE = Interface(
     "recorder",
-    purpose="Logs the live clouds, depth images, photon counts and the pipeline's health with rerun into a file, "
-    "without a screen. A recording begins when the sensor's description has come.",
-    inputs=(topics.SKETCH_SENSOR, topics.POINTS, topics.IMAGES[0], topics.SKETCH, topics.DIAGNOSTICS),
+    purpose="Records with rerun, without a screen: clouds, images, photon counts, latencies, drops, the nodes' log "
+    "and their parameters, into files, and for viewers that watch live. A recording begins when the sensor's "
+    "description has come. [What a recording holds](../recording.md).",
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.DIAGNOSTICS, topics.ROSOUT,
+            topics.PARAMETER_EVENTS),
     services=(Service("start_recording", "begin a new recording"), Service("stop_recording", "finish the recording")),
     parameters=PARAMETERS,
     limits=("Where the disk cannot follow, the oldest waiting clouds and images are dropped and counted in "
-            "`recording_dropped`; scalars are kept.",),
+            "`recording_dropped`; scalars are kept.",
+            "When the disk is full, what comes is not recorded (dropped as `not_recorded`), and once there is room "
+            "again the recording goes on in a new file.",
+            "Whoever can open a connection to the machine's loopback interface can watch `live_port`."),
 )
 
 
@@ -58,11 +65,14 @@ class RecorderNode(PipelineNode):
         super().__init__(QUEUE)
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None      # of the recording under way
-        self._recordings = 0
 
     def configure(self) -> None:
-        """Check the path."""
-        _checked_path(self.parameters["path"])
+        """Check the parameters and find out what is told of every recording."""
+        self._settings = Settings(self.parameters)
+        self._names = PartNames(self._settings.path, numbered=bool(self._settings.split))
+        if self._settings.live:
+            live.check_free(self._settings.live[0])
+        self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
         self.serve("start_recording", self._start)
         self.serve("stop_recording", self._stop)
 
@@ -71,25 +81,34 @@ class RecorderNode(PipelineNode):
         if self.parameters["record"]:
             self._start()
 
+    # ---- Recordings
+
     def _start(self) -> str:
-        require(self._path is None, "recording", self._path, "none under way: call ~/stop_recording first")
-        self._path = _numbered(_checked_path(self.parameters["path"]), self._recordings)
-        self._recordings += 1
+        if self._path is not None:
+            raise InvalidInput("recording", str(self._path), "none under way: call ~/stop_recording first")
+        self._path = self._names.next()
+        self._sensor: SensorModel | None = None
         self._frequencies: tuple[int, ...] = ()
-        self._indices: dict[int, int] = {}
-        self._frames_seen = 0
-        self._drops = Drops()
+        self._frames = FrameNumbers(self.parameters["max_rate_hz"])
+        self._drops, self._lines = Drops(), deque(maxlen=LINES_KEPT)
+        self._watched: dict[str, Value] = {}
+        self._watch = ParameterWatch(self, lambda values: self.worker.call(self._on_parameters, values))
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("points", self._on_points)
-        self.subscribe("depth", self._on_depth)
+        for topic in topics.IMAGES:
+            if f"/{topic.name}" in self._settings.images:
+                self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.subscribe("sketch", self._on_sketch)
         self.follow("/diagnostics", self._on_diagnostics)
+        self.follow("/rosout", self._on_line)
+        self.follow("/parameter_events", self._watch.hear)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"
 
     def _stop(self) -> str:
-        require(self._path is not None, "recording", "none", "one under way: call ~/start_recording first")
+        if self._path is None:
+            raise InvalidInput("recording", "none", "one under way: call ~/start_recording first")
         path, begun = self._path, self._writer is not None
         self.unsubscribe()
         self.release_frames()
@@ -99,109 +118,138 @@ class RecorderNode(PipelineNode):
     def forget(self) -> None:
         """Finish the recording."""
         if self._writer is not None:
+            self._write_lines()
             self._writer.close()
         self._writer = self._path = None
         self.diagnostics.show(path="")
 
     def _on_sensor(self, message: String) -> None:
         sensor, self._frequencies, window_frames = sketch_message.decode_sensor(message)
-        if self._writer is None and self._path is not None:
-            facts = {"srt3d_ros": __version__, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
-                     "bin_width_s": sensor.bin_width_s, "frame_id": sensor.frame_id,
-                     "frequencies": list(self._frequencies), "window_frames": window_frames}
-            self.get_logger().info(f"recording to {self._path}")
-            self._writer = RecordingWriter(
-                self._path, sensor, properties=facts, on_error=self._on_writer_error,
-                queue_frames=LOSSLESS_WRITER_QUEUE if self.lossless else WRITER_QUEUE)
-            self.release_frames()
+        if self._path is None:
+            return
+        facts = {"frequencies": list(self._frequencies), "window_frames": window_frames}
+        if self._writer is not None and sensor.same_as(self._sensor):
+            self._writer.tell(layout.RUN, facts)
+            return
+        if self._writer is not None:        # another sensor: what is told of the recording holds no more
+            self._writer.close()
+            self._path = self._names.next()
+        self._sensor = sensor
+        self._writer = self._new_writer(facts)
+        self.release_frames()
 
-    def _on_points(self, raw: bytes) -> None:
-        self._check_begun()
-        received_ns = self.now_ns()
-        header, columns = points_message.decode_cdr(raw)
-        index = self._index(header.stamp_ns)
-        xyz = columns["xyz"]
-        self._writer.log_cloud(header.stamp_ns, index, xyz, columns["intensity"])
-        latency_ms = (received_ns - header.stamp_ns) * 1e-6
-        self._writer.log_scalars(header.stamp_ns, {"latency_ms": latency_ms, "points": len(xyz)}, index)
-        self.diagnostics.count(clouds=1, points=len(xyz))
-        self._logged(header.stamp_ns)
-
-    def _on_depth(self, raw: bytes) -> None:
-        self._check_begun()
-        header, depth_m = image_message.decode_cdr(raw)
-        self._writer.log_depth(header.stamp_ns, self._index(header.stamp_ns), depth_m)
-        self._logged(header.stamp_ns)
-
-    def _on_sketch(self, raw: bytes) -> None:
-        self._check_begun()
-        header, sketch = sketch_message.decode_cdr(raw, self._frequencies)
-        photons = int(sketch.photons.sum())
-        self._writer.log_scalars(header.stamp_ns, {"photons": photons}, self._index(header.stamp_ns))
-        self.diagnostics.count(photons=photons)
-        self._logged(header.stamp_ns)
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self._drops.add(message, self.get_namespace())
-        if self._writer is not None and self._indices:
-            self._writer.log_scalars(max(self._indices), {"drops": self._drops.total})
+    def _new_writer(self, facts: dict) -> RecordingWriter:
+        self.get_logger().info(f"recording to {self._path}")
+        started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        run_facts = {"namespace": self.get_namespace(), "started": started, "machine": platform.node(),
+                     "cpus": os.cpu_count(), **facts}
+        properties = {layout.RUN: run_facts, layout.VERSIONS: self._versions, layout.PARAMETERS: self._watched}
+        return RecordingWriter(
+            self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
+            style=self._settings.style, split=self._settings.split, live=self._settings.live,
+            queue_frames=LOSSLESS_WRITER_QUEUE if self.lossless else WRITER_QUEUE,
+            on_error=self._on_writer_error, on_recovery=self._on_writer_recovery)
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)
         self.diagnostics.error(text)
 
-    def _logged(self, stamp_ns: int) -> None:
-        self.sent(stamp_ns)
-        self.diagnostics.show(recording_dropped=self._writer.dropped)
+    def _on_writer_recovery(self, path: Path) -> None:
+        self.get_logger().info(f"recording goes on in {path}")
 
-    def _index(self, stamp_ns: int) -> int:
-        """The number of the frame with this stamp, in the order in which stamps were first seen."""
-        if stamp_ns not in self._indices:
-            self._indices[stamp_ns] = self._frames_seen
-            self._frames_seen += 1
-            if len(self._indices) > STAMPS_KEPT:
-                del self._indices[next(iter(self._indices))]
-        return self._indices[stamp_ns]
+    # ---- Frames
+
+    def _on_points(self, raw: bytes) -> None:
+        received_ns = self.now_ns()
+        header, columns = points_message.decode_cdr(raw)
+        frame, number_of_points = self._frame(header.stamp_ns), len(columns["xyz"])
+        sketch_ns = frame.sketch_ns
+        series = {"latency_ms": (received_ns - frame.stamp_ns) * 1e-6, "points": number_of_points,
+                  "latency_reconstruct_ms": None if sketch_ns is None else (received_ns - sketch_ns) * 1e-6,
+                  "frame_rate_hz": self._frames.cloud_came(frame)}
+        self._writer.log_scalars(frame.stamp_ns, series, frame.number)
+        if frame.kept:
+            every = self._settings.every(number_of_points)
+            kept = {name: columns[name][::every] for name in ("xyz", "intensity", *layout.OF_FULL_CLOUDS)
+                    if name in columns}
+            self._writer.log_cloud(frame.stamp_ns, frame.number, **kept)
+        self.diagnostics.count(clouds=1, points=number_of_points)
+        self._logged(frame)
+
+    def _on_image(self, path: str, raw: bytes) -> None:
+        header, image = image_message.decode_cdr(raw)
+        frame = self._frame(header.stamp_ns)
+        self._log_image(path, frame, image)
+        self._logged(frame)
+
+    def _on_sketch(self, raw: bytes) -> None:
+        received_ns = self.now_ns()
+        self._check_begun()
+        header, sketch = sketch_message.decode_cdr(raw, self._frequencies)
+        frame, photons = self._frame(header.stamp_ns), int(sketch.photons.sum())
+        frame.sketch_ns = received_ns
+        series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
+                  "ppp": photons / max(sketch.photons.size, 1)}
+        self._writer.log_scalars(frame.stamp_ns, series, frame.number)
+        if layout.PHOTONS in self._settings.images:
+            self._log_image(layout.PHOTONS, frame, sketch.photons.reshape(self._sensor.rows, self._sensor.cols))
+        self.diagnostics.count(photons=photons)
+        self._logged(frame)
+
+    def _log_image(self, path: str, frame: Frame, image: np.ndarray) -> None:
+        if not frame.kept:
+            return
+        if path == layout.DEPTH:
+            self._writer.log_depth(frame.stamp_ns, frame.number, image)
+        else:
+            self._writer.log_image(path, frame.stamp_ns, frame.number, image)
+
+    def _frame(self, stamp_ns: int) -> Frame:
+        self._check_begun()
+        return self._frames[stamp_ns]
+
+    def _logged(self, frame: Frame) -> None:
+        if self._writer.error is None:
+            self.sent(frame.stamp_ns)
+        else:
+            self.diagnostics.drop("not_recorded")
+        self.diagnostics.show(path=self._writer.path, recording_dropped=self._writer.dropped)
+        if self._lines:
+            self._write_lines()
 
     def _check_begun(self) -> None:
         """Frames that were under way when the recording ended are none of its."""
         if self._writer is None:
             raise Dropped("not_recording", "the recording has ended, or had not begun")
 
+    # ---- What the other nodes say
 
-class Drops:
-    """Frames dropped or lost by all nodes of a pipeline since this began; a node's restart does not set it back."""
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        namespace = self.get_namespace()
+        self._drops.add(message, namespace)
+        for status in reports(message, namespace):
+            self._watch.ask(f"/{status.name}")
+        if self._writer is not None and (newest := self._frames.newest):
+            self._writer.log_scalars(newest.stamp_ns, {"drops": self._drops.total}, newest.number)
 
-    def __init__(self):
-        self._latest: dict[str, int] = {}
-        self.total = 0
+    def _on_line(self, line: Log) -> None:
+        if (name := own_name(line, self.get_namespace())) is not None:
+            self._lines.append((line.stamp.sec * 10**9 + line.stamp.nanosec, f"{name}: {line.msg}", int(line.level)))
+            if self._writer is not None and self._frames.newest:
+                self._write_lines()
 
-    def add(self, message: DiagnosticArray, namespace: str) -> None:
-        """Take in the reports of the pipeline's nodes in this namespace."""
-        for status in message.status:
-            if status.hardware_id != PIPELINE_ID or not f"/{status.name}".startswith(namespace.rstrip("/") + "/"):
-                continue
-            values = {pair.key: pair.value for pair in status.values}
-            dropped = int(values["dropped"]) + int(values["message_lost"])
-            before = self._latest.get(status.name, 0)
-            self.total += dropped - before if dropped >= before else dropped
-            self._latest[status.name] = dropped
+    def _write_lines(self) -> None:
+        newest = self._frames.newest
+        while self._lines:
+            stamp_ns, text, level = self._lines.popleft()
+            if newest is not None and abs(stamp_ns - newest.stamp_ns) > NEAR_NS:
+                stamp_ns = newest.stamp_ns
+            self._writer.log_line(stamp_ns, text, level, newest.number if newest else None)
 
-
-def _numbered(path: Path, before: int) -> Path:
-    """The path of a recording that comes after others, whose files stay."""
-    if before == 0 or not path.exists():
-        return path
-    numbers = count(before + 1)
-    return next(other for k in numbers if not (other := path.with_stem(f"{path.stem}_{k}")).exists())
-
-
-def _checked_path(text: str) -> Path:
-    path = Path(text or time.strftime("recording_%Y%m%dT%H%M%SZ.rrd", time.gmtime())).absolute()
-    require(path.suffix == ".rrd", "path", text, "a path that ends with .rrd")
-    folder = path.parent
-    require(folder.is_dir() and os.access(folder, os.W_OK), "path", text, "a file in a folder that can be written")
-    return path
+    def _on_parameters(self, values: dict[str, Value]) -> None:
+        self._watched |= values
+        if self._writer is not None:
+            self._writer.tell(layout.PARAMETERS, values)
 
 
 def main(args: list[str] | None = None) -> int:

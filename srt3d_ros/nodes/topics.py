@@ -1,6 +1,7 @@
 """The topics of the pipeline. msg_schemas/ has the layouts of their messages."""
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log, ParameterEvent
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
@@ -23,3 +24,5 @@ IMAGES = (
 )
 CAMERA_INFO = Topic("camera_info", CameraInfo, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, "rates, latency, photons, points, drops by cause, last error")
+ROSOUT = Topic("/rosout", Log, "what the nodes log")
+PARAMETER_EVENTS = Topic("/parameter_events", ParameterEvent, "changes of the nodes' parameters")

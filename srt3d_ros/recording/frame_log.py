@@ -1,117 +1,136 @@
-"""FrameLog: what is written to a recording for each frame. One thread; the queue before it is writer.py's."""
+"""FrameLog: what is written for each frame, to whatever listens: a file, then the next file, a viewer. One thread."""
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from srt3d_ros.colours import CLOUD_MAP, AdaptiveRange, intensity_levels, packed_colour_table
+from srt3d_ros.colours import AdaptiveRange
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.recording import layout
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
-from srt3d_ros.recording.file_sink import FileSink
+from srt3d_ros.recording.colouring import CloudColours, Colouring
+from srt3d_ros.recording.compact import by_intensity
 from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m
 
-_FLUSH_TIMEOUT_S = 2.0
-_FLUSH_TRIES = 10
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
 
 
-class FrameLog:
-    """An .rrd file being written, with its blueprint, properties and colour ranges.
+@dataclass(frozen=True)
+class Style:
+    """How clouds and images are recorded.
 
     Args:
-        path: the file; an existing one is overwritten.
-        sensor, application_id, properties: as for RecordingWriter.
-        blueprint: makes the layout it opens with, for the eye given to it.
-
-    Raises:
-        OSError: if the file cannot be opened, or from any method once it cannot be written.
+        colouring: of the points.
+        exact: points in their order, values in float32; otherwise a third of the size is saved, see compact.py.
+        blueprint: makes the layout that the recording opens with, from the eye, the sensor and the names of the images.
     """
 
-    def __init__(self, path: Path, sensor: SensorModel | None, application_id: str, properties: dict,
-                 blueprint: Callable[[Viewpoint], rrb.Blueprint] = film_blueprint):
-        self._sensor, self._blueprint = sensor, blueprint
-        self._sink = FileSink(path)
-        self._stream = rr.RecordingStream(application_id)
-        self._stream.save(self._sink.pipe_path)
-        self._sink.opened()
-        self._eye_chosen, self._in_mm = False, layout.fits_mm(sensor)
-        self._intensity_range, self._depth_range = AdaptiveRange(), AdaptiveRange()
-        self._write_statics(properties)
+    colouring: Colouring = field(default_factory=Colouring)
+    exact: bool = False
+    blueprint: Callable[..., rrb.Blueprint] = film_blueprint
 
-    @property
-    def bytes_written(self) -> int:
-        """Size of the file so far."""
-        return self._sink.bytes_written
 
-    def cloud(self, stamp_ns: int, frame_index: int, xyz: np.ndarray, intensity: np.ndarray) -> None:
-        """Write a cloud; float32 arrays that nobody changes any more."""
-        if len(xyz) and not self._eye_chosen:
-            self._choose_eye(xyz)
-        level = intensity_levels(intensity, *self._intensity_range.update(intensity))
-        colour = packed_colour_table(CLOUD_MAP)[level]
-        self._at(stamp_ns, frame_index)
+class FrameLog:
+    """Logs frames to every stream in `streams`, all of which begin with `begin`.
+
+    Args:
+        sensor: sets the axes, the size of the points and the precision of the depth image.
+        properties: what is told of the recording: {"run": {…}, …}.
+        images: names of the images that will come, for the layout.
+        style: how.
+    """
+
+    def __init__(self, sensor: SensorModel | None, properties: Mapping[str, Mapping], images: tuple[str, ...],
+                 style: Style):
+        self.streams: list[rr.RecordingStream] = []
+        self._sensor, self._style, self._images = sensor, style, images
+        self._properties = {name: dict(facts) for name, facts in properties.items()}
+        self._projection = sensor.projection if sensor else None
+        self._colours = CloudColours(style.colouring, self._projection)
+        self._depth_range, self._in_mm = AdaptiveRange(), layout.fits_mm(sensor) and not style.exact
+        self._image_ranges: dict[str, AdaptiveRange] = {}
+        self._eye: Viewpoint | None = None
+        self._view: list = []
+
+    def begin(self, stream: rr.RecordingStream) -> None:
+        """Log to this stream from now on, first what every recording begins with."""
+        stream.log("/", layout.view_coordinates(self._sensor), static=True)
+        for path, style in plot_styles().items():
+            stream.log(path, style, static=True)
+        for name, facts in self._properties.items():
+            stream.send_property(name, layout.property_values(facts))
+        if self._sensor is not None:
+            stream.send_property(layout.SENSOR, layout.property_values(layout.sensor_properties(self._sensor)))
+        if self._eye is not None:
+            self._send_look(stream)
+        self.streams.append(stream)
+
+    def end(self, stream: rr.RecordingStream) -> None:
+        """Log no more to this stream; a recording without a point gets its layout now."""
+        self.streams.remove(stream)
+        if self._eye is None:
+            self._choose_look(np.empty((0, 3)))
+            self._send_look(stream)
+            self._eye = None
+
+    def tell(self, name: str, facts: Mapping) -> None:
+        """Set facts of one of the recording's properties, here and in all files that follow."""
+        self._properties.setdefault(name, {}).update(facts)
+        for stream in self.streams:
+            stream.send_property(name, layout.property_values(facts))
+
+    def cloud(self, stamp_ns: int, frame_index: int, columns: Mapping[str, np.ndarray]) -> None:
+        """Log a cloud; columns as for layout.points, in arrays that nobody changes any more."""
+        if not self.streams:        # nobody listens: spare the sorting
+            return
+        xyz = columns["xyz"]
+        if len(xyz) and self._eye is None:
+            self._choose_look(xyz)
+            for stream in self.streams:
+                self._send_look(stream)
+        if not self._style.exact:
+            columns = by_intensity(columns)
         radius_m = point_radius_m(xyz, self._sensor) if self._sensor else 0.0
-        self._stream.log(layout.POINTS, *layout.points(xyz, intensity, colour, radius_m))
-        self._check()
+        things = layout.points(columns, self._colours(columns), radius_m, self._style.exact)
+        self._log(stamp_ns, frame_index, {layout.POINTS: things})
 
     def depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
-        """Write a depth image; a float32 array that nobody changes any more."""
-        self._at(stamp_ns, frame_index)
+        """Log a depth image; a float32 array that nobody changes any more."""
         low, high = self._depth_range.update(depth_m)
-        self._stream.log(layout.DEPTH, layout.depth_image(depth_m, low, high, self._in_mm))
-        self._check()
+        self._log(stamp_ns, frame_index, {layout.DEPTH: [layout.depth_image(depth_m, low, high, self._in_mm)]})
 
-    def scalars(self, stamp_ns: int, frame_index: int | None, values: dict[str, float]) -> None:
-        """Write one value for each of several series; None = none this time."""
-        self._at(stamp_ns, frame_index)
-        for name in (name for name, value in values.items() if value is not None):
-            self._stream.log(layout.metric_path(name), rr.Scalars(float(values[name])))
-        self._check()
+    def image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
+        """Log one of layout.IMAGES: integers, or float32 with NaN = none; an array that nobody changes any more."""
+        low, high = self._image_ranges.setdefault(path, AdaptiveRange()).update(photons)
+        self._log(stamp_ns, frame_index, {path: [layout.photon_image(photons, low, high, self._style.exact)]})
 
-    def flush(self) -> None:
-        """Return when all written so far is in the file; OSError if the disk takes nothing for 20 s."""
-        for _ in range(_FLUSH_TRIES):
-            self._check()
-            try:
-                return self._stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-            except RuntimeError:        # the time is over: a slow disk
-                continue
-        raise OSError(f"the disk took nothing for {_FLUSH_TRIES * _FLUSH_TIMEOUT_S:g} s")
+    def scalars(self, stamp_ns: int, frame_index: int | None, values: Mapping[str, float]) -> None:
+        """Log one value for each of several series; None = none this time."""
+        self._log(stamp_ns, frame_index, {layout.metric_path(name): [rr.Scalars(float(value))]
+                                          for name, value in values.items() if value is not None})
 
-    def close(self) -> None:
-        """Write the footer and close the file."""
-        if not self._eye_chosen:
-            self._choose_eye(np.empty((0, 3)))
-        self.flush()
-        self._stream.disconnect()
-        self._sink.wait()
-        self._check()
+    def line(self, stamp_ns: int, frame_index: int | None, text: str, level: int) -> None:
+        """Log a line of a node's log; the level as in rcl_interfaces/Log."""
+        self._log(stamp_ns, frame_index, {layout.LOG: [layout.log_line(text, level)]})
 
-    def _at(self, stamp_ns: int, frame_index: int | None) -> None:
-        self._stream.reset_time()
-        self._stream.set_time(layout.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
-        if frame_index is not None:
-            self._stream.set_time(layout.FRAME, sequence=int(frame_index))
+    def _log(self, stamp_ns: int, frame_index: int | None, things: Mapping[str, list]) -> None:
+        for stream in self.streams:
+            stream.reset_time()
+            stream.set_time(layout.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
+            if frame_index is not None:
+                stream.set_time(layout.FRAME, sequence=int(frame_index))
+            for path, archetypes in things.items():
+                stream.log(path, *archetypes)
 
-    def _choose_eye(self, xyz: np.ndarray) -> None:
-        projection = self._sensor.projection if self._sensor else None
-        eye = look_at(xyz, projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
-        self._stream.send_blueprint(self._blueprint(eye))
-        self._eye_chosen = True
-
-    def _write_statics(self, properties: dict) -> None:
-        self._stream.log("/", layout.view_coordinates(self._sensor), static=True)
-        for path, style in plot_styles().items():
-            self._stream.log(path, style, static=True)
-        if properties:
-            self._stream.send_property(layout.RUN, layout.property_values(properties))
+    def _choose_look(self, xyz: np.ndarray) -> None:
+        self._eye = look_at(xyz, self._projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         if self._sensor is not None:
-            self._stream.send_property(layout.SENSOR, layout.property_values(layout.sensor_properties(self._sensor)))
+            self._view = layout.view_of(self._sensor, xyz)
 
-    def _check(self) -> None:
-        if self._sink.error is not None:
-            raise OSError(self._sink.error)
+    def _send_look(self, stream: rr.RecordingStream) -> None:
+        if self._view:
+            stream.log(layout.SENSOR_PATH, *self._view, static=True)
+        stream.send_blueprint(self._style.blueprint(self._eye, self._sensor, self._images))

@@ -1,38 +1,82 @@
 """What a recording holds and under which names: shared by the writer, the blueprint and the reader."""
 
+from collections.abc import Mapping
 from dataclasses import astuple, is_dataclass
 
 import numpy as np
 import pyarrow as pa
 import rerun as rr
 
+from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.recording.compact import halved, to_noise
 from srt3d_ros.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME = "stamp", "frame"                     # timelines
-POINTS, DEPTH, METRICS = "/points", "/depth", "/metrics"
-INTENSITY = "intensity"                             # component beside the points: float32, photons
-RUN, SENSOR = "run", "sensor"                        # properties
+POINTS, DEPTH, METRICS, LOG, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
+IMAGES = INTENSITY_IMAGE, BACKGROUND, PHOTONS = "/intensity", "/background", "/photons"     # all in photons
+INTENSITY = "intensity"                             # component beside the points: photons
+OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # components of clouds that have them
+RUN, SENSOR, PARAMETERS, VERSIONS = PROPERTY_NAMES = "run", "sensor", "parameters", "versions"      # properties
 PROPERTIES = "/__properties"                        # where rerun keeps them
 
 _MM_PER_M = 1000
 _MOST_MM = np.iinfo(np.uint16).max
 _NONE_MARGIN = 0.2                                  # of the depth range, kept free: "none" has a colour of its own
+_PHOTON_MAP, _LEAST_SPAN = "inferno", 1e-6
+_FRUSTUM = (110, 120, 140)
+_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 
 
-def points(xyz: np.ndarray, intensity: np.ndarray, colour: np.ndarray, radius_m: float) -> list:
+def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float, exact: bool) -> list:
     """What is logged for a cloud; the arrays must not change afterwards (rerun does not copy them).
 
     Args:
-        xyz: float32 [N, 3], contiguous, metres.
-        intensity: float32 [N], kept as values beside the colours.
+        columns: xyz float32 [N, 3], contiguous, metres; intensity float32 [N]; and those of OF_FULL_CLOUDS that are
+            there.
         colour: uint32 [N], 0xRRGGBBAA.
         radius_m: of the discs; 0 for a size on the screen.
+        exact: intensity and depth_std as they are; in 11 bits otherwise.
     """
+    # As Arrow arrays: rerun cannot tell the type of an empty NumPy array here, and warns.
+    values = {name: pa.array(halved(column) if column.dtype == np.float32 and not exact else column)
+              for name, column in columns.items() if name == INTENSITY or name in OF_FULL_CLOUDS}
     radius = radius_m or rr.Radius.ui_points(1.5)
-    # As an Arrow array: rerun cannot tell the type of an empty NumPy array here, and warns.
-    return [rr.Points3D(xyz, colors=colour, radii=radius), rr.AnyValues(**{INTENSITY: pa.array(intensity)})]
+    return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
+
+
+def photon_image(photons: np.ndarray, low: float, high: float, exact: bool) -> rr.DepthImage:
+    """What is logged for an image [rows, cols] in photons, NaN = none, coloured from `low` to `high`.
+
+    A DepthImage: of rerun's images only these have a colour map and a range, and tell their values. Integers are kept
+    in 8 or 16 bits; other values in 11 bits and to a quarter of the photons' noise, unless `exact`.
+    """
+    if photons.dtype.kind == "u":
+        photons = photons.astype(np.min_scalar_type(photons.max(initial=0)))
+    elif not exact:
+        photons = halved(to_noise(photons))
+    return rr.DepthImage(photons, colormap=_PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))
+
+
+def log_line(text: str, level: int) -> rr.TextLog:
+    """A line of a node's log; the level as in rcl_interfaces/Log."""
+    return rr.TextLog(text, level=_LEVELS.get(level, "INFO"))
+
+
+def view_of(sensor: SensorModel, xyz: np.ndarray) -> list:
+    """What is logged for the sensor: where it is, and what it sees, as far as the points [N, 3] of a cloud reach."""
+    length_m = float(np.percentile(np.linalg.norm(xyz, axis=1), 99)) if len(xyz) else 1.0
+    here = rr.Transform3D(translation=[0, 0, 0])
+    if isinstance(lens := sensor.projection, Pinhole):
+        # rerun's pixels have their corner at (0, 0), ours their centre.
+        return [here, rr.Pinhole(focal_length=[lens.fx, lens.fy], principal_point=[lens.cx + 0.5, lens.cy + 0.5],
+                                 resolution=[sensor.cols, sensor.rows], camera_xyz=rr.ViewCoordinates.RDF,
+                                 image_plane_distance=length_m, color=_FRUSTUM, line_width=rr.Radius.ui_points(1))]
+    border = np.concatenate([sensor.rays[0], sensor.rays[:, -1], sensor.rays[-1, ::-1], sensor.rays[::-1, 0]])
+    corners = sensor.rays[[0, 0, -1, -1], [0, -1, -1, 0]]
+    lines = [length_m * border, *(length_m * np.stack([np.zeros(3), corner]) for corner in corners)]
+    return [here, rr.LineStrips3D(lines, colors=_FRUSTUM, radii=rr.Radius.ui_points(1))]
 
 
 def depth_image(depth_m: np.ndarray, low: float, high: float, in_mm: bool) -> rr.DepthImage:

@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_srvs.srv import Trigger
 
 from srt3d_ros.nodes.diagnostics import PIPELINE_ID
-from srt3d_ros.nodes.recorder import Drops
+from srt3d_ros.nodes.neighbours import Drops
 from tests.nodes.test_pipeline import rows_of
 
 

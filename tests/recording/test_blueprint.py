@@ -14,6 +14,7 @@ from rerun.experimental import ViewerClient
 from srt3d_ros import cloud_files
 from srt3d_ros.core.projection import AngularScan
 from srt3d_ros.recording import layout
+from srt3d_ros.recording.blueprint import IMAGE_TITLES, PLOTS, history_frames
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.viewpoint import look_at
 
@@ -31,19 +32,22 @@ def blueprint_columns(path):
     return found
 
 
-def record(path, cloud, sensor):
-    with RecordingWriter(path, sensor) as writer:
+def record(path, cloud, sensor, images=(layout.DEPTH, *layout.IMAGES)):
+    with RecordingWriter(path, sensor, images=images, queue_frames=100) as writer:
         for k in range(3):
             writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
             writer.log_depth(k * 10**8, k, cloud.range_image())
-            writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "photons": 9000, "drops": 0}, k)
+            for path in layout.IMAGES:
+                writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
+            writer.log_line(k * 10**8, "sketcher: ready", 20, k)
+            writer.log_scalars(k * 10**8, {"latency_ms": 30 + k, "points": len(cloud), "ppp": 9, "drops": 0}, k)
 
 
-def test_film_opens_on_cloud_depth_and_the_four_plots_with_the_eye_on_the_cloud(tmp_path, ball):
+def test_film_opens_on_cloud_images_plots_and_log_with_the_eye_on_the_cloud(tmp_path, ball):
     record(tmp_path / "a.rrd", *ball)
     columns = blueprint_columns(tmp_path / "a.rrd")
     origins = {origin for (origin,) in columns["ViewBlueprint:space_origin"]}
-    assert origins == {"/", "/depth", "/metrics/latency_ms", "/metrics/points", "/metrics/photons", "/metrics/drops"}
+    assert origins == {"/", "/depth", "/intensity", "/background", "/photons", "/metrics", "/log"}
     eye = look_at(ball[0].xyz, ball[1].projection, fov_deg=55, aspect=1.2)
     (position,), (target,) = columns["EyeControls3D:position"][-1], columns["EyeControls3D:look_target"][-1]
     assert np.allclose(position, eye.position) and np.allclose(target, eye.target)
@@ -61,6 +65,35 @@ def test_a_single_cloud_opens_without_plots(tmp_path, ball):
     cloud_files.save(cloud, tmp_path / "a.rrd", frequencies=(1, 2), sensor=sensor)
     origins = {origin for (origin,) in blueprint_columns(tmp_path / "a.rrd")["ViewBlueprint:space_origin"]}
     assert origins == {"/", "/depth"}
+
+
+def test_images_that_are_not_recorded_have_no_view(tmp_path, ball):
+    record(tmp_path / "a.rrd", *ball, images=(layout.PHOTONS,))
+    origins = {origin for (origin,) in blueprint_columns(tmp_path / "a.rrd")["ViewBlueprint:space_origin"]}
+    assert origins == {"/", "/photons", "/metrics", "/log"}
+
+
+def test_small_sensors_show_more_frames_at_once(ball):
+    sensor = ball[1]
+    large = sensor.replace(rows=300, cols=300, projection=sensor.projection)
+    assert history_frames(sensor) == 5 and history_frames(large) == history_frames(None) == 1
+
+
+@pytest.mark.parametrize("scanner", [False, True])
+def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, ball, scanner):
+    cloud, sensor = ball
+    if scanner:
+        sensor = sensor.replace(projection=AngularScan(0.4, -0.02, 0.4, -0.02))
+    record(tmp_path / "a.rrd", cloud, sensor)
+    (batch,) = (chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/sensor"))
+    assert batch.column("Transform3D:translation")[0].as_py() == [[0, 0, 0]]
+    reach_m = np.percentile(np.linalg.norm(cloud.xyz, axis=1), 99)
+    if scanner:
+        ends = np.array([strip[-1] for strip in batch.column("LineStrips3D:strips")[0].as_py()])
+        assert np.allclose(np.linalg.norm(ends, axis=1), reach_m, rtol=1e-5)
+    else:
+        assert np.isclose(batch.column("Pinhole:image_plane_distance")[0].as_py()[0], reach_m)
+        assert batch.column("Pinhole:resolution")[0].as_py() == [[48, 40]]
 
 
 def test_axes_follow_the_sensor(ball):
@@ -89,7 +122,7 @@ def test_the_viewer_opens_a_film_without_a_complaint_and_shows_the_cloud(tmp_pat
     for _ in range(2):      # the first picture comes before all views are drawn
         viewer.save_screenshot(str(tmp_path / "a.png"))
     views = {view.name: view.reports for view in viewer.get_state().views}
-    assert set(views) == {"Point cloud, coloured by intensity", "Depth", "Latency [ms]", "Points", "Photons", "Drops"}
+    assert set(views) == {"Point cloud", *IMAGE_TITLES.values(), *PLOTS, "Log of the nodes"}
     assert not any(views.values())
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
     cloud = picture[100:-100, : picture.shape[1] // 2]

@@ -10,10 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
+from srt3d_ros.colours import colour_table, packed_colour_table
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording import layout
 from srt3d_ros.recording import writer as writer_module
+from srt3d_ros.recording.colouring import Colouring
+from srt3d_ros.recording.frame_log import Style
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
 
@@ -23,19 +28,80 @@ def random_cloud(points, seed=0):
     return rng.normal(size=(points, 3)).astype(np.float32), rng.gamma(2, 5, points).astype(np.float32)
 
 
-def test_clouds_are_read_back_bit_exact(tmp_path, ball):
+def rows(xyz, *columns):
+    """The points as bytes, sorted: equal for the same points in any order."""
+    table = np.column_stack([xyz, *columns]).astype(np.float32)
+    return sorted(map(bytes, table))
+
+
+def some_clouds():
     clouds = [random_cloud(n, seed=n) for n in (1000, 1, 0, 20_000)]
     clouds[0][0][3] = np.nan
     clouds[0][1][5] = np.nan
-    with RecordingWriter(tmp_path / "a.rrd", ball[1]) as writer:
+    return clouds
+
+
+def record_clouds(path, clouds, sensor, **options):
+    with RecordingWriter(path, sensor, **options) as writer:
         for k, (xyz, intensity) in enumerate(clouds):
             writer.log_cloud(10**18 + k, 7 * k, xyz, intensity)
-    read = list(RecordingReader(tmp_path / "a.rrd").clouds())
     assert writer.error is None and writer.dropped == 0
-    assert [(c.stamp_ns, c.frame_index) for c in read] == [(10**18 + k, 7 * k) for k in range(4)]
-    for cloud, (xyz, intensity) in zip(read, clouds):
+    read = sorted(RecordingReader(path).clouds(), key=lambda cloud: cloud.frame_index)
+    assert [(c.stamp_ns, c.frame_index) for c in read] == [(10**18 + k, 7 * k) for k in range(len(clouds))]
+    return read
+
+
+def test_exact_clouds_are_read_back_bit_for_bit_and_in_order(tmp_path, ball):
+    clouds = some_clouds()
+    read = record_clouds(tmp_path / "a.rrd", clouds, ball[1], style=Style(exact=True))
+    for cloud, (xyz, intensity) in zip(read, clouds, strict=True):
         assert cloud.xyz.dtype == cloud.intensity.dtype == np.float32
         assert cloud.xyz.tobytes() == xyz.tobytes() and cloud.intensity.tobytes() == intensity.tobytes()
+
+
+def test_positions_are_kept_bit_for_bit_and_intensities_in_11_bits_whatever_their_order(tmp_path, ball):
+    clouds = some_clouds()
+    clouds.append((clouds[3][0], clouds[3][1] * 10_000))        # beyond the largest float16
+    for cloud, (xyz, intensity) in zip(record_clouds(tmp_path / "a.rrd", clouds, ball[1]), clouds, strict=True):
+        assert rows(cloud.xyz) == rows(xyz)
+        rounded = intensity.astype(np.float16) if np.nanmax(intensity, initial=0) < 65_504 else intensity
+        assert rows(cloud.xyz, cloud.intensity) == rows(xyz, rounded)
+        assert np.allclose(rounded, intensity, rtol=2**-11, atol=0, equal_nan=True)
+
+
+def test_what_full_clouds_tell_stays_with_its_point(tmp_path, ball):
+    cloud, sensor = ball
+    std_m = cloud.depth_std_bins * sensor.bin_width_m
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity, depth_std=std_m, row=cloud.row, col=cloud.col,
+                         surface=cloud.surface)
+    (batch,) = (chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/points")
+                if "row" in chunk.to_record_batch().schema.names)
+    columns = {name: batch.column(name)[0].values.to_numpy() for name in ("depth_std", "row", "col", "surface")}
+    assert {name: str(values.dtype) for name, values in columns.items()} == {
+        "depth_std": "float16", "row": "uint16", "col": "uint16", "surface": "uint8"}
+    (read,) = RecordingReader(tmp_path / "a.rrd").clouds()
+    place = {(row, col, surface): k for k, (row, col, surface) in enumerate(zip(cloud.row, cloud.col, cloud.surface))}
+    order = [place[one] for one in zip(columns["row"], columns["col"], columns["surface"])]
+    assert np.array_equal(read.xyz, cloud.xyz[order])
+    assert np.array_equal(columns["depth_std"], std_m[order].astype(np.float16))
+
+
+def test_points_cost_thirteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
+    """12 of them for the position: sorted, intensities and colours compress to 1.5 of 6."""
+    rng = np.random.default_rng(0)
+    xyz = rng.normal(size=(60_000, 3)).astype(np.float32)
+    intensity = rng.gamma(8, 2, 60_000).astype(np.float32)
+    sizes = []
+    for log in (lambda writer: None, lambda writer: writer.log_cloud(0, 0, xyz, intensity),
+                lambda writer: writer.log_image(layout.BACKGROUND, 0, 0, intensity.reshape(200, 300)),
+                lambda writer: writer.log_image(layout.PHOTONS, 0, 0, rng.poisson(intensity.reshape(200, 300)))):
+        with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+            log(writer)
+        sizes.append((tmp_path / "a.rrd").stat().st_size)
+    empty, cloud, background, photons = sizes
+    assert (cloud - empty) / 60_000 < 13.5
+    assert (background - empty) / 60_000 < 1.4 and (photons - empty) / 60_000 < 1.3
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -52,6 +118,34 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path,
     assert [(cloud.xyz == cloud.frame_index).all() for cloud in reader.clouds()] == [True] * 4
     assert [(cloud.intensity == cloud.frame_index).all() for cloud in reader.clouds()] == [True] * 4
     assert [(depth_m == k).all() for _, k, depth_m in reader.depth_images()] == [True] * 2
+
+
+@pytest.mark.parametrize("by, values", [
+    ("height", lambda xyz: -xyz[:, 1]), ("range", lambda xyz: np.linalg.norm(xyz, axis=1)),
+    ("depth_std", lambda xyz: xyz[:, 0] ** 2)])
+def test_colours_follow_what_is_asked_for_over_the_range_that_is_asked_for(tmp_path, by, values):
+    xyz, intensity = random_cloud(1000)
+    style = Style(Colouring(by, "viridis", fixed_range=(0.5, 2.0)))
+    with RecordingWriter(tmp_path / "a.rrd", None, style=style) as writer:
+        writer.log_cloud(0, 0, xyz, intensity, depth_std=xyz[:, 0] ** 2)
+        writer.log_cloud(1, 1, 2 * xyz, intensity, depth_std=4 * xyz[:, 0] ** 2)
+    table = packed_colour_table("viridis")
+    for cloud in RecordingReader(tmp_path / "a.rrd").clouds():
+        value = values(cloud.xyz)
+        assert set(cloud.colour[value <= 0.5]) == {table[np.argmax(colour_table("viridis").max(axis=1) >= 108)]}
+        assert set(cloud.colour[value >= 2.0]) == {table[255]}
+        green = cloud.colour[np.argsort(value)] >> 16 & 255         # rises all along viridis
+        assert (np.diff(green.astype(int)) >= 0).all() and len(set(green)) > 30
+
+
+def test_without_a_depth_std_the_intensity_colours(tmp_path):
+    xyz, intensity = random_cloud(1000)
+    clouds = []
+    for by in ("depth_std", "intensity"):
+        with RecordingWriter(tmp_path / "a.rrd", None, style=Style(Colouring(by))) as writer:
+            writer.log_cloud(0, 0, xyz, intensity)
+        clouds += RecordingReader(tmp_path / "a.rrd").clouds()
+    assert np.array_equal(clouds[0].colour, clouds[1].colour)
 
 
 def test_brighter_points_get_brighter_colours_and_the_range_follows_slowly(tmp_path):
@@ -74,6 +168,32 @@ def test_depth_image_is_kept_to_half_a_millimetre_with_its_holes(tmp_path, ball)
     assert (stamp_ns, frame_index) == (5, 2)
     assert np.isnan(image).sum() == 12 and (np.isnan(read) == np.isnan(image)).all()
     assert np.nanmax(np.abs(read - image)) <= 0.0005 + 1e-6
+
+
+def test_photon_images_are_kept_to_a_quarter_of_their_noise_and_counts_exactly(tmp_path):
+    rng = np.random.default_rng(2)
+    mean = rng.gamma(2, 50, (30, 40)).astype(np.float32)
+    mean[3, 4] = np.nan
+    counts = [rng.poisson(9, (30, 40)), np.full((30, 40), 70_000)]
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_image(layout.INTENSITY_IMAGE, 0, 0, mean)
+        for k, count in enumerate(counts):
+            writer.log_image(layout.PHOTONS, k, k, count)
+    reader = RecordingReader(tmp_path / "a.rrd")
+    ((_, _, read),) = reader.images(layout.INTENSITY_IMAGE)
+    assert np.isnan(read[3, 4]) and np.isnan(read).sum() == 1
+    assert np.nanmax(np.abs(np.sqrt(read.astype(float)) - np.sqrt(mean))) <= 0.125 + 0.01
+    read = sorted((image for image in reader.images(layout.PHOTONS)), key=lambda image: image[1])
+    assert all(np.array_equal(image, count) for (_, _, image), count in zip(read, counts, strict=True))
+
+
+def test_log_lines_are_kept_with_their_level_and_stamp(tmp_path):
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_line(5, "sketcher: ready")
+        writer.log_line(6, "player: the end is near", 30, frame_index=4)
+    lines = RecordingReader(tmp_path / "a.rrd").log_lines()
+    assert [(line.stamp_ns, line.level, line.text) for line in sorted(lines, key=lambda line: line.stamp_ns)] == [
+        (5, "INFO", "sketcher: ready"), (6, "WARN", "player: the end is near")]
 
 
 def test_depth_image_of_a_far_sensor_is_kept_exactly(tmp_path, ball):
@@ -245,11 +365,14 @@ def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
     sensor = ball[1].replace(projection=replace(ball[1].projection, distortion=PlumbBob(k1=-0.05, p2=0.01)))
     facts = {"version": "1.2", "frequencies": [1, 2, 5], "nothing": None, "path": tmp_path, "rate_hz": 10.0,
              "live": True}
-    with RecordingWriter(tmp_path / "a.rrd", sensor, properties=facts):
-        pass
+    with RecordingWriter(tmp_path / "a.rrd", sensor, properties={"run": facts, "versions": {"numpy": "2"}}) as writer:
+        writer.tell("parameters", {"sketcher.sketch_size": 5, "sketcher.layout": "float32"})
+        writer.tell("parameters", {"sketcher.sketch_size": 6})
     properties = RecordingReader(tmp_path / "a.rrd").properties()
     run = properties["run"]
     assert run["frequencies"].tolist() == [1, 2, 5] and run["path"] == str(tmp_path) and "nothing" not in run
+    assert properties["versions"] == {"numpy": "2"}
+    assert properties["parameters"] == {"sketcher.sketch_size": 6, "sketcher.layout": "float32"}
     assert (run["version"], run["rate_hz"], run["live"]) == ("1.2", 10.0, True)
     assert properties["sensor"]["rows"] == 40 and properties["sensor"]["bin_width_s"] == 20e-12
     assert properties["sensor"]["projection"] == "pinhole" and properties["sensor"]["fx"] == sensor.projection.fx

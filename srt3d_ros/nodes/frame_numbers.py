@@ -1,0 +1,56 @@
+"""FrameNumbers: what belongs to one frame, by its stamp: its number, its latencies, whether it is recorded."""
+
+from collections import deque
+from dataclasses import dataclass
+
+STAMPS_KEPT = 256
+RATE_FRAMES = 10        # over which the rate is taken
+
+
+@dataclass
+class Frame:
+    """A frame: its number in the order in which stamps were first seen, and when its sketch came."""
+
+    stamp_ns: int
+    number: int
+    kept: bool
+    sketch_ns: int | None = None
+
+
+class FrameNumbers:
+    """The frames of a recording.
+
+    Args:
+        max_rate_hz: frames sooner after the last that was kept are not; 0 = all are kept.
+    """
+
+    def __init__(self, max_rate_hz: float = 0.0):
+        self._period_ns = 0.99e9 / max_rate_hz if max_rate_hz else 0.0     # stamps jitter
+        self._frames: dict[int, Frame] = {}
+        self._seen, self._last_kept_ns = 0, None
+        self._clouds: deque[int] = deque(maxlen=RATE_FRAMES)
+        self.newest: Frame | None = None
+
+    def __getitem__(self, stamp_ns: int) -> Frame:
+        """The frame with this stamp, which may be new."""
+        if stamp_ns not in self._frames:
+            self._frames[stamp_ns] = Frame(stamp_ns, self._seen, self._keeps(stamp_ns))
+            self._seen += 1
+            if len(self._frames) > STAMPS_KEPT:
+                del self._frames[next(iter(self._frames))]
+            if self.newest is None or stamp_ns > self.newest.stamp_ns:
+                self.newest = self._frames[stamp_ns]
+        return self._frames[stamp_ns]
+
+    def cloud_came(self, frame: Frame) -> float | None:
+        """Count a frame's cloud; clouds a second, by their stamps; None where that cannot be told."""
+        self._clouds.append(frame.stamp_ns)
+        seconds = (self._clouds[-1] - self._clouds[0]) * 1e-9
+        return (len(self._clouds) - 1) / seconds if seconds > 0 else None
+
+    def _keeps(self, stamp_ns: int) -> bool:
+        last_ns = self._last_kept_ns
+        kept = last_ns is None or stamp_ns < last_ns or stamp_ns - last_ns >= self._period_ns
+        if kept:
+            self._last_kept_ns = stamp_ns
+        return kept

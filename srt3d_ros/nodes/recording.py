@@ -1,0 +1,97 @@
+"""The recorder's parameters: what they are, and what they mean for a recording."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.colours import CLOUD_MAP, COLOUR_MAPS
+from srt3d_ros.errors import require
+from srt3d_ros.nodes.parameters import Parameter, Parameters
+from srt3d_ros.recording import layout
+from srt3d_ros.recording.colouring import COLOUR_BY, Colouring
+from srt3d_ros.recording.frame_log import Style
+from srt3d_ros.recording.parts import Split
+
+ADAPTIVE = "adaptive"
+IMAGES = tuple(path.strip("/") for path in (layout.DEPTH, *layout.IMAGES))
+ALL_IMAGES = ",".join(IMAGES)
+PARAMETERS = (
+    Parameter("path", "", "The recording; recording_<UTC time>.rrd in the working directory if empty. The first "
+              "replaces a file that exists; those that follow are NAME_2.rrd, NAME_3.rrd, …. With split_size_mb or "
+              "split_period_s, NAME_001.rrd, NAME_002.rrd, …, and none is replaced.",
+              form="a path that ends with .rrd"),
+    Parameter("record", True, "Record as soon as the node is active; if false, from `~/start_recording` on."),
+    Parameter("colour_by", COLOUR_BY[0], "What colours the points. depth_std needs the reconstructor's `fields:=full`, "
+              "the intensity stands in without; up is the sensor's.", choices=COLOUR_BY),
+    Parameter("colour_map", CLOUD_MAP, "Colours from low to high; all can be told apart with any colour vision.",
+              choices=COLOUR_MAPS),
+    Parameter("colour_range", ADAPTIVE, "Values, photons or metres, of the first and the last colour; adaptive follows "
+              "the clouds slowly.", form="adaptive, or two numbers such as 0,50"),
+    Parameter("images", ALL_IMAGES, "Which images are recorded.", form=f"some of {ALL_IMAGES}, or nothing"),
+    Parameter("exact", False, "Points in the order in which they come, intensities and images in float32. If false, "
+              "points by intensity, intensities in 11 bits, images to a quarter of the photons' noise: a third less. "
+              "Positions are always kept bit for bit."),
+    Parameter("decimate", 1, "Of so many points, one is recorded.", low=1, high=1_000_000),
+    Parameter("max_points", 0, "A cloud with more points is thinned out evenly to at most so many; 0 = no limit.",
+              low=0),
+    Parameter("max_rate_hz", 0.0, "Clouds and images of at most so many frames a second are recorded; 0 = of all. Time "
+              "series have every frame.", "Hz", low=0.0),
+    Parameter("split_size_mb", 0.0, "The recording goes on in a next file when one is so large; 0 = one file.", "MB",
+              low=0.0),
+    Parameter("split_period_s", 0.0, "The recording goes on in a next file when one is so old; 0 = one file.", "s",
+              low=0.0),
+    Parameter("live_port", 0, "Port on the loopback interface where viewers can watch (`srt3d view --connect`); 0 = "
+              "none.", low=0, high=65535),
+    Parameter("live_memory_mb", 256, "Memory in which frames are kept for viewers that connect later; the oldest are "
+              "forgotten.", "MB", low=16, high=100_000),
+    Parameter("lossless", False, "Queue more before dropping: for replays faster than a sensor."),
+)
+
+
+class Settings:
+    """The parameters of a recorder, ready for use.
+
+    Raises:
+        InvalidInput: one cannot be used.
+    """
+
+    def __init__(self, values: Parameters):
+        self.path = _checked_path(values["path"])
+        colouring = Colouring(values["colour_by"], values["colour_map"], _checked_range(values["colour_range"]))
+        self.style = Style(colouring, values["exact"])
+        self.images = _checked_images(values["images"])
+        self.split = Split(values["split_size_mb"], values["split_period_s"])
+        self.live = (values["live_port"], values["live_memory_mb"]) if values["live_port"] else None
+        self._decimate, self._max_points = values["decimate"], values["max_points"]
+
+    def every(self, points: int) -> int:
+        """Of a cloud with so many points, each how-manieth is recorded."""
+        return max(self._decimate, -(-points // self._max_points) if self._max_points else 1)
+
+
+def _checked_path(text: str) -> Path:
+    path = Path(text or time.strftime("recording_%Y%m%dT%H%M%SZ.rrd", time.gmtime())).absolute()
+    require(path.suffix == ".rrd", "path", text, "a path that ends with .rrd")
+    folder = path.parent
+    require(folder.is_dir() and os.access(folder, os.W_OK), "path", text, "a file in a folder that can be written")
+    return path
+
+
+def _checked_range(text: str) -> tuple[float, float] | None:
+    if text == ADAPTIVE:
+        return None
+    try:
+        low, high = map(float, text.split(","))
+        require(bool(np.isfinite([low, high]).all()) and low < high, "colour_range", text, "low,high with low < high")
+    except ValueError:
+        require(False, "colour_range", text, "adaptive, or two numbers such as 0,50")
+    return low, high
+
+
+def _checked_images(text: str) -> tuple[str, ...]:
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        require(name in IMAGES, "images", text, f"some of {ALL_IMAGES}, or nothing")
+    return tuple(f"/{name}" for name in IMAGES if name in names)

@@ -1,0 +1,55 @@
+"""What made a recording: versions of this package and of what it computes with."""
+
+import os
+import platform
+import re
+import subprocess
+from importlib.metadata import PackageNotFoundError, distributions, version
+from pathlib import Path
+
+from srt3d_ros import __version__
+
+_PACKAGES = {"numpy": "numpy", "torch": "torch", "numba": "numba", "rerun": "rerun-sdk"}
+_GIT_TIMEOUT_S = 5.0
+UNKNOWN = "unknown"
+
+
+def versions() -> dict[str, str]:
+    """By name; "unknown" for what cannot be told."""
+    return {"srt3d_ros": __version__, "git_revision": git_revision(), "python": platform.python_version(),
+            **{name: _version(package) for name, package in _PACKAGES.items()}, "ros_distro": _ros_distro()}
+
+
+def git_revision(root: Path = Path(__file__).resolve().parents[2]) -> str:
+    """The revision of the checkout that this package is in, "+changes" after it if there are any.
+
+    Args:
+        root: where the package lies; a checkout that it is installed into, but not part of, does not count.
+    """
+    try:
+        top, revision = _git(root, "rev-parse", "--show-toplevel", "HEAD").split("\n")
+        if Path(top).resolve() != root:
+            return UNKNOWN
+        return revision[:12] + ("+changes" if _git(root, "status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.SubprocessError, ValueError):
+        return UNKNOWN
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    return subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True,
+                          timeout=_GIT_TIMEOUT_S).stdout.strip()
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return UNKNOWN
+
+
+def _ros_distro() -> str:
+    """The sourced ROS 2 distribution, or the one whose wheels are installed."""
+    if "ROS_DISTRO" in os.environ:
+        return os.environ["ROS_DISTRO"]
+    names = (distribution.metadata["Name"] or "" for distribution in distributions())
+    return next((match[1] for name in names if (match := re.fullmatch("ros-([a-z]+)-rclpy", name))), UNKNOWN)
