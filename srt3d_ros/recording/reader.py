@@ -15,8 +15,7 @@ from srt3d_ros.recording import layout
 from srt3d_ros.recording.repair import examine
 
 LOG = "/log"
-_SCALE, _INTENSITY_SCALE, _DEPTH_STD = "scale", "intensity_scale", "depth_std"
-_PIXEL = ("row", "col", "surface")
+_OPTIONAL = ("depth_std", "row", "col", "surface")
 _ROW_ID = "rerun.controls.RowId"
 _TYPES = {6: np.uint8, 7: np.int8, 8: np.uint16, 9: np.int16, 10: np.uint32, 11: np.int32, 12: np.uint64, 13: np.int64,
           33: np.float16, 34: np.float32, 35: np.float64}      # rerun's ChannelDatatype
@@ -120,13 +119,13 @@ class RecordingReader:
         """The clouds, in the order they were logged in; those with a frame index in `only` if it is given."""
         for chunk, stamps, frames, xyz, intensity, colour in self._rows(
                 layout.POINTS, layout.STAMP, layout.FRAME, "Points3D:positions", layout.INTENSITY, "Points3D:colors"):
-            scale, *optional = (self._optional(chunk, name) for name in (_INTENSITY_SCALE, _DEPTH_STD, *_PIXEL))
+            optional = [self._optional(chunk, name) for name in _OPTIONAL]
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     std, *pixel = (None if column is None or not column[k].is_valid else _array(column[k])
                                    for column in optional)
                     yield CloudFrame(int(stamps[k]), int(frames[k]), _array(xyz[k]).reshape(-1, 3),
-                                     _scaled(_array(intensity[k]), scale, k), _array(colour[k]),
+                                     _array(intensity[k]).astype(np.float32), _array(colour[k]),
                                      None if std is None else std.astype(np.float32), *pixel)
 
     def depth_images(self, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
@@ -136,7 +135,7 @@ class RecordingReader:
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
         """(stamp_ns, frame_index, [rows, cols]) of the images at an entity path, NaN = none; nothing without images.
 
-        Depth images in metres, float32; those of photon counts in photons, float32 where they were scaled.
+        Depth images in metres, float32; those of photons as they were recorded: integers, float16 or float32.
         """
         for chunk, stamps, frames in self._rows(path, layout.STAMP, layout.FRAME):
             kind = next((kind for kind in ("DepthImage", "Image")
@@ -144,12 +143,11 @@ class RecordingReader:
             if kind is None:
                 continue
             buffers, formats = self._columns(chunk, f"{kind}:buffer", f"{kind}:format")
-            meters, scale = self._optional(chunk, "DepthImage:meter"), self._optional(chunk, _SCALE)
+            meters = self._optional(chunk, "DepthImage:meter")
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     units_per_m = None if meters is None else _array(meters[k])[0]
-                    image = _image(_array(buffers[k]), formats[k].as_py()[0], units_per_m)
-                    yield int(stamps[k]), int(frames[k]), _scaled(image, scale, k)
+                    yield int(stamps[k]), int(frames[k]), _image(_array(buffers[k]), formats[k].as_py()[0], units_per_m)
 
     def series(self) -> dict[str, Series]:
         """Every time series in the order of its stamps, by the name it was logged under."""
@@ -225,11 +223,6 @@ def _array(item: pa.Scalar) -> np.ndarray:
     while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
         values = values.flatten()
     return values.to_numpy(zero_copy_only=False)
-
-
-def _scaled(values: np.ndarray, scale, k: int) -> np.ndarray:
-    """Values that were divided by the scale in row `k`, float32; as they are if there is no column of scales."""
-    return values if scale is None else values.astype(np.float32) * _array(scale[k])[0]
 
 
 def _image(buffer: np.ndarray, image_format: dict, units_per_m: float | None) -> np.ndarray:

@@ -74,22 +74,22 @@ def test_optional_components_images_logs_and_properties_are_read_where_they_are(
     stream.set_time("frame", sequence=3)
     half = pa.array(np.float16([0.5, 2]))
     stream.log("/points", rr.Points3D(np.ones((2, 3), np.float32), colors=np.zeros(2, np.uint32)),
-               rr.AnyValues(intensity=half, intensity_scale=pa.array(np.float32([4])), depth_std=half,
-                            row=pa.array(np.uint16([7, 8]))))
-    counts = np.arange(6, dtype=np.float16).reshape(2, 3)
-    stream.log("/photons", rr.Image(counts, color_model="L"), rr.AnyValues(scale=pa.array(np.float32([2]))))
-    stream.log("/intensity", rr.Image(counts.astype(np.uint16), color_model="L"))
+               rr.AnyValues(intensity=half, depth_std=half, row=pa.array(np.uint16([7, 8]))))
+    counts = np.arange(6).reshape(2, 3)
+    stream.log("/photons", rr.DepthImage(counts.astype(np.uint8)))
+    stream.log("/intensity", rr.DepthImage(counts.astype(np.float16)))
+    stream.log("/background", rr.Image(counts.astype(np.uint32), color_model="L"))
     stream.log("/log/sketcher", rr.TextLog("a line", level="WARN"))
     stream.send_property("versions", rr.AnyValues(numpy="2.4"))
     stream.disconnect()
     reader = RecordingReader(tmp_path / "a.rrd")
     (cloud,) = reader.clouds()
-    assert cloud.intensity.tolist() == [2, 8] and cloud.intensity.dtype == cloud.depth_std_m.dtype == np.float32
+    assert cloud.intensity.tolist() == [0.5, 2] and cloud.intensity.dtype == cloud.depth_std_m.dtype == np.float32
     assert cloud.depth_std_m.tolist() == [0.5, 2] and cloud.row.tolist() == [7, 8] and cloud.col is None
     assert [(stamp, frame) for stamp, frame, _ in reader.images("/photons")] == [(7, 3)]
-    assert [np.array_equal(image, counts * scale) for name, scale in (("/photons", 2), ("/intensity", 1))
-            for *_, image in reader.images(name)] == [True, True]
-    assert list(reader.images("/background")) == []
+    assert [np.array_equal(image, counts) for name in ("/photons", "/intensity", "/background")
+            for *_, image in reader.images(name)] == [True] * 3
+    assert list(reader.images("/depth")) == []
     assert reader.log_lines() == [LogLine(7, "WARN", "a line")]
     assert reader.properties()["versions"] == {"numpy": "2.4"}
 
