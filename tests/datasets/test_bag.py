@@ -243,6 +243,11 @@ def test_what_cannot_be_told_apart_is_listed(tmp_path, messages, given, words):
     assert all(word in str(error.value) for word in words), error.value
 
 
+def test_a_bag_of_nothing_says_so(tmp_path, storage):
+    with pytest.raises(InvalidInput, match="photons_topic is not given: expected .*; nothing has no messages"):
+        open_photons(write(tmp_path / "nothing", [], storage))
+
+
 def test_photons_without_a_sensor_cannot_be_reconstructed(tmp_path):
     with pytest.raises(InvalidInput, match="without a sensor: expected a description of the sensor beside /photons"):
         open_photons(write(tmp_path / "bag", RECORDED[1:]))
