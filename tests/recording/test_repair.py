@@ -33,12 +33,13 @@ def clouds_in(path):
     return {cloud.frame_index: (cloud.xyz, cloud.intensity) for cloud in RecordingReader(path).clouds()}
 
 
-def messages(data):
-    """Where each message begins, and its length."""
-    begin = 12
+def chunks(data):
+    """Where each chunk begins, and its length."""
+    begin, chunk = 12, 2
     while begin + 16 <= len(data):
-        _, length = struct.unpack_from("<QQ", data, begin)
-        yield begin + 16, length
+        kind, length = struct.unpack_from("<QQ", data, begin)
+        if kind == chunk:
+            yield begin + 16, length
         begin += 16 + length
 
 
@@ -84,7 +85,7 @@ def test_a_chunk_that_cannot_be_read_is_left_out(tmp_path, whole):
     data, cut = bytearray(whole.read_bytes()[:-2000]), tmp_path / "cut.rrd"
     cut.write_bytes(data)
     before = clouds_in(repair(examine(cut)))
-    begin, _ = max(messages(data), key=lambda message: message[1])              # a cloud
+    begin, _ = max(chunks(data), key=lambda chunk: chunk[1])        # a cloud
     data[begin:begin + 300] = bytes(255 - b for b in data[begin:begin + 300])
     cut.write_bytes(data)
     kept = clouds_in(repair(examine(cut)))
