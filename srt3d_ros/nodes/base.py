@@ -102,7 +102,8 @@ class PipelineNode(ManagedNode):
             if not gaps.numbered:       # or they would be counted twice
                 self.diagnostics.lost(event.total_count_change)
 
-        depth = SUBSCRIBE_DEPTH if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
+        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
+        depth = min(depth, QUEUE_DEPTH)
         subscription = self._listen(topic, received, depth, raw=True, lost=lost)
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:

@@ -75,6 +75,7 @@ INTERFACE = Interface(
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 LISTEN_FOR_SILENCE_S = 0.05
+LIKELY_PACKETS = 8          # of a period, before there was one
 STAMP = slice(4, 12)        # of a serialised message with a header
 
 
@@ -109,7 +110,8 @@ class SketcherNode(PipelineNode):
     def activate(self) -> None:
         """Follow the sensor and its photons."""
         self._framing = self._make_framing()
-        self.worker.messages_per_frame = self.parameters["packets_per_frame"]
+        self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
+                                             LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
         self.hold_frames_for("a sensor description on sensor")
         if self._from_file is not None:
