@@ -19,7 +19,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 NETWORK_PROFILE = str(REPOSITORY / "config" / "fastdds_network.xml")
 STOP_TIMEOUT_S = 20
-WAIT_S = 60.0           # generous: nodes compile, and the machine may be busy
+WAIT_S = 180.0          # generous: nodes compile, and the machine may be busy
 
 
 @dataclass(frozen=True)
