@@ -93,7 +93,7 @@ def test_shared_files_are_installed(prefix, repository, folder):
 
 @pytest.fixture
 def ros2(prefix, repository, tmp_path):
-    """Runs `ros2 …` with the installed package: (exit code, what it said). Kernels come compiled, from the source tree."""
+    """Runs `ros2 …` with the installed package: (exit code, what it said). Kernels are the source tree's, compiled."""
     pytest.importorskip("ros2launch")
 
     def run_ros2(*arguments, until: str = "") -> tuple[int, str]:

@@ -12,7 +12,7 @@ from srt3d_ros.cli import main, up
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.tables import INTERFACES
 
-PIPELINE = [INTERFACES[name] for name in ("reconstructor", "sketcher", "player")]
+PIPELINE = [INTERFACES[name] for name in ("recorder", "reconstructor", "sketcher", "player")]
 
 
 def parsed(*options: str):
@@ -56,9 +56,9 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
 
 
 @pytest.mark.parametrize("options, line", [
-    (["-p", "sketch_size:=5"], "-p is sketch_size:=5: expected NODE.PARAMETER:=VALUE, NODE one of reconstructor"),
+    (["-p", "sketch_size:=5"], "-p is sketch_size:=5: expected NODE.PARAMETER:=VALUE, NODE one of recorder"),
     (["-p", "sketcher.sketchsize:=5"], "parameter of sketcher is sketchsize: expected sketch_size"),
-    (["-p", "recorder.path:=a.rrd"], "-p is recorder.path:=a.rrd: expected NODE.PARAMETER:=VALUE, NODE one of"),
+    (["-p", "bag_recorder.path:=a"], "-p is bag_recorder.path:=a: expected NODE.PARAMETER:=VALUE, NODE one of"),
     (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of background, camera_info"),
     (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),
     (["--namespace", "a-b"], "--namespace is a-b: expected letters"),
@@ -72,6 +72,18 @@ def test_a_mistake_is_one_line(options, line, tmp_path):
         up.parameters_yaml(args, PIPELINE)
         up.ros_arguments(args, PIPELINE, str(own))
     assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("page", ["docs/quickstart-driver.md", "docs/robot-stack.md", "README.md"])
+def test_the_commands_in_the_documentation_exist(repository, page):
+    lines = (repository / page).read_text().splitlines()
+    commands = [line.split("#")[0].split()[1:] for line in lines if line.startswith("    srt3d ")]
+    assert commands
+    for words in commands:
+        args = main.parser((words[0],)).parse_args(words)
+        if words[0] == "up":
+            assert up.ros_arguments(args, PIPELINE, str(repository / "config" / "srt3d.yaml"))
+            assert up.parameters_yaml(args, PIPELINE)
 
 
 @pytest.mark.parametrize("rule", ["points:=/robot/cloud", "/spad/raw:=photons", "sketcher:photons:=raw",

@@ -7,15 +7,27 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2
 
+from srt3d_ros.datasets.sensor_file import open_sensor
 from srt3d_ros.messages import points as points_message
 
 DRIVER = "examples/spad_driver.py"
+PAGE = "docs/quickstart-driver.md"
 
 
 def test_it_is_forty_lines_of_rclpy_and_numpy(repository):
     source = (repository / DRIVER).read_text()
     assert len([line for line in source.splitlines() if line.strip()]) <= 40
     assert "srt3d_ros" not in re.sub('""".*?"""', "", source)
+
+
+def test_the_page_about_it_shows_it(repository):
+    assert (repository / DRIVER).read_text() in (repository / PAGE).read_text()
+
+
+def test_the_page_describes_a_sensor_that_can_be_used(repository, tmp_path):
+    description = tmp_path / "my_sensor.json"
+    description.write_text(re.search("```json\n(.*?)```", (repository / PAGE).read_text(), re.DOTALL)[1])
+    assert open_sensor(description).range_m(152) == pytest.approx(5.696, abs=1e-3)      # as the page says
 
 
 def test_clouds_of_its_wall_come(graph):
