@@ -98,10 +98,16 @@ def _square(size_px: int) -> np.ndarray:
 
 
 def _topmost(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The last of the points whose disc covers a picture element, int32 [height · width], −1 = none.
+    """The last of the points whose disc covers a picture element, int32 [height · width], −1 = none."""
+    elements_of_largest = (2 * np.ceil(radius.max(initial=0)) + 1)**2
+    return (_topmost_of_few if len(x) < elements_of_largest else _topmost_of_many)(x, y, radius, width, height)
 
-    Element by element of the largest disc, all points at once: of equal indices on the left of an assignment, NumPy
-    keeps the last, and the maximum keeps what an earlier element of the disc has put there.
+
+def _topmost_of_many(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Element by element of the largest disc, all points at once.
+
+    Of equal indices on the left of an assignment, NumPy keeps the last, and the maximum keeps what an earlier element
+    of the disc has put there.
     """
     top = np.full(height * width, -1, np.int32)
     number = np.arange(len(x), dtype=np.int32)
@@ -115,6 +121,19 @@ def _topmost(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, heigh
         element = (i * width + j)[inside]
         top[element] = np.maximum(top[element], number[inside])
     return top
+
+
+def _topmost_of_few(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Point by point, all elements of its disc at once: for large discs."""
+    top = np.full((height, width), -1, np.int32)
+    first_col, last_col = (np.clip(np.floor(x + end * (radius + 1)), 0, width).astype(int) for end in (-1, 1))
+    first_row, last_row = (np.clip(np.floor(y + end * (radius + 1)), 0, height).astype(int) for end in (-1, 1))
+    across, down = np.arange(width, dtype=np.float32) + 0.5, np.arange(height, dtype=np.float32) + 0.5
+    for k in range(len(x)):
+        rows, cols = slice(first_row[k], last_row[k] + 1), slice(first_col[k], last_col[k] + 1)
+        disc = (across[cols] - x[k])**2 + (down[rows] - y[k])[:, None]**2 <= radius[k]**2
+        top[rows, cols][disc] = k
+    return top.ravel()
 
 
 def _edge_shade(depth: np.ndarray, distance: float) -> np.ndarray:

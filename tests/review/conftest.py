@@ -1,0 +1,68 @@
+"""Recordings to review: a ball that moves, with a gap, an outlier and all that a recorder knows to tell."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun as rr
+
+from srt3d_ros.recording import layout
+from srt3d_ros.review.recorded import Recorded
+
+FRAMES, PERIOD_NS, FIRST_NS = 30, 10**8, 1_795_285_122_000_000_000
+MISSING = (10, 11)                  # of the sensor's frames: the recording has a gap
+FEWEST, MOST = 5, 20
+
+
+@pytest.fixture(scope="session")
+def ball_recording(tmp_path_factory, ball):
+    """The path of a recording of the ball: clouds, a depth image each, series, log and properties.
+
+    Frame k has 100 points less at FEWEST, all at MOST, otherwise 10 or so less; latency_ms is 30 + k.
+    """
+    path = tmp_path_factory.mktemp("recording") / "ball.rrd"
+    _write(path, *ball)
+    return path
+
+
+@pytest.fixture(scope="session")
+def recorded(ball_recording):
+    """The recording, read."""
+    return Recorded.read(ball_recording)
+
+
+@pytest.fixture(scope="session")
+def write_recording():
+    """Write another recording of the ball: (path, cloud, sensor, and what is to be different)."""
+    return _write
+
+
+def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0):
+    """Write by rerun itself what docs/recording.md says."""
+    stream = rr.RecordingStream("srt3d_ros")
+    stream.save(path)
+    stream.send_property("sensor", layout.property_values(layout.sensor_properties(sensor)))
+    stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
+    stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
+    stream.send_property("parameters", rr.AnyValues(**{"sketcher.sketch_size": 10}))
+    frame = 0
+    for k in range(frames):
+        if k in missing:
+            continue
+        stamp_ns = first_ns + k * PERIOD_NS
+        stream.set_time("stamp", timestamp=np.datetime64(stamp_ns, "ns"))
+        stream.set_time("frame", sequence=frame + frame_offset)
+        n = len(cloud) - {FEWEST: 100, MOST: 0}.get(frame, 10 + k % 3)
+        xyz = (cloud.xyz[:n] + np.float32([0, 0, shift_m])).astype(np.float32)
+        stream.log("/points", rr.Points3D(xyz, colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
+                   rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
+                                depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
+        stream.log("/depth", layout.depth_image(cloud.depth_image(sensor.projection), 0, 1, True))
+        stream.log("/background", rr.DepthImage(cloud.background.astype(np.float16)))
+        series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5,
+                  "drops": 2 * (frame > 15)}
+        for name, value in series.items():
+            if (name, frame) != ("photons", 7):
+                stream.log(f"/metrics/{name}", rr.Scalars(float(value)))
+        frame += 1
+    stream.log("/log", rr.TextLog("sketcher: <script>alert(1)</script>", level="WARN"))
+    stream.disconnect()

@@ -1,0 +1,84 @@
+"""Clouds taken out of a recording: in every format what was recorded, pixels and bins found again."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.datasets.bag import Bag
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import points
+from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.review import export
+
+PLACE = 20          # the cloud with all points
+
+
+def test_npz_holds_the_cloud_as_it_was_reconstructed(recorded, ball, tmp_path):
+    cloud, sensor = ball
+    export.save_frame(recorded, PLACE, tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as file:
+        assert np.array_equal(file["xyz"], cloud.xyz) and np.array_equal(file["intensity"], cloud.intensity)
+        for name in ("row", "col"):
+            assert np.array_equal(file[name], getattr(cloud, name))
+        assert np.allclose(file["depth_bins"], cloud.depth_bins, atol=1e-3)
+        assert np.allclose(file["depth_std_bins"], cloud.depth_std_bins, rtol=1e-5)
+        assert np.array_equal(file["background"], cloud.background)
+        assert file["frequencies"].tolist() == [1, 2, 5] and int(file["num_bins"]) == sensor.num_bins
+        assert int(file["stamp_ns"]) == recorded.index.stamp_ns[PLACE]
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".rrd"])
+def test_other_cloud_files_hold_all_points(recorded, ball, tmp_path, suffix):
+    export.save_frame(recorded, PLACE, tmp_path / f"a{suffix}")
+    if suffix == ".rrd":
+        assert len(next(RecordingReader(tmp_path / "a.rrd").clouds())) == len(ball[0])
+    else:
+        assert str(len(ball[0])).encode() in (tmp_path / f"a{suffix}").read_bytes()[:400]
+
+
+def test_points_are_told_apart_within_a_pixel_whatever_their_order(recorded, ball):
+    cloud, sensor = ball
+    (frame,) = recorded.reader.clouds({PLACE})
+    order = np.random.default_rng(0).permutation(len(frame))
+    shuffled = type(frame)(frame.stamp_ns, frame.frame_index, frame.xyz[order], frame.intensity[order],
+                           frame.colour[order])
+    found = export.point_cloud(shuffled, sensor)
+    assert np.array_equal(np.unique(found.row.astype(int) * 48 + found.col),
+                          np.unique(cloud.row.astype(int) * 48 + cloud.col))
+    assert (found.surface == 1).sum() == (cloud.surface == 1).sum() > 0
+    assert np.isnan(found.depth_std_bins).all() and np.isnan(found.background).all()
+    strongest = found.image("intensity")
+    assert (strongest[found.row, found.col] >= found.intensity).all()
+
+
+def test_a_picture_has_cloud_title_figures_and_scale(recorded, tmp_path):
+    export.save_frame(recorded, PLACE, tmp_path / "a.png", "own")
+    picture = np.asarray(Image.open(tmp_path / "a.png").convert("L")).astype(int)
+    assert picture.shape == (940, 1400)
+    assert (picture[20:70, 30:600] > 200).sum() > 500            # title
+    assert (picture[890:930, 30:400] > 100).sum() > 200          # figures
+    assert (picture[850:865, 1100:1380] > 100).sum() > 50        # scale bar
+    assert (picture[100:850] > 60).mean() > 0.2                  # cloud
+
+
+def test_a_bag_holds_every_cloud_at_its_stamp(recorded, ball, tmp_path):
+    assert export.save_bag(recorded, tmp_path / "bag") == len(recorded.index)
+    with Bag(tmp_path / "bag") as bag:
+        messages = list(bag.messages(bag.topics))
+    assert len(messages) == len(recorded.index) and messages[PLACE].topic == "/points"
+    header, columns = points.decode_cdr(messages[PLACE].raw)
+    assert header.frame_id == "test_lidar" and header.stamp_ns == recorded.index.stamp_ns[PLACE]
+    assert np.array_equal(columns["xyz"], ball[0].xyz)
+
+
+@pytest.mark.parametrize("output, expected", [
+    ("a.xyz", "a file name that ends in .npz, .ply, .pcd, .rrd, .png"), ("no/a.ply", "a directory .*no that exists")])
+def test_an_output_that_cannot_be_is_told_before(tmp_path, output, expected):
+    with pytest.raises(InvalidInput, match=expected):
+        export.check_output(tmp_path / output, export.FRAME_SUFFIXES)
+
+
+def test_a_frame_that_is_not_there_is_one_line(recorded):
+    with pytest.raises(InvalidInput, match="frame is 99: expected a frame of the recording, 0 … 27"):
+        recorded.frame_at(99)
+    assert recorded.frame_at(-1) == 27

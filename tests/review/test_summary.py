@@ -1,0 +1,90 @@
+"""The figures of a recording: each is what the recording holds."""
+
+import json
+
+import numpy as np
+import pytest
+
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording.writer import RecordingWriter
+from srt3d_ros.review import words
+from srt3d_ros.review.recorded import Recorded
+from srt3d_ros.review.summary import iso_time, summarise
+from tests.review.conftest import FEWEST, FRAMES, MISSING, MOST
+
+
+@pytest.fixture(scope="module")
+def summary(recorded):
+    return summarise(recorded)
+
+
+def test_duration_frames_rate_and_gaps(summary):
+    assert summary["frames"] == FRAMES - len(MISSING) and summary["duration_s"] == (FRAMES - 1) / 10
+    assert summary["period_ms"] == 100 and summary["frame_rate_hz"] == round(27 / 2.9, 3)
+    (gap,) = summary["gaps"]
+    assert gap == {"after_frame": 9, "at_s": 0.9, "seconds": 0.3, "missing": 2}
+    assert summary["gap_count"] == 1 and summary["missing_frames"] == 2
+    assert summary["started"] == "2026-11-21T18:18:42.000Z"
+
+
+def test_latency_percentiles_of_each_stage(summary):
+    values = 30 + np.arange(28)
+    assert summary["latency_ms"]["total"] == {"p50": 43.5, "p95": round(float(np.percentile(values, 95)), 3), "max": 57}
+    assert summary["latency_ms"]["sketch"] == {"p50": 5, "p95": 5, "max": 5}
+
+
+def test_points_photons_and_drops(summary, ball):
+    assert (summary["points"]["min"], summary["points"]["max"]) == (len(ball[0]) - 100, len(ball[0]))
+    assert (summary["photons"]["min"], summary["photons"]["max"], summary["drops"]) == (9000, 9029, 2)
+    assert (summary["fewest_points_frame"], summary["most_points_frame"]) == (FEWEST, MOST)
+    assert summary["typical_frame"] not in (FEWEST, MOST)
+
+
+def test_a_series_with_a_gap_is_told(summary):
+    assert summary["incomplete_series"] == {"photons": 1}
+
+
+def test_it_is_json_and_carries_what_the_run_was(summary):
+    again = json.loads(json.dumps(summary, allow_nan=False))
+    assert again["run"]["frequencies"] == [1, 2, 5] and again["versions"]["srt3d_ros"] == "0.1.0"
+    assert again["parameters"] == {"sketcher.sketch_size": 10} and again["log"] == {"WARN": 1}
+
+
+def test_words_tell_the_same(summary):
+    text = words.words(summary)
+    for expected in ("28, 9.31 Hz", "1, about 2 frames; the longest 0.3 s after frame 9", "median 43.5 ms",
+                     "40 × 48 pixels, 600 bins of 20 ps", "0.1.0, revision 0123456789ab", "photons lacks 1", "1 WARN"):
+        assert expected in text
+
+
+def test_an_early_recording_with_clouds_alone_has_figures_too(tmp_path, ball):
+    cloud = ball[0]
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_cloud(5, 0, cloud.xyz, cloud.intensity)
+    recorded = Recorded.read(tmp_path / "a.rrd")
+    summary = summarise(recorded)
+    assert summary["frames"] == 1 and summary["points"]["median"] == len(cloud) and recorded.sensor is None
+    assert summary["latency_ms"] == {} and summary["drops"] is summary["photons"] is summary["frame_rate_hz"] is None
+    assert "points a frame" in words.words(summary)
+
+
+def test_a_recording_without_clouds_is_one_line(tmp_path):
+    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
+        writer.log_scalars(0, {"points": 1}, 0)
+    with pytest.raises(InvalidInput, match="a recording with clouds at /points"):
+        Recorded.read(tmp_path / "a.rrd")
+
+
+def test_the_sensor_is_found_again(recorded, ball):
+    sensor = recorded.sensor
+    assert (sensor.rows, sensor.cols, sensor.num_bins, sensor.frame_id) == (40, 48, 600, "test_lidar")
+    assert sensor.projection == ball[1].projection and sensor.toa_offset_bins == 100
+    assert np.allclose(sensor.irf, ball[1].irf) and np.array_equal(sensor.rays, ball[1].rays)
+
+
+def test_durations_are_said_in_minutes(summary):
+    assert "5 min 0 s" in words.words(summary | {"duration_s": 299.96})
+
+
+def test_stamps_are_utc_to_the_millisecond():
+    assert iso_time(1_795_285_122_356_999_999) == "2026-11-21T18:18:42.356Z"
