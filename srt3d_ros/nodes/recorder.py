@@ -15,9 +15,11 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.layout import unpack_cloud
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.frame_numbers import Frame, FrameNumbers
@@ -34,6 +36,7 @@ from srt3d_ros.recording.writer import RecordingWriter
 
 QUEUE = 64              # messages that may wait; the writer has its own, shorter queue of clouds and images
 WRITER_QUEUE, LOSSLESS_WRITER_QUEUE = 16, 512
+COUNTS = np.dtype([("photons", "<u4")])      # what is read of a sketch
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
 
@@ -88,7 +91,6 @@ class RecorderNode(PipelineNode):
             raise InvalidInput("recording", str(self._path), "none under way: call ~/stop_recording first")
         self._path = self._names.next()
         self._sensor: SensorModel | None = None
-        self._frequencies: tuple[int, ...] = ()
         self._frames = FrameNumbers(self.parameters["max_rate_hz"])
         self._drops, self._lines = Drops(), deque(maxlen=LINES_KEPT)
         self._watched: dict[str, Value] = {}
@@ -124,10 +126,10 @@ class RecorderNode(PipelineNode):
         self.diagnostics.show(path="")
 
     def _on_sensor(self, message: String) -> None:
-        sensor, self._frequencies, window_frames = sketch_message.decode_sensor(message)
+        sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
         if self._path is None:
             return
-        facts = {"frequencies": list(self._frequencies), "window_frames": window_frames}
+        facts = {"frequencies": list(frequencies), "window_frames": window_frames}
         if self._writer is not None and sensor.same_as(self._sensor):
             self._writer.tell(layout.RUN, facts)
             return
@@ -185,14 +187,15 @@ class RecorderNode(PipelineNode):
     def _on_sketch(self, raw: bytes) -> None:
         received_ns = self.now_ns()
         self._check_begun()
-        header, sketch = sketch_message.decode_cdr(raw, self._frequencies)
-        frame, photons = self._frame(header.stamp_ns), int(sketch.photons.sum())
+        message = cdr.read_cloud(raw)
+        counts = unpack_cloud(message, [COUNTS])["photons"]         # a sketch is large: its numbers stay where they are
+        frame, photons = self._frame(message.header.stamp_ns), int(counts.sum(dtype=np.int64))
         frame.sketch_ns = received_ns
         series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
-                  "ppp": photons / max(sketch.photons.size, 1)}
+                  "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
         if layout.PHOTONS in self._settings.images:
-            self._log_image(layout.PHOTONS, frame, sketch.photons.reshape(self._sensor.rows, self._sensor.cols))
+            self._log_image(layout.PHOTONS, frame, counts)
         self.diagnostics.count(photons=photons)
         self._logged(frame)
 

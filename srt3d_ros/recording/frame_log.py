@@ -15,6 +15,7 @@ from srt3d_ros.recording.colouring import CloudColours, Colouring
 from srt3d_ros.recording.compact import by_intensity
 from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m
 
+_RADIUS_SAMPLES = 4096
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
 
 
@@ -93,7 +94,8 @@ class FrameLog:
                 self._send_look(stream)
         if not self._style.exact:
             columns = by_intensity(columns)
-        radius_m = point_radius_m(xyz, self._sensor) if self._sensor else 0.0
+        some = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
+        radius_m = point_radius_m(some, self._sensor) if self._sensor else 0.0
         things = layout.points(columns, self._colours(columns), radius_m, self._style.exact)
         self._log(stamp_ns, frame_index, {layout.POINTS: things})
 

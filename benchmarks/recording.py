@@ -1,0 +1,218 @@
+"""What recording costs, and what a recording weighs, with real nodes in real processes; one JSON line for each case.
+
+    PYTHONPATH=. python benchmarks/recording.py [--seconds 60] [--case small large kill] [--out FILE]
+
+small: 141 × 141 pixels at 30 Hz through sketcher and reconstructor, some 20,000 points a cloud. large: clouds of
+500,000 points at 5 Hz with their images and sketches, from a stand-in for a reconstructor on a GPU, which reconstructs
+141 × 141 pixels on the CPU for each of them. Both run with the recorder at rest and recording in turn, five times each:
+the latency, of the reconstruction and from the stamp to a cloud's arrival here, is the median with over the median
+without. Then `--seconds` are recorded, and the recording is read back. kill: a recorder of the small case is killed at
+20 random moments; how much is lost, and that all of it opens after repair.
+"""
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.benchmark.frames import photons_of, sensor_of
+from srt3d_ros.cli.node import parameter_arguments
+from srt3d_ros.cli.processes import join_private_network
+from srt3d_ros.datasets import npz
+
+PPP = 15.0
+CASES = {"small": (141, 30.0), "large": (708, 5.0)}         # side of a cloud, Hz
+TURNS, TURN_S, SETTLE_S, KILLS = 5, 6.0, 3.0, 20
+MB = 1e6
+
+
+class Pipeline:
+    """Recorder at rest, reconstructor and sketcher, or the stand-in; a context manager that ends them.
+
+    Args:
+        case: one of CASES.
+        folder: for the photons, the logs and the recordings.
+    """
+
+    def __init__(self, case: str, folder: Path):
+        from srt3d_ros.nodes.monitor import Monitor
+        self.folder, (side, rate_hz) = folder, CASES[case]
+        self.monitor, self.running = Monitor(keep_every=10**9), {}
+        self._commands = {"recorder": node("recorder", path=str(folder / "recording.rrd"), record=False)}
+        if case == "large":
+            self.latency_of = "standin"
+            self._commands["standin"] = [str(Path(__file__).with_name("standin.py")), "--side", str(side), "--rate-hz",
+                                         str(rate_hz)]
+            return
+        self.latency_of = "reconstructor"
+        sensor = sensor_of(side)
+        npz.save(folder / "frame.npz", sensor, photons_of(sensor, PPP))
+        self._commands |= {"reconstructor": node("reconstructor"), "sketcher": node("sketcher"),
+                           "player": node("player", input=str(folder / "frame.npz"), rate_hz=rate_hz)}
+
+    def __enter__(self) -> "Pipeline":
+        self.monitor.__enter__()
+        for name in self._commands:
+            self.start(name)
+            if name != "player" and not self.monitor.spin_until(lambda name=name: name in self.monitor.statuses, 180):
+                raise SystemExit(f"{name} was not ready: see {self.folder}")
+        if not self.monitor.spin_until(lambda: len(self.monitor.arrivals) > 20, 180):
+            raise SystemExit(f"no clouds: see {self.folder}")
+        return self
+
+    def __exit__(self, *exc) -> None:
+        for process in reversed(self.running.values()):
+            process.send_signal(signal.SIGINT)
+        for process in self.running.values():
+            process.wait(40)
+        self.monitor.__exit__()
+
+    def start(self, name: str) -> None:
+        with (self.folder / f"{name}.log").open("ab") as log:
+            self.running[name] = subprocess.Popen([sys.executable, *self._commands[name]], stdout=log, stderr=log)
+
+    def watch(self, seconds: float) -> dict:
+        """What happens in so many seconds: clouds, and the latencies of reconstruction and arrival, ms."""
+        first, took_ms = len(self.monitor.arrivals), []
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.monitor.spin_until(lambda: False, 0.25)
+            took_ms.append(float(self.monitor.value(self.latency_of, "reconstruct_ms") or "nan"))
+        arrivals = self.monitor.arrivals[first:]
+        return {"clouds": len(arrivals), "reconstruct_ms": float(np.nanmedian(took_ms)),
+                "arrival_ms": float(np.median([arrival.latency_ms for arrival in arrivals]))}
+
+    def call(self, service: str) -> None:
+        """Call one of the recorder's services."""
+        from std_srvs.srv import Trigger
+        client = self.monitor._node.create_client(Trigger, f"recorder/{service}")
+        self.monitor.spin_until(client.service_is_ready, 20)
+        answer = client.call_async(Trigger.Request())
+        self.monitor.spin_until(answer.done, 40)
+        assert answer.result().success, answer.result().message
+        self.monitor._node.destroy_client(client)
+
+    def rss_mb(self) -> float:
+        """Resident memory of the recorder."""
+        pages = int(Path(f"/proc/{self.running['recorder'].pid}/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / MB
+
+    def cpu_s(self) -> float:
+        """CPU time that the recorder has used."""
+        fields = Path(f"/proc/{self.running['recorder'].pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def node(name: str, **parameters) -> list[str]:
+    """Arguments of Python that run a node."""
+    return ["-m", f"srt3d_ros.nodes.{name}", *parameter_arguments(parameters)]
+
+
+def measure(case: str, seconds: float, folder: Path) -> dict:
+    """Cost and weight of a recording."""
+    load = os.getloadavg()[0]
+    with Pipeline(case, folder) as pipeline:
+        pipeline.watch(SETTLE_S)
+        turns = {"without": [], "with": []}
+        for _ in range(TURNS):
+            turns["without"].append(pipeline.watch(TURN_S))
+            pipeline.call("start_recording")
+            pipeline.watch(SETTLE_S)
+            turns["with"].append(pipeline.watch(TURN_S))
+            pipeline.call("stop_recording")
+            pipeline.watch(SETTLE_S)
+        pipeline.call("start_recording")
+        pipeline.watch(SETTLE_S)
+        before_mb, before_s = pipeline.rss_mb(), pipeline.cpu_s()
+        seen = pipeline.watch(seconds)
+        grown_mb, cpu_percent = pipeline.rss_mb() - before_mb, 100 * (pipeline.cpu_s() - before_s) / seconds
+        pipeline.call("stop_recording")
+        path = max(folder.glob("recording*.rrd"), key=lambda path: path.stat().st_mtime)
+        pipeline.watch(1.5)
+        books = {key: pipeline.monitor.value("recorder", key) for key in
+                 ("frames_in", "frames_out", "dropped", "message_lost", "recording_dropped", "errors")}
+    line = {"case": case, "seconds": seconds, "clouds_per_s": round(seen["clouds"] / seconds, 2),
+            "recorder_memory_growth_mb": round(grown_mb, 1), "recorder_cpu_percent": round(cpu_percent, 1), **books}
+    for kind in ("reconstruct_ms", "arrival_ms"):
+        without, with_ = (np.array([turn[kind] for turn in turns[name]]) for name in ("without", "with"))
+        line[kind] = {"without": round(float(np.median(without)), 2), "with": round(float(np.median(with_)), 2),
+                      "change_percent": round(100 * float(np.median(with_) / np.median(without) - 1), 1),
+                      "turns_percent": np.round(100 * (with_ / without - 1), 1).tolist()}
+    return line | weigh(path) | {"load_before": round(load, 2), "cores": os.cpu_count()}
+
+
+def weigh(path: Path) -> dict:
+    """Size, gaps and what is there of a recording."""
+    from srt3d_ros.recording.reader import RecordingReader
+    reader = RecordingReader(path)
+    clouds, series = reader.cloud_index(), reader.series()
+    size, points = path.stat().st_size, int(clouds.points.sum())
+    # A frame with a cloud is in every series, but for those that were under way at either end.
+    inner = set(clouds.stamp_ns[2:-2].tolist())
+    gaps = {name: len(inner - set(one.stamp_ns.tolist())) for name, one in series.items() if name != "drops"}
+    return {"clouds": len(clouds), "points_per_cloud": points // max(len(clouds), 1), "file_mb": round(size / MB, 1),
+            "bytes_per_point": round(size / points, 2), "series": len(series),
+            "series_gaps": {name: n for name, n in gaps.items() if n}, "finished": reader.is_finished()}
+
+
+def kill(folder: Path) -> dict:
+    """Kill the recorder again and again while it records; what is lost, seconds of clouds before the kill."""
+    from srt3d_ros.recording.repair import examine, repair
+    lost_s, rng = [], random.Random(1)
+    with Pipeline("small", folder) as pipeline:
+        for _ in range(KILLS):
+            path = max(folder.glob("recording*.rrd"), key=lambda path: path.stat().st_mtime, default=None)
+            pipeline.call("start_recording")
+            pipeline.watch(SETTLE_S + rng.uniform(0, 2))
+            pipeline.running["recorder"].kill()
+            killed_ns = time.time_ns()
+            pipeline.running["recorder"].wait()
+            path = folder / "recording.rrd"
+            copy = repair(examine(path))
+            lost_s.append(lost(copy, pipeline.monitor, killed_ns))
+            copy.unlink()
+            path.unlink()
+            pipeline.start("recorder")
+    return {"case": "kill", "kills": KILLS, "opened": len(lost_s), "lost_s": {
+        "median": round(float(np.median(lost_s)), 3), "most": round(max(lost_s), 3)}, "cores": os.cpu_count()}
+
+
+def lost(path: Path, monitor, killed_ns: int) -> float:
+    """From the last recorded value of any kind that lacks most to the last cloud that came before the kill, seconds."""
+    from srt3d_ros.recording.reader import RecordingReader
+    reader = RecordingReader(path)
+    last = [int(reader.cloud_index().stamp_ns.max()), *(int(one.stamp_ns.max()) for name, one in reader.series().items()
+                                                        if name != "drops")]
+    came = max(arrival.stamp_ns for arrival in monitor.arrivals if arrival.received_ns <= killed_ns)
+    return max(came - min(last), 0) * 1e-9
+
+
+def main() -> None:
+    """Run what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--case", nargs="+", choices=(*CASES, "kill"), default=[*CASES, "kill"])
+    parser.add_argument("--out", type=Path, help="append the lines to this file, too")
+    args = parser.parse_args()
+    join_private_network()
+    for case in args.case:
+        folder = Path(tempfile.mkdtemp(prefix="srt3d-recording-"))
+        line = json.dumps(kill(folder) if case == "kill" else measure(case, args.seconds, folder))
+        shutil.rmtree(folder)
+        print(line, flush=True)
+        if args.out:
+            with args.out.open("a") as file:
+                file.write(line + "\n")
+
+
+if __name__ == "__main__":
+    main()
