@@ -2,9 +2,10 @@
 
 import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
+
+from srt3d_ros import shared_files
 
 # sensor_msgs/PointField: names as in the schemas, codes as on the wire, and how the bytes are stored.
 DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT16": (4, "<u2"),
@@ -18,11 +19,10 @@ def load(name: str) -> dict:
     Raises:
         FileNotFoundError: if the package was installed without its schemas.
     """
-    for parent in Path(__file__).resolve().parents:
-        for folder in (parent / "msg_schemas", parent / "share" / "srt3d_ros" / "msg_schemas"):
-            if (folder / f"{name}.json").is_file():
-                return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-    raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
+    path = shared_files.find(f"msg_schemas/{name}.json")
+    if path is None:
+        raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 @cache

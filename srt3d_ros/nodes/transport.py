@@ -11,6 +11,8 @@ import os
 import time
 from pathlib import Path
 
+from srt3d_ros import shared_files
+
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 SHARED_MEMORY = Path("/dev/shm")
 SEGMENTS_MB = (64, 32, 16, 4)
@@ -60,15 +62,7 @@ def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
     free_mb = room.f_bavail * room.f_frsize / 2**20
     for size_mb in SEGMENTS_MB:
         if free_mb >= ROOM_FOR * size_mb:
-            return _find(f"fastdds_{size_mb}mb.xml")
-    return None
-
-
-def _find(name: str) -> Path | None:
-    for parent in Path(__file__).resolve().parents:
-        for folder in (parent / "config", parent / "share" / "srt3d_ros" / "config"):
-            if (folder / name).is_file():
-                return folder / name
+            return shared_files.find(f"config/fastdds_{size_mb}mb.xml")
     return None
 
 

@@ -57,11 +57,12 @@ def test_readme_shows_the_bytes_of_a_whole_message(repository, small_sensor):
 
 @pytest.mark.parametrize("share", ["msg_schemas", "share/srt3d_ros/msg_schemas"])
 def test_schemas_are_found_in_a_source_tree_and_when_installed(repository, tmp_path, share):
-    package = tmp_path / "lib" / "srt3d_ros" / "messages"
-    package.mkdir(parents=True)
-    shutil.copy(repository / "srt3d_ros" / "messages" / "schema.py", package)
-    load = [sys.executable, "-c", "import schema; print(schema.load('points')['layouts']['xyzi']['point_step'])"]
-    missing = subprocess.run(load, cwd=package, capture_output=True, text=True)
+    for name in ("__init__.py", "shared_files.py", "messages/__init__.py", "messages/schema.py"):
+        (tmp_path / "lib" / "srt3d_ros" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(repository / "srt3d_ros" / name, tmp_path / "lib" / "srt3d_ros" / name)
+    load = [sys.executable, "-c", "from srt3d_ros.messages import schema\n"
+                                  "print(schema.load('points')['layouts']['xyzi']['point_step'])"]
+    missing = subprocess.run(load, cwd=tmp_path / "lib", capture_output=True, text=True)
     assert missing.returncode != 0 and "msg_schemas/points.json is in no folder above" in missing.stderr
     shutil.copytree(repository / "msg_schemas", tmp_path / share)
-    assert subprocess.run(load, cwd=package, capture_output=True, text=True, check=True).stdout == "16\n"
+    assert subprocess.run(load, cwd=tmp_path / "lib", capture_output=True, text=True, check=True).stdout == "16\n"
