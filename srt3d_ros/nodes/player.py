@@ -83,25 +83,26 @@ class PlayerNode(PipelineNode):
     interface = INTERFACE
 
     def configure(self) -> None:
-        """Open the input, describe the sensor."""
+        """Open the input."""
         self._source = open_source(self.parameters.as_dict())
         self._replays = bool(self._source.start_ns) and self.parameters["bag_stamps"] == "original"
         require(self._replays or not self.parameters["clock"], "clock", True, "false, unless a bag keeps its stamps")
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
         self._unanswered: deque[int] = deque()
-        self._recorded = (self._source.start_ns, time.monotonic())
         self._sensors: Publisher | None = None
         if self._source.sensor is not None:
             self._sensors = self.advertise("sensor")
-            self._sensors.publish(self._source.sensor)
         self._publisher = self.advertise(self._source.output)
         self._clock_timer: Timer | None = None
         if self.parameters["clock"]:
             self._clock_publisher = self.advertise("/clock")
 
     def activate(self) -> None:
-        """Begin to play."""
+        """Describe the sensor, begin to play."""
+        self._recorded = (self._source.start_ns, time.monotonic())
+        if self._sensors is not None:
+            self._sensors.publish(self._source.sensor)
         if self.lossless:
             self._answers = self.listen("points", self._on_answer)
         if self.parameters["clock"]:
@@ -210,7 +211,7 @@ class PlayerNode(PipelineNode):
 
     def _wait_until_due(self, due_at: float) -> bool:
         """False if the node is stopped meanwhile."""
-        return not self._source.rate or not self.halted.wait(max(due_at - time.monotonic(), 0))
+        return not self.halted.wait(max(due_at - time.monotonic(), 0) if self._source.rate else 0)
 
     def _on_answer(self, raw: bytes) -> None:
         """A cloud answers its frame and, since the pipeline keeps the order, all before it."""

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
@@ -109,11 +111,20 @@ def recorded(sensor) -> list[bytes]:
     return [photons_message.encode_cdr(frame, sensor, "spad") for frame in frames]
 
 
-def test_a_bag_is_sent_as_it_was_recorded_with_its_clock(graph, tmp_path, descriptions, recorded):
-    frames, clocks = graph.collect(PointCloud2, "photons", raw=True), graph.collect(Clock, "/clock")
+def start_player(graph, **parameters) -> tuple:
+    """A player that waits for whoever subscribes to its photons, and the descriptions, of which the first has come."""
     described = graph.collect_latched(String, "sensor")
+    player = graph.start("player", **parameters)
+    graph.wait(lambda: described, "the first description")
+    return player, described
+
+
+def test_a_bag_is_sent_as_it_was_recorded_with_its_clock(graph, tmp_path, descriptions, recorded):
+    clocks = graph.collect(Clock, "/clock")
     bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded, descriptions[1]])
-    player = graph.start("player", input=bag, clock=True)
+    player, described = start_player(graph, input=bag, clock=True)
+    graph.wait(lambda: clocks, "a clock that begins before the frames")
+    frames = graph.collect(PointCloud2, "photons", raw=True)
     assert player.code() == 0
     graph.wait(lambda: len(frames) == 4 and len(described) == 2, "what is in the bag")
     assert [frame[:len(raw)] for frame, raw in zip(frames, recorded)] == recorded
@@ -135,10 +146,10 @@ def test_a_bag_can_be_stamped_as_if_it_happened_now(graph, tmp_path, description
 
 
 def test_another_sensor_comes_between_the_answered_frames_and_those_after_it(graph, tmp_path, descriptions, recorded):
-    frames, described = graph.collect(PointCloud2, "photons"), graph.collect_latched(String, "sensor")
     answers = graph.publisher(PointCloud2, "points")
     bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded[:2], descriptions[1], *recorded[2:]])
-    player = graph.start("player", input=bag, lossless=True, bag_rate=0.0, in_flight=3)
+    player, described = start_player(graph, input=bag, lossless=True, bag_rate=0.0, in_flight=3)
+    frames = graph.collect(PointCloud2, "photons")
     graph.wait(lambda: len(frames) == 2, "the frames before it")
     answers.publish(frames[0])
     assert len(described) == 1
@@ -149,6 +160,26 @@ def test_another_sensor_comes_between_the_answered_frames_and_those_after_it(gra
     assert player.code() == 0
 
 
+def test_activated_again_a_bag_is_played_from_its_beginning(graph, tmp_path, descriptions, recorded):
+    def change(number: int) -> None:
+        request = ChangeState.Request(transition=Transition(id=number))
+        assert graph.call(ChangeState, "player/change_state", request).success
+
+    answers = graph.publisher(PointCloud2, "points")
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded[:2], descriptions[1], *recorded[2:]])
+    player, described = start_player(graph, input=bag, lossless=True, bag_rate=0.0, in_flight=1)
+    frames = graph.collect(PointCloud2, "photons", raw=True)
+    for k in range(2):
+        graph.wait(lambda: len(frames) == k + 1, "the frames before the other sensor")
+        answers.publish(frames[k])
+    graph.wait(lambda: len(frames) == 3 and len(described) == 2, "the other sensor and the first frame after it")
+    change(Transition.TRANSITION_DEACTIVATE)
+    change(Transition.TRANSITION_ACTIVATE)
+    graph.wait(lambda: len(frames) == 4 and len(described) == 3, "the first sensor and the first frame")
+    assert frames[3] == frames[0] and sensor_message.decode(described[2]).num_bins == 100
+    assert player.running
+
+
 def test_a_bag_that_breaks_off_is_one_line_and_exit_code_1(graph, tmp_path, descriptions, sensor):
     many = PhotonEvents(np.zeros(200_000, np.uint32), np.zeros(200_000, np.uint16), RECORDED_NS)
     large = photons_message.encode_cdr(many, sensor, "spad")        # each a chunk of its own
@@ -157,7 +188,9 @@ def test_a_bag_that_breaks_off_is_one_line_and_exit_code_1(graph, tmp_path, desc
     third = content.rindex(large[:100])
     content[third - 30:third - 22] = (2**40).to_bytes(8, "little")      # the length of its record
     file.write_bytes(content)
-    player = graph.start("player", input=file, wait_for_subscribers=0)
+    player, _ = start_player(graph, input=file)
+    graph.wait(lambda: graph.report("player"), "a report")      # so that the last one will be heard, too
+    graph.collect(PointCloud2, "photons", raw=True)
     assert player.code() == 1
     assert player.text.count("ERROR") == 1 and "bag bag.mcap is unreadable (Truncated record" in player.text
     assert "Traceback" not in player.text and graph.reports("player", "errors", 1)
