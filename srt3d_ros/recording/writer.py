@@ -186,8 +186,8 @@ class RecordingWriter:
         part = FilePart(self.path, *self._ids)
         self._part, self._begun_s = part, time.monotonic()
         self.parts += 1
-        self._log.begin(part.stream)
         self._log.tell(layout.RUN, {"part": self.parts})
+        self._log.begin(part.stream)
 
     def _end_part(self) -> None:
         if self._part is not None:

@@ -1,0 +1,156 @@
+"""Recordings in several files: how they are named, that each is complete, and that nothing is between them."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from srt3d_ros.recording import writer as writer_module
+from srt3d_ros.recording.parts import PartNames, Split
+from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.recording.writer import RecordingWriter
+
+POINTS = 5000
+
+
+def names(path, numbered, number=3):
+    parts = PartNames(path, numbered)
+    return [parts.next().name for _ in range(number)]
+
+
+def test_numbers_go_on_after_the_last_file_there_is(tmp_path):
+    assert names(tmp_path / "a.rrd", numbered=True) == ["a_001.rrd", "a_002.rrd", "a_003.rrd"]
+    for other in ("a_007.rrd", "a_x.rrd", "ab_009.rrd", "a_0123.rrd.bak"):
+        (tmp_path / other).touch()
+    assert names(tmp_path / "a.rrd", numbered=True, number=1) == ["a_008.rrd"]
+
+
+def test_a_single_file_has_the_name_that_was_given_and_later_ones_replace_nothing(tmp_path):
+    for name in ("a.rrd", "a_2.rrd"):
+        (tmp_path / name).touch()
+    parts = PartNames(tmp_path / "a.rrd", numbered=False)
+    assert parts.next().name == "a.rrd" and parts.next().name == "a_3.rrd"
+
+
+def test_files_follow_each_other_by_size_or_by_age():
+    assert not Split() and Split(size_mb=1) and Split(period_s=1)
+    assert not Split().due(10**12, 1e9)
+    assert Split(size_mb=2).due(2_000_000, 0) and not Split(size_mb=2).due(1_999_999, 1e9)
+    assert Split(period_s=3).due(0, 3) and not Split(period_s=3).due(10**12, 2.9)
+
+
+@pytest.mark.parametrize("split, frames", [(Split(size_mb=0.5), 60), (Split(period_s=0.5), 60)])
+def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(tmp_path, ball, split, frames):
+    sensor = ball[1]
+    rng = np.random.default_rng(0)
+    properties = {"run": {"namespace": "/"}, "versions": {"numpy": "2"}}
+    with RecordingWriter(tmp_path / "a.rrd", sensor, properties=properties, split=split, queue_frames=100) as writer:
+        for k in range(frames):
+            writer.log_cloud(k, k, rng.normal(size=(POINTS, 3)) + [0, 0, 5], rng.gamma(2, 5, POINTS))
+            writer.log_scalars(k, {"points": POINTS}, k)
+            if k == 0:
+                writer.tell("parameters", {"sketcher.sketch_size": 5})
+            time.sleep(0.03)
+    paths = sorted(tmp_path.glob("*.rrd"))
+    readers = [RecordingReader(path) for path in paths]
+    assert len(paths) == writer.parts >= 3 and paths[0].name == "a_001.rrd" and writer.path == paths[-1]
+    clouds = [cloud.frame_index for reader in readers for cloud in reader.clouds()]
+    assert sorted(clouds) == list(range(frames)) and writer.dropped == 0
+    assert sum(len(reader.series()["points"].values) for reader in readers) == frames
+    for number, (reader, path) in enumerate(zip(readers, paths), start=1):
+        told = reader.properties()
+        assert reader.is_finished() and reader.recording_id == readers[0].recording_id
+        assert told["run"] == {"namespace": "/", "part": number} and told["parameters"]["sketcher.sketch_size"] == 5
+        assert told["sensor"]["rows"] == 40 and told["versions"]["numpy"] == "2"
+        assert len(RrdReader(path).blueprints()) == 1
+        static = {chunk.entity_path for chunk in RrdReader(path).stream().filter(content="/**", is_static=True)}
+        assert {"/", "/sensor", "/metrics/points"} <= static
+    sizes = [path.stat().st_size for path in paths[:-1]]
+    assert max(sizes) < 3 * min(sizes)
+
+
+FULL = """
+import resource, sys, time
+import numpy as np
+from srt3d_ros.recording import writer as writer_module
+from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.recording.writer import RecordingWriter
+writer_module.RETRY_S = 0.1
+errors, recoveries = [], []
+writer = RecordingWriter(sys.argv[1], None, on_error=errors.append, on_recovery=recoveries.append, queue_frames=1000)
+sent = 0
+def log(until):
+    global sent
+    while not until():
+        writer.log_cloud(sent, sent, np.ones((5000, 3)), np.ones(5000))
+        sent += 1
+        time.sleep(0.01)
+def limit(size):            # what a write sees of it is what it sees of a full disk: an error
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+log(lambda: sent == 20)
+limit(0)
+log(lambda: writer.error is not None)
+failed = sent
+log(lambda: sent == failed + 100)
+assert errors == [writer.error] and not recoveries, errors
+limit(resource.RLIM_INFINITY)
+log(lambda: recoveries)
+recovered = sent
+log(lambda: sent == recovered + 20)
+writer.close()
+assert writer.error is None and len(errors) == 1
+assert [path.name for path in recoveries] == ["a_2.rrd"]
+print(errors[0])
+kept = [cloud.frame_index for cloud in RecordingReader(recoveries[0]).clouds()]
+assert sorted(kept) == list(range(sent - len(kept), sent)) and len(kept) >= 20
+assert writer.dropped >= 100 and writer.dropped + len(kept) <= sent
+"""
+
+
+def test_recording_goes_on_in_a_new_file_once_the_disk_takes_more(tmp_path):
+    """In a process of its own, which may not write: no disk needs to be filled for that."""
+    done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a.rrd"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"recording {tmp_path / 'a.rrd'}: File too large\n" and done.stderr == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "a_2.rrd"]
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder on a disk of its own of 20 MB; skips where none can be made."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=20m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("no small disk: only root may mount one")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_gives_one_error_until_there_is_room_again(small_disk, monkeypatch):
+    monkeypatch.setattr(writer_module, "RETRY_S", 0.05)
+    rng, errors, recoveries = np.random.default_rng(0), [], []
+    writer = RecordingWriter(small_disk / "a.rrd", None, on_error=errors.append, on_recovery=recoveries.append)
+
+    def log_until(condition):
+        frame = 0
+        while not condition() and frame < 2000:
+            writer.log_cloud(frame, frame, rng.normal(size=(20_000, 3)), rng.gamma(2, 5, 20_000))
+            frame += 1
+            time.sleep(0.01)
+        assert condition()
+
+    log_until(lambda: errors)
+    dropped = writer.dropped
+    log_until(lambda: writer.dropped > dropped + 30)
+    assert errors == [f"recording {small_disk / 'a.rrd'}: No space left on device"] and not recoveries
+    (small_disk / "a.rrd").unlink()                 # somebody makes room
+    log_until(lambda: recoveries)
+    writer.log_scalars(5, {"points": 1})
+    assert writer.flush() and writer.error is None
+    writer.close()
+    assert len(errors) == 1 and RecordingReader(writer.path).is_finished()
