@@ -2,6 +2,7 @@
 
 import re
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ SIDE = 141
 SKETCH_BYTES = SIDE**2 * (4 + 4 * 5)        # int16, m = 5
 OVERHEAD = 1.4                              # of the wire: headers are 16 %; what is sent twice would be more
 FRAMES = 12
-RAW_PPP = 1000
+RAW_PPP, RATE_HZ = 100, 10.0               # a tenth of a bright scene's photons is too much already
 
 
 @pytest.fixture
@@ -69,11 +70,16 @@ def test_raw_photons_of_the_same_scene_do_not_pass(machines, tmp_path):
     watch = machines.watch("sketch")
     sketcher = machines.start(ROBOT, "sketcher", layout="int16", sketch_size=5)
     machines.wait(lambda: watch.reports("sketcher"), "the sketcher")
-    player = machines.start(SENSOR, "player", input=str(tmp_path / "raw.npz"))
-    machines.wait(lambda: machines.link.wire_bytes() > FRAMES * SKETCH_BYTES, "as many bytes as the sketches were")
-    assert watch.total("sketcher", "frames_in") == len(watch.arrivals) == 0
+    player = machines.start(SENSOR, "player", input=str(tmp_path / "raw.npz"), rate_hz=RATE_HZ)
+    machines.wait(lambda: machines.link.wire_bytes() > SKETCH_BYTES, "the first frame")
+    started = time.monotonic()
+
+    def due() -> float:         # frames since then; of these the cable carries one in 9.5
+        return (time.monotonic() - started) * RATE_HZ
+
+    machines.wait(lambda: due() > 30, "frames to be due")
+    assert watch.total("sketcher", "frames_in") < due() / 5
     assert player.poll() is sketcher.poll() is None
-    player.kill()       # rather than wait until the frame in hand has been sent, for 10 s
 
 
 def test_a_link_leaves_nothing_behind(machines):
