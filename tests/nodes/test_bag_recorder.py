@@ -81,6 +81,8 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
         for k, frame in enumerate(part):
             driver.publish(frame)
             graph.wait(lambda: len(clouds) == 4 * turn + k + 1, "a cloud")
+        for kind in bags:
+            graph.reports(kind, "frames_out", (5, 8)[turn])
     live = list(clouds)
     for kind, recorder in recorders.items():
         assert recorder.end(signal.SIGINT if kind == "mcap" else signal.SIGTERM) == 0
