@@ -16,7 +16,7 @@ from srt3d_ros.review.camera import Camera
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, telling_frames
 
-_LARGE_PX, _SMALL_PX = (1400, 800), (320, 240)
+_LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
 _IMAGES = {"/depth": ("depth", "m"), "/intensity": ("intensity", "photons"), "/background": ("background", "photons"),

@@ -85,7 +85,8 @@ the cloud. Drawn by {{ gallery.by }}.</figcaption></figure>
 {% if gaps %}<p>Shaded: gaps, where frames are missing.</p>
 <details{{ ' open' if gaps|length <= 10 }}><summary>{{ gap_count }} gap{{ 's' if gap_count != 1 }}</summary>
 <table>{% for gap in gaps %}<tr><th>after frame {{ gap.after_frame }}, at {{ '%.2f'|format(gap.at_s) }} s</th>
-<td>{{ '%.3g'|format(gap.seconds) }} s, about {{ gap.missing }} frame{{ 's' if gap.missing != 1 }}</td></tr>{% endfor %}</table></details>
+<td>{{ '%.3g'|format(gap.seconds) }} s, about {{ gap.missing }} frame{{ 's' if gap.missing != 1 }}</td></tr>
+{% endfor %}</table></details>
 {% endif %}
 {% if log %}<h2>Log</h2>
 <details{{ ' open' if log|length <= 40 }}><summary>{{ log_summary }}</summary>

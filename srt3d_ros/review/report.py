@@ -7,7 +7,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from srt3d_ros import __version__
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.review import words
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.page import PAGE
@@ -32,6 +32,7 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
     Raises:
         InvalidInput: if the file cannot be written there.
     """
+    require(not path.is_dir(), "report", str(path), "a file, not a directory")     # told before time is spent
     html = _page(recorded, summary, pictures, notes)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

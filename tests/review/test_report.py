@@ -1,0 +1,149 @@
+"""The report: complete, safe, self-contained, and shown by a browser without an error."""
+
+import base64
+import io
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.pictures.look import Look
+from srt3d_ros.recording import screenshot
+from srt3d_ros.review.camera import Camera
+from srt3d_ros.review.recorded import Recorded
+from srt3d_ros.review.report import write_report
+from srt3d_ros.review.summary import summarise
+
+NOTE = "a.rrd was not finished: repaired into b.rrd"
+
+
+@pytest.fixture(scope="module")
+def report(recorded, tmp_path_factory):
+    """The report of the ball's recording."""
+    path = tmp_path_factory.mktemp("report") / "ball.html"
+    write_report(recorded, summarise(recorded), path, "own", (NOTE,))
+    return path
+
+
+class Page(HTMLParser):
+    """A page's tags, with their attributes, and its text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.text = [], ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return Page(report.read_text())
+
+
+def test_everything_that_belongs_in_it_is_in_it(page):
+    for expected in ("ball.rrd", "Recorded 2026-11-21 18:18:42 UTC, 2.9 s, 40 × 48 pixels", NOTE, "A typical cloud",
+                     "Fewest points", "Most points", "end to end", "How often each latency", "latency, ms", "photons",
+                     "after frame 9, at 0.90 s", "about 2 frames", "1 WARN", "sketcher.sketch_size", "0123456789abcdef",
+                     "bins of 20 ps", "median 43.5 ms", "Drawn by srt3d_ros"):
+        assert expected in page.text, expected
+    assert [tag for tag, _ in page.tags].count("svg") == 6
+
+
+def test_pictures_are_inside_and_show_clouds(page):
+    sources = [attributes["src"] for tag, attributes in page.tags if tag == "img"]
+    assert len(sources) == 3 + 12 + 2        # typical and ends, strip, depth and background
+    for source in sources[:15]:
+        kind, data = source.split(";base64,")
+        picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
+        assert kind == "data:image/jpeg" and (picture.max(axis=2) > 60).mean() > 0.1
+    depth = Image.open(io.BytesIO(base64.b64decode(sources[15].split(",")[1])))
+    assert depth.size == (48, 40)
+
+
+def test_nothing_is_fetched_or_run(page, report):
+    assert not {"script", "link", "iframe", "object", "embed"} & {tag for tag, _ in page.tags}
+    for _, attributes in page.tags:
+        assert not any(name.startswith("on") for name in attributes)
+        for name in ("src", "href", "xlink:href"):
+            assert attributes.get(name, "data:").startswith(("data:", "#"))
+    assert "@import" not in report.read_text() and not re.search(r"url\((?!#)", report.read_text())
+
+
+def test_what_a_node_logged_is_text_not_markup(page, report):
+    assert "<script>alert(1)</script>" in page.text and "<script>" not in report.read_text()
+    assert "x86_64 <&>" in page.text
+
+
+def test_plots_take_the_colour_of_the_page(report):
+    svgs = re.findall(r"<svg.*?</svg>", report.read_text(), re.DOTALL)
+    assert all("currentColor" in svg and "#010203" not in svg for svg in svgs)
+
+
+def test_it_is_light(report):
+    assert report.stat().st_size < 2_000_000
+
+
+@pytest.mark.parametrize("width, height, dark", [(1280, 1600, False), (390, 1600, True)])
+def test_chromium_shows_it_wide_and_narrow_light_and_dark(report, tmp_path, width, height, dark):
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium")
+    scheme = ["--blink-settings=preferredColorScheme=0"] if dark else []
+    done = subprocess.run(
+        [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+         "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
+         "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},{height}",
+         f"--screenshot={tmp_path / 'a.png'}", *scheme, report.as_uri()], capture_output=True, text=True, timeout=120)
+    assert "CONSOLE" not in done.stderr, done.stderr
+    picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+    assert picture.shape == (height, width, 3)
+    corner = picture[2, 2]
+    assert (corner.max() < 40) if dark else (corner.min() > 230)
+    assert ((np.abs(picture - corner).sum(axis=2) > 60).mean(axis=1) > 0).mean() > 0.5     # something all the way down
+    yellow = (picture[..., :2].min(axis=2) > picture[..., 2] + 60)
+    assert yellow.mean() > 0.01                                                             # near points
+    assert (np.abs(picture[:, -4:] - corner).sum(axis=2) < 60).all()                        # nothing runs off the side
+
+
+def test_a_recording_with_clouds_alone_has_a_report(tmp_path, ball, write_recording):
+    write_recording(tmp_path / "a.rrd", *ball, frames=1)
+    recorded = Recorded.read(tmp_path / "a.rrd")
+    write_report(recorded, summarise(recorded), tmp_path / "a.html", "own")
+    text = (tmp_path / "a.html").read_text()
+    assert "A typical cloud" in text and "Over time" not in text.split("<h2>Figures")[0]
+
+
+def test_a_report_that_cannot_be_written_is_one_line(recorded, tmp_path):
+    (tmp_path / "folder.html").mkdir()
+    with pytest.raises(InvalidInput, match="report is .*folder.html: expected a file, not a directory"):
+        write_report(recorded, summarise(recorded), tmp_path / "folder.html", "own")
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "folder.html"]
+
+
+def test_a_viewer_that_cannot_run_is_one_line_or_our_own_pictures(recorded, monkeypatch):
+    (cloud,) = recorded.reader.clouds({3})
+    look = Look.of(cloud, recorded.sensor)
+
+    def fails(*_):
+        raise screenshot.ScreenshotError("it does not draw")
+
+    monkeypatch.setattr(screenshot, "screenshots", fails)
+    monkeypatch.setattr(screenshot, "is_possible", lambda: True)
+    camera = Camera("auto", cloud, look, None, 160, 120)
+    assert camera.draw([cloud])[0].shape == (120, 160, 3) and not camera.by_viewer
+    with pytest.raises(InvalidInput, match="a viewer that draws .it does not draw."):
+        Camera("viewer", cloud, look, None, 160, 120).draw([cloud])
+    monkeypatch.setattr(screenshot, "is_possible", lambda: False)
+    assert not Camera("auto", cloud, look, None, 160, 120).by_viewer
+    with pytest.raises(InvalidInput, match="apt-get install mesa-vulkan-drivers"):
+        Camera("viewer", cloud, look, None, 160, 120)
