@@ -52,7 +52,7 @@ def draw_histogram(values: np.ndarray, x_label: str, y_label: str, colour: str =
         for percent, name in _PERCENTILES.items():
             at = float(np.percentile(values, percent))
             axes.axvline(at, color=_PAGE_COLOUR, linewidth=1, linestyle=":")
-            axes.annotate(f"{name} {at:.4g}", (at, 1), (0, 3), ("data", "axes fraction"), "offset points", size=9,
+            axes.annotate(f"{name} {_tick(at)}", (at, 1), (0, 3), ("data", "axes fraction"), "offset points", size=9,
                           ha="right" if percent == 50 else "left")
         axes.set(xlabel=x_label, ylabel=y_label)
     return _svg(draw)
@@ -88,10 +88,14 @@ def _svg(draw: Callable[[Axes], None]) -> str:
         for patch in (figure.patch, axes.patch):
             patch.set_visible(False)
         draw(axes)
-        axes.yaxis.set_major_locator(MaxNLocator(5))
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:g}")
+        for axis, most in ((axes.xaxis, 7), (axes.yaxis, 5)):
+            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+            axis.set_major_formatter(lambda value, _: _tick(value))
         text = io.StringIO()
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
     return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")
+
+
+def _tick(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"

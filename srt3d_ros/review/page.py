@@ -27,6 +27,7 @@ figcaption b { color: var(--ink); }
 img { width: 100%; height: auto; border-radius: 8px; display: block; background: #0d1015; }
 img.map { image-rendering: pixelated; }
 .grid { display: grid; gap: 16px; grid-template-columns: repeat(auto-fill, minmax(min(100%, var(--least)), 1fr)); }
+.tables { align-items: start; }
 .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px; min-width: 0; }
 .card svg { width: 100%; height: auto; display: block; }
 .figure { font-size: 1.55rem; font-weight: 650; line-height: 1.2; font-variant-numeric: tabular-nums; }
@@ -50,7 +51,7 @@ summary { cursor: pointer; }
 {% endfor %}</header>
 
 <h2>At a glance</h2>
-<section class="grid" style="--least: 165px">
+<section class="grid" style="--least: 125px">
 {% for headline in headlines %}<div class="card{{ ' bad' if headline.bad }}"><div class="figure">{{ headline.figure }}\
 </div><div class="dim">{{ headline.what }}</div></div>
 {% endfor %}</section>
@@ -67,7 +68,7 @@ the cloud. Drawn by {{ gallery.by }}.</figcaption></figure>
 {% endfor %}</section>
 {% endif %}
 {% if gallery.strip|length > 1 %}<h2>Over time</h2>
-<section class="grid" style="--least: 150px">
+<section class="grid" style="--least: 165px">
 {% for picture in gallery.strip %}<figure><img src="{{ picture.uri }}" alt="cloud at {{ picture.title }}">
 <figcaption><b>{{ picture.title }}</b><br>{{ picture.caption }}</figcaption></figure>
 {% endfor %}</section>
@@ -99,7 +100,7 @@ the cloud. Drawn by {{ gallery.by }}.</figcaption></figure>
 {% endfor %}</table></div>
 
 <h2>What it was made with</h2>
-<section class="grid" style="--least: 320px">
+<section class="grid tables" style="--least: 320px">
 {% for title, facts in tables %}<div class="card"><h3>{{ title }}</h3>
 <table>{% for fact, value in facts %}<tr><th>{{ fact }}</th><td>{{ value }}</td></tr>
 {% endfor %}</table></div>

@@ -62,13 +62,18 @@ def _log(recorded: Recorded) -> list[dict]:
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
-    """The recording's properties, as (title, rows)."""
-    return [(name.capitalize(), [(key, _text(value)) for key, value in sorted(facts.items())])
-            for name in ("sensor", "run", "parameters", "versions")
-            if isinstance(facts := summary.get(name), dict) and facts]
+    """The recording's properties, as (title, rows); the parameters node by node."""
+    tables = {name.capitalize(): dict(summary.get(name, {})) for name in ("sensor", "run", "versions")}
+    for name, value in summary.get("parameters", {}).items():
+        node, _, parameter = name.rpartition(".")
+        tables.setdefault(f"Parameters of {node}" if node else "Parameters", {})[parameter] = value
+    return [(title, [(key, _text(value)) for key, value in sorted(facts.items())])
+            for title, facts in tables.items() if facts]
 
 
 def _text(value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, list):
         return f"{len(value)} values" if len(value) > _LONGEST_LIST else ", ".join(_text(one) for one in value)
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -53,7 +53,8 @@ def page(report):
 def test_everything_that_belongs_in_it_is_in_it(page):
     for expected in ("ball.rrd", "Recorded 2026-11-21 18:18:42 UTC, 2.9 s, 40 × 48 pixels", NOTE, "A typical cloud",
                      "Fewest points", "Most points", "end to end", "How often each latency", "latency, ms", "photons",
-                     "after frame 9, at 0.90 s", "about 2 frames", "1 WARN", "sketcher.sketch_size", "0123456789abcdef",
+                     "after frame 9, at 0.90 s", "about 2 frames", "1 WARN", "Parameters of sketcher", "sketch_size",
+                     "0123456789abcdef",
                      "bins of 20 ps", "median 43.5 ms", "Drawn by srt3d_ros"):
         assert expected in page.text, expected
     assert [tag for tag, _ in page.tags].count("svg") == 6
