@@ -1,0 +1,158 @@
+"""`srt3d view`: the viewer where there is a screen, else words that lead to one; and what recorders and it serve."""
+
+import getpass
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from srt3d_ros.cli import main
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording.writer import RecordingWriter
+
+TIMEOUT_S = 30.0
+
+
+@pytest.fixture(autouse=True)
+def no_screen(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SSH_CONNECTION"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(main, "COMMANDS", ("view",))
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The arguments with which the viewer is started, in place of this process."""
+    seen = []
+    def execv(path, arguments):
+        seen[:] = arguments
+        raise SystemExit
+
+    monkeypatch.setattr(os, "execv", execv)
+    return seen
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def record(path, frames=20, **options):
+    writer = RecordingWriter(path, None, queue_frames=100, **options)
+    for k in range(frames):
+        writer.log_cloud(k, k, np.ones((10, 3)), np.ones(10))
+    assert writer.flush()
+    return writer
+
+
+def fetch(port: int, path: Path, wanted, own_port: int) -> None:
+    """Save what is served at a port, as a viewer would get it, until `wanted(path)`."""
+    command = [str(Path(sys.executable).with_name("rerun")), f"rerun+http://127.0.0.1:{port}/proxy", "--bind",
+               "127.0.0.1", "--port", str(own_port), "--save", str(path)]
+    viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    try:
+        end = time.monotonic() + TIMEOUT_S
+        while not (path.exists() and wanted(path)):
+            assert time.monotonic() < end, "what is served did not come"
+            time.sleep(0.1)
+    finally:
+        os.killpg(viewer.pid, 9)
+
+
+def frames_in(path) -> int:
+    """Clouds in a file that is being written, whichever recordings they are of."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            reader = RrdReader(path)
+            return sum(chunk.num_rows for recording in reader.recordings()
+                       for chunk in reader.stream(store=recording).filter(content="/points"))
+        except (RuntimeError, ValueError):
+            return 0
+
+
+@pytest.mark.parametrize("arguments, said", [
+    ([], "RECORDING is missing: expected one or more .rrd files, or --connect HOST:PORT"),
+    (["absent.rrd"], "recording is absent.rrd: expected an .rrd file that exists"),
+    (["--connect", "robot"], "--connect is robot: expected HOST:PORT, such as 127.0.0.1:9876"),
+    (["--connect", "127.0.0.1:1"], "expected a recorder that serves there, with live_port:=1"),
+])
+def test_what_cannot_be_shown_is_one_line(capsys, opened, arguments, said):
+    assert main.main(["view", *arguments]) == 2
+    assert said in capsys.readouterr().err and not opened
+
+
+def test_where_there_is_a_screen_the_viewer_opens(monkeypatch, tmp_path, opened, port):
+    monkeypatch.setenv("DISPLAY", ":0")
+    with record(tmp_path / "a.rrd", live=(port, 16)):
+        with pytest.raises(SystemExit):
+            main.main(["view", str(tmp_path / "a.rrd")])
+        assert Path(opened[0]).name == "rerun" and opened[1:] == [str(tmp_path / "a.rrd")]
+        with pytest.raises(SystemExit):
+            main.main(["view", "--connect", f"127.0.0.1:{port}"])
+        assert opened[1:] == [f"rerun+http://127.0.0.1:{port}/proxy"]
+
+
+def test_without_a_screen_a_recorder_at_work_is_told_with_the_line_for_ssh(monkeypatch, tmp_path, capsys, port):
+    with record(tmp_path / "a.rrd", live=(port, 16)):
+        assert main.main(["view", "--connect", f"127.0.0.1:{port}"]) == 0
+        here = f"{getpass.getuser()}@{socket.gethostname()}"
+        assert f"  ssh -L {port}:127.0.0.1:{port} {here}\n" in capsys.readouterr().out
+        monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 10.0.0.7 22")      # from a laptop, to this machine
+        main.main(["view", "--connect", f"127.0.0.1:{port}"])
+        assert f"{getpass.getuser()}@10.0.0.7\n" in capsys.readouterr().out
+
+
+def test_without_a_screen_recordings_are_served_on_the_loopback_interface(tmp_path, port):
+    for name in ("a.rrd", "b.rrd"):
+        record(tmp_path / name).close()
+    command = [sys.executable, "-c", "import sys; from srt3d_ros.cli import main; main.COMMANDS = ('view',); "
+               "sys.exit(main.main(sys.argv[1:]))", "view", str(tmp_path / "a.rrd"), str(tmp_path / "b.rrd")]
+    serving = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        lines = iter(serving.stdout.readline, "")
+        served = next(int(match[1]) for line in lines if (match := re.search(r"ssh -L (\d+):127.0.0.1:\1 ", line)))
+        fetch(served, tmp_path / "seen.rrd", lambda path: frames_in(path) == 40, port)
+        assert listening_at(served) == {"127.0.0.1"}
+    finally:
+        serving.terminate()
+        serving.wait(10)
+
+
+def test_who_connects_late_gets_what_came_before_also_over_the_next_file(tmp_path, port):
+    for number in range(2):         # the port is free again after the first
+        with record(tmp_path / f"{number}.rrd", live=(port, 16)) as writer:
+            fetch(port, tmp_path / f"seen{number}.rrd", lambda path: frames_in(path) == 20, port + 1)
+            assert listening_at(port) == {"127.0.0.1"}
+        assert writer.error is None and frames_in(tmp_path / f"{number}.rrd") == 20
+
+
+def test_a_port_that_is_taken_gives_one_line(tmp_path):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        with pytest.raises(InvalidInput, match=f"live_port is {taken}: expected a port that is free"):
+            RecordingWriter(tmp_path / "a.rrd", None, live=(taken, 16))
+
+
+def listening_at(port: int) -> set[str]:
+    """Addresses at which somebody listens on a port."""
+    found = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in Path(table).read_text().splitlines()[1:]:
+            address, number = line.split()[1].split(":")
+            if int(number, 16) == port and line.split()[3] == "0A":
+                parts = (str(int(address[k:k + 2], 16)) for k in (6, 4, 2, 0))
+                found.add(".".join(parts) if len(address) == 8 else address)
+    return found
