@@ -203,7 +203,8 @@ class RecordingReader:
         if name not in batch.schema.names:
             return None
         column = batch.column(name)
-        return column.cast(pa.int64()).to_numpy() if name in (layout.STAMP, layout.FRAME) else column
+        # Times as a copy: a view would keep all of the chunk in memory.
+        return np.array(column.cast(pa.int64())) if name in (layout.STAMP, layout.FRAME) else column
 
     def _unreadable(self, error: Exception) -> InvalidInput:
         if isinstance(error, InvalidInput):
