@@ -170,10 +170,10 @@ def test_gates_are_read_as_photons_too(tmp_path, storage):
 
 
 def test_a_frame_comes_with_the_sensor_that_was_in_force(tmp_path):
-    bag = write(tmp_path / "bag", [RECORDED[1], RECORDED[0], RECORDED[2], ("/sensor", TEXT, described(OTHER)),
-                                   RECORDED[3]])
-    bins = [open_photons(bag, number).sensor.num_bins for number in range(3)]
-    assert bins == [50, 50, 40]         # the first frame came before any description: the first one is its own
+    bag = write(tmp_path / "bag", [*RECORDED[1:3], RECORDED[0], ("/sensor", TEXT, described(OTHER)), RECORDED[3]])
+    opened = [open_photons(bag, number) for number in range(3)]
+    assert [each.sensor.num_bins for each in opened] == [50, 50, 40]    # those before any description have the first
+    assert [each.frame.toa[0] for each in opened] == [0, 1, 2]
 
 
 def test_a_photon_file_has_one_frame(tmp_path):
