@@ -51,7 +51,9 @@ class Machines:
         return self
 
     def __exit__(self, *exc) -> None:
-        for process in reversed(self.running):
+        for process in self.running:
+            self._interrupt(process)
+        for process in self.running:
             self.stop(process)
 
     def start(self, machine: str, name: str, profile: str | None = None, **parameters) -> subprocess.Popen:
@@ -68,8 +70,7 @@ class Machines:
 
     def stop(self, process: subprocess.Popen) -> None:
         """End it in order, or at once if it does not."""
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        self._interrupt(process)
         try:
             process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
@@ -88,6 +89,10 @@ class Machines:
                 raise TimeoutError(f"waited {timeout_s:.0f} s for {what}\n{self.logs()}")
             time.sleep(0.01)
         return value
+
+    def _interrupt(self, process: subprocess.Popen) -> None:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
 
     def _start(self, machine: str, command: list[str], profile: str | None, **streams) -> subprocess.Popen:
         environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
