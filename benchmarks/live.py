@@ -19,7 +19,7 @@ from srt3d_ros.messages import sensor as sensor_message
 HERE = Path(__file__).resolve().parent
 TOGETHER = ("import sys; from srt3d_ros.nodes.reconstructor import ReconstructorNode; "
             "from srt3d_ros.nodes.runtime import run; from srt3d_ros.nodes.sketcher import SketcherNode; "
-            "sys.exit(run([SketcherNode, ReconstructorNode]))")
+            "sys.exit(run([ReconstructorNode, SketcherNode]))")
 TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 READY_S, SETTLE_S = 180.0, 1.5
 
@@ -58,6 +58,7 @@ class Pipeline:
 
     def __enter__(self) -> "Pipeline":
         if not self.monitor.spin_until(lambda: {"sketcher", "reconstructor"} <= self.monitor.statuses.keys(), READY_S):
+            self.__exit__()
             raise SystemExit("the nodes were not ready")
         return self
 
