@@ -5,7 +5,8 @@ frames_in = frames_out + dropped (for packets that are merged into one frame: me
 
 Level, from what happened since the last report:
     ERROR   something failed that should not have, or more than half of the frames that came in were dropped or lost
-    WARN    a frame was dropped or lost, the node waits for something, or frames have stopped coming for 2 s
+    WARN    a frame was dropped or lost, the node waits for something, frames have stopped coming for 2 s, or they are
+            more than 2 s old when they leave
     OK      otherwise, also with nothing to do
 """
 
@@ -30,6 +31,7 @@ LAST_WORDS_S = 1.0      # how long the last report may take to reach the subscri
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
 SILENCE_S = 2.0         # without a frame, after there were some: worth a warning
+OLD_S = 2.0             # median latency that is worth a warning
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
@@ -162,6 +164,8 @@ class Diagnostics:
             return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
         if self._last_frame_s is not None and now - self._last_frame_s > SILENCE_S:
             return DiagnosticStatus.WARN, f"no frame for {now - self._last_frame_s:.0f} s"
+        if new["frames_out"] and (age_s := np.median(self._latencies_s)) > OLD_S:
+            return DiagnosticStatus.WARN, f"frames are {age_s:.1f} s old: behind, or stamped by another clock"
         return DiagnosticStatus.OK, ""
 
 

@@ -20,8 +20,8 @@ also transient local, depth 1. It can be set for every topic, as in
 LEVELS = """\
 Once a second, whatever the subscribers; totals count from the start and never fall. ERROR: something failed that should
 not have, or more than half of the last second's frames were dropped or lost. WARN: a frame was dropped (each cause is
-counted as `dropped.<cause>`) or lost on the way here (`message_lost`), the node waits for something, or no frame came
-for 2 s. OK otherwise."""
+counted as `dropped.<cause>`) or lost on the way here (`message_lost`), the node waits for something, no frame came for
+2 s, or frames are more than 2 s old when they leave (median). OK otherwise."""
 
 
 def page(interface: Interface) -> str:

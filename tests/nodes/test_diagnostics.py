@@ -81,6 +81,17 @@ def test_levels_follow_what_happened_since_the_last_report(counted):
     assert latest()["last_error"] == "ZeroDivisionError: division by zero"
 
 
+def test_old_frames_are_a_warning_while_they_leave(counted):
+    diagnostics, latest, _ = counted
+    for _ in range(3):
+        diagnostics.received()
+        diagnostics.sent(66.4)
+    report = latest()
+    assert report["level"] == DiagnosticStatus.WARN
+    assert report["message"] == "frames are 66.4 s old: behind, or stamped by another clock"
+    assert latest()["level"] == DiagnosticStatus.OK
+
+
 def test_silence_after_frames_is_a_warning_and_a_node_that_is_not_active_is_well(counted, monkeypatch):
     diagnostics, latest, node = counted
     monkeypatch.setattr(module, "SILENCE_S", 0.0)
