@@ -30,7 +30,7 @@ img.map { image-rendering: pixelated; }
 .tables { align-items: start; }
 .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px; min-width: 0; }
 .card svg { width: 100%; height: auto; display: block; }
-.figure { font-size: 1.55rem; font-weight: 650; line-height: 1.2; font-variant-numeric: tabular-nums; }
+.figure { font-size: 1.4rem; font-weight: 650; line-height: 1.2; font-variant-numeric: tabular-nums; }
 .bad .figure { color: var(--bad); }
 table { border-collapse: collapse; width: 100%; font-size: .88rem; }
 td, th { padding: 4px 8px 4px 0; text-align: left; vertical-align: top; border-top: 1px solid var(--line);
