@@ -169,13 +169,18 @@ class RecordingReader:
         return lines
 
     def properties(self) -> dict[str, dict]:
-        """What was told of run, sensor, …: {"run": {…}, "sensor": {…}}; arrays where there are several values."""
-        found: dict[str, dict] = {}
+        """What was told of run, sensor, …, last: {"run": {…}, "sensor": {…}}; arrays where there are several values."""
+        latest: dict[tuple[str, str], tuple[bytes, pa.Scalar]] = {}     # told again, a fact has another row
         for chunk in self._chunks(f"{layout.PROPERTIES}/**", static=True):
-            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(f"{layout.PROPERTIES}").strip("/")
-            for field in batch.schema.names:
-                if name and field != _ROW_ID:
-                    found.setdefault(name, {})[field] = _value(batch.column(field)[0])
+            batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix(layout.PROPERTIES).strip("/")
+            row_ids = batch.column(_ROW_ID).to_pylist()
+            for field in batch.schema.names if name else ():
+                told = ((row_id, item) for row_id, item in zip(row_ids, batch.column(field)) if item.is_valid)
+                if field != _ROW_ID and (newest := max(told, key=lambda row: row[0], default=None)):
+                    latest[name, field] = max(newest, latest.get((name, field), newest), key=lambda row: row[0])
+        found: dict[str, dict] = {}
+        for (name, field), (_, item) in latest.items():
+            found.setdefault(name, {})[field] = _value(item)
         return found
 
     def _rows(self, content: str, *names: str) -> Iterator[tuple]:
