@@ -16,6 +16,7 @@ from launch import LaunchDescription
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "sensor", "points")
 SWITCH = ("true", "false")
+END_S = "60"        # after Ctrl-C, for a recording and a bag to be written; launch would end the nodes after 5 s
 
 ARGUMENTS = (
     DeclareLaunchArgument("config", default_value="", description="Parameter file: a path, or the name of one that "
@@ -67,7 +68,7 @@ def pipeline(context) -> list[Node]:
     return [
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
              parameters=[*files, switches | texts(given, parameters)], remappings=remappings,
-             ros_arguments=["--log-level", given["log_level"]], on_exit=ended)
+             ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S, on_exit=ended)
         for name, parameters in NODES.items() if name not in ONLY_WITH or ONLY_WITH[name] in given]
 
 

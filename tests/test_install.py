@@ -100,16 +100,23 @@ def ros2(prefix, repository, tmp_path):
         command = [Path(sys.executable).parent / "ros2", *arguments]
         variables = {"AMENT_PREFIX_PATH": str(prefix), "PYTHONPATH": str(repository), "ROS_LOG_DIR": str(tmp_path)}
         process = subprocess.Popen(command, cwd=tmp_path, env={**os.environ, **variables}, stdout=subprocess.PIPE,
-                                   stderr=subprocess.STDOUT, text=True)
+                                   stderr=subprocess.STDOUT, text=True, start_new_session=True)
         said = ""
         for line in process.stdout:
             said += line
             if until and all(text in said for text in until.split("|")):
-                process.send_signal(signal.SIGINT)
+                os.killpg(process.pid, signal.SIGINT)       # as Ctrl-C in a terminal does
                 until = ""
         return process.wait(), said
 
     return run_ros2
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_ros2_run_starts_a_node(ros2, name):
+    code, said = ros2("run", "srt3d_ros", name, "--ros-args", "-r", "photons:=/spad/raw", "-r", "__ns:=/front",
+                      "-p", "autostart:=false", until=f"[front.{name}]: unconfigured")
+    assert (code, "Traceback" in said) == (0, False), said
 
 
 def test_the_launch_system_lists_the_arguments(ros2):

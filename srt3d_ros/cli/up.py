@@ -54,6 +54,7 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     node.leave_at_once_on_signals()
+    print("starting; the first time on a machine the kernels are compiled, for some minutes", flush=True)
     classes = node_classes(args)
     interfaces = [made.interface for made in classes]
     from srt3d_ros.nodes.runtime import run as run_nodes

@@ -1,4 +1,4 @@
-"""The interfaces of all nodes, and the files made from them: config/srt3d.yaml and docs/nodes/*.md.
+"""The interfaces of all nodes, and what is made from them: config/srt3d.yaml, docs/nodes/*.md, the graph as a picture.
 
     python -m srt3d_ros.nodes.tables        # in the source tree; after every change of a table
 """
@@ -8,6 +8,7 @@ from pathlib import Path
 from srt3d_ros.nodes import bag_recorder, player, reconstructor, recorder, sketcher
 from srt3d_ros.nodes.pages import page
 from srt3d_ros.nodes.parameters import as_yaml
+from srt3d_ros.pictures.graph import draw
 
 INTERFACES = {interface.name: interface for interface in (
     sketcher.INTERFACE, reconstructor.INTERFACE, recorder.INTERFACE, bag_recorder.INTERFACE, player.INTERFACE)}
@@ -24,7 +25,8 @@ def generated() -> dict[str, str]:
     """The text of every generated file, by its path in the source tree."""
     parameters = as_yaml({name: interface.table for name, interface in INTERFACES.items()})
     return {"config/srt3d.yaml": HEADING + parameters,
-            **{f"docs/nodes/{name}.md": page(interface) for name, interface in INTERFACES.items()}}
+            **{f"docs/nodes/{name}.md": page(interface) for name, interface in INTERFACES.items()},
+            "docs/images/graph.svg": draw(INTERFACES.values())}
 
 
 if __name__ == "__main__":

@@ -1,6 +1,4 @@
-"""The graph of nodes and topics as a picture, drawn from the nodes' own tables.
-
-    python -m srt3d_ros.pictures.graph > docs/images/graph.svg      # in the source tree; after every change of a table
+"""The graph of nodes and topics as a picture, drawn from the nodes' own tables; nodes/tables.py writes it.
 
 From top to bottom: who sends photons, then in turn the topics of one node and the node that reads them, then the robot.
 What only records stands at the sides.
@@ -12,7 +10,7 @@ from html import escape
 
 PILL, GAP = (158, 46), 10           # of a topic: width and height; space between two
 NODE = (300, 56)
-SIDE, MARGIN, LANE = 150, 20, 70    # width of the boxes at the sides; around the picture; between boxes and topics
+SIDE, MARGIN, LANE = 150, 20, 94    # width of the boxes at the sides; around the picture; between boxes and topics
 STEP = 52                           # from a row to the next one below it
 FONT = "font-family='DejaVu Sans, Verdana, sans-serif'"
 MONO = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace'"
@@ -147,7 +145,3 @@ def _curve(x0: float, y0: float, x1: float, y1: float, arrow: bool = False) -> s
     return (f"<path d='M{x0:g} {y0:g} C{x0:g} {y0 + bend:g} {x1:g} {y1 - bend:g} {x1:g} {y1:g}' fill='none' "
             f"stroke='{DIM}'{tip}/>")
 
-
-if __name__ == "__main__":
-    from srt3d_ros.nodes.tables import INTERFACES
-    print(draw(INTERFACES.values()), end="")

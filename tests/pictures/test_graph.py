@@ -15,12 +15,6 @@ def texts() -> list[str]:
     return [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
 
 
-def test_the_picture_in_the_documentation_is_the_generated_one(repository):
-    drawn = graph.draw(INTERFACES.values())
-    assert (repository / "docs/images/graph.svg").read_text() == drawn, \
-        "run python -m srt3d_ros.pictures.graph > docs/images/graph.svg"
-
-
 def test_every_node_is_in_it_once(texts):
     assert sorted(text for text in texts if text in INTERFACES) == sorted(INTERFACES)
 
