@@ -14,12 +14,21 @@ from PIL import Image
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.look import Look
 from srt3d_ros.recording import screenshot
+from srt3d_ros.review import gallery
 from srt3d_ros.review.camera import Camera
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import summarise
 
 NOTE = "a.rrd was not finished: repaired into b.rrd"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_pictures():
+    """A quarter of the area, so that the tests are quick; the command line's test makes large ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gallery, "_LARGE_PX", (600, 350))
+        yield
 
 
 @pytest.fixture(scope="module")
