@@ -39,8 +39,9 @@ def test_other_cloud_files_hold_all_points(recorded, ball, tmp_path, suffix):
 def test_points_are_told_apart_within_a_pixel_whatever_their_order(recorded, ball):
     cloud, sensor = ball
     (frame,) = recorded.reader.clouds({PLACE})
-    order = np.random.default_rng(0).permutation(len(frame))
-    shuffled = type(frame)(frame.stamp_ns, frame.frame_index, frame.xyz[order], frame.intensity[order],
+    rng = np.random.default_rng(0)
+    order = rng.permutation(len(frame))
+    shuffled = type(frame)(frame.stamp_ns, frame.frame_index, frame.xyz[order], rng.permutation(frame.intensity),
                            frame.colour[order])
     found = export.point_cloud(shuffled, sensor)
     assert np.array_equal(np.unique(found.row.astype(int) * 48 + found.col),
