@@ -11,6 +11,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
@@ -34,9 +35,10 @@ from srt3d_ros.recording.parts import PartNames
 from srt3d_ros.recording.versions import versions
 from srt3d_ros.recording.writer import RecordingWriter
 
-QUEUE = 64              # messages that may wait; the writer has its own, shorter queue of clouds and images
-WRITER_QUEUE, LOSSLESS_WRITER_QUEUE = 16, 512
+QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
+QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
 COUNTS = np.dtype([("photons", "<u4")])      # what is read of a sketch
+LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
 
@@ -103,7 +105,7 @@ class RecorderNode(PipelineNode):
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.subscribe("sketch", self._on_sketch)
         self.follow("/diagnostics", self._on_diagnostics)
-        self.follow("/rosout", self._on_line)
+        self._follow_log()
         self.follow("/parameter_events", self._watch.hear)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"
@@ -149,7 +151,7 @@ class RecorderNode(PipelineNode):
         return RecordingWriter(
             self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
             style=self._settings.style, split=self._settings.split, live=self._settings.live,
-            queue_frames=LOSSLESS_WRITER_QUEUE if self.lossless else WRITER_QUEUE,
+            queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
             on_error=self._on_writer_error, on_recovery=self._on_writer_recovery)
 
     def _on_writer_error(self, text: str) -> None:
@@ -234,6 +236,13 @@ class RecorderNode(PipelineNode):
             self._watch.ask(f"/{status.name}")
         if self._writer is not None and (newest := self._frames.newest):
             self._writer.log_scalars(newest.stamp_ns, {"drops": self._drops.total}, newest.number)
+
+    def _follow_log(self) -> None:
+        """Follow /rosout as its publishers offer it: with the last 10 s of a node that is only now seen."""
+        def heard(line: Log) -> None:
+            self.worker.call(self._on_line, line)
+
+        self._listening.append(self.create_subscription(Log, "/rosout", heard, LOG_QOS))
 
     def _on_line(self, line: Log) -> None:
         if (name := own_name(line, self.get_namespace())) is not None:

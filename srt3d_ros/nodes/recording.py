@@ -15,8 +15,10 @@ from srt3d_ros.recording.frame_log import Style
 from srt3d_ros.recording.parts import Split
 
 ADAPTIVE = "adaptive"
+COLOUR_RANGE = "adaptive, or two rising numbers such as 0,50"
 IMAGES = tuple(path.strip("/") for path in (layout.DEPTH, *layout.IMAGES))
-ALL_IMAGES = ",".join(IMAGES)
+ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
+WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
     Parameter("path", "", "The recording; recording_<UTC time>.rrd in the working directory if empty. The first "
               "replaces a file that exists; those that follow are NAME_2.rrd, NAME_3.rrd, …. With split_size_mb or "
@@ -28,8 +30,8 @@ PARAMETERS = (
     Parameter("colour_map", CLOUD_MAP, "Colours from low to high; all can be told apart with any colour vision.",
               choices=COLOUR_MAPS),
     Parameter("colour_range", ADAPTIVE, "Values, photons or metres, of the first and the last colour; adaptive follows "
-              "the clouds slowly.", form="adaptive, or two numbers such as 0,50"),
-    Parameter("images", ALL_IMAGES, "Which images are recorded.", form=f"some of {ALL_IMAGES}, or nothing"),
+              "the clouds slowly.", form=COLOUR_RANGE),
+    Parameter("images", ALL_IMAGES, "Which images are recorded.", form=WHICH_IMAGES),
     Parameter("exact", False, "Points in the order in which they come, intensities and images in float32. If false, "
               "points by intensity, intensities in 11 bits, images to a quarter of the photons' noise: a third less. "
               "Positions are always kept bit for bit."),
@@ -84,14 +86,14 @@ def _checked_range(text: str) -> tuple[float, float] | None:
         return None
     try:
         low, high = map(float, text.split(","))
-        require(bool(np.isfinite([low, high]).all()) and low < high, "colour_range", text, "low,high with low < high")
     except ValueError:
-        require(False, "colour_range", text, "adaptive, or two numbers such as 0,50")
+        low = high = np.nan
+    require(low < high < np.inf and low > -np.inf, "colour_range", text, COLOUR_RANGE)
     return low, high
 
 
 def _checked_images(text: str) -> tuple[str, ...]:
-    names = [name.strip() for name in text.split(",") if name.strip()]
+    names = [] if text == NO_IMAGES else [name.strip() for name in text.split(",")]
     for name in names:
-        require(name in IMAGES, "images", text, f"some of {ALL_IMAGES}, or nothing")
+        require(name in IMAGES, "images", text, WHICH_IMAGES)
     return tuple(f"/{name}" for name in IMAGES if name in names)

@@ -1,4 +1,4 @@
-"""Jobs: what waits to be written; frames, which are large, are bounded, and the oldest give way."""
+"""Jobs: what waits to be written; the memory of clouds and images is bounded, and the oldest give way."""
 
 import threading
 from collections import deque
@@ -10,22 +10,27 @@ _MOST_WAITING = 100_000     # of all kinds: only scalars logged to a disk that h
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Something to write."""
+    """Something to write; `size` bytes of a cloud or an image, 0 of what is small and never to be dropped."""
 
     write: Callable[[], None]
-    is_frame: bool = False
+    size: int = 0
+
+    @property
+    def is_frame(self) -> bool:
+        """Whether it is a cloud or an image."""
+        return self.size > 0
 
 
 class Jobs:
     """A queue from any number of threads to one.
 
     Args:
-        most_frames: how many may wait; one more pushes out the oldest, which is counted in `dropped`.
+        most_bytes: of frames that may wait, but one always may; more push out the oldest, counted in `dropped`.
     """
 
-    def __init__(self, most_frames: int):
+    def __init__(self, most_bytes: int):
         self.dropped = 0
-        self._most_frames, self._frames = most_frames, 0
+        self._most_bytes, self._bytes = most_bytes, 0
         self._jobs: deque[Job] = deque()
         self._changed, self._closed = threading.Condition(), False
 
@@ -35,10 +40,12 @@ class Jobs:
             if self._closed:
                 self.dropped += job.is_frame
                 return
-            if len(self._jobs) >= _MOST_WAITING or job.is_frame and self._frames >= self._most_frames:
-                self._drop_oldest(job.is_frame)
+            if len(self._jobs) >= _MOST_WAITING:
+                self._drop_oldest(frames_only=False)
+            while job.is_frame and self._bytes and self._bytes + job.size > self._most_bytes:
+                self._drop_oldest(frames_only=True)
             self._jobs.append(job)
-            self._frames += job.is_frame
+            self._bytes += job.size
             self._changed.notify()
 
     def take(self, timeout_s: float) -> Job | None:
@@ -49,7 +56,7 @@ class Jobs:
             if not self._jobs:
                 return None
             job = self._jobs.popleft()
-            self._frames -= job.is_frame
+            self._bytes -= job.size
             return job
 
     def count_dropped(self, job: Job) -> None:
@@ -73,6 +80,6 @@ class Jobs:
         for k, job in enumerate(self._jobs):
             if job.is_frame >= frames_only:
                 del self._jobs[k]
-                self._frames -= job.is_frame
+                self._bytes -= job.size
                 self.dropped += 1
                 return

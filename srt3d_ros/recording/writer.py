@@ -45,7 +45,7 @@ class RecordingWriter:
         style: how clouds and images are recorded.
         split: when the next file begins.
         live: (port, memory in MB) where viewers can watch, or None; InvalidInput if the port is taken.
-        queue_frames: clouds and images that may wait.
+        queue_mb: of clouds and images that may wait.
         on_error, on_recovery: called with the line in `error`, and with the new file's path; from the writer's thread,
             or from here if the first file does not open.
     """
@@ -53,7 +53,7 @@ class RecordingWriter:
     def __init__(self, path, sensor: SensorModel | None, application_id: str = layout.APPLICATION_ID,
                  properties: Mapping[str, Mapping] | None = None, *, names: PartNames | None = None,
                  images: tuple[str, ...] = (layout.DEPTH,), style: Style = Style(), split: Split = Split(),
-                 live: tuple[int, int] | None = None, queue_frames: int = 8,
+                 live: tuple[int, int] | None = None, queue_mb: float = 32.0,
                  on_error: Callable[[str], None] = lambda line: None,
                  on_recovery: Callable[[Path], None] = lambda path: None):
         self.error: str | None = None
@@ -69,7 +69,7 @@ class RecordingWriter:
         self.path = Path(path) if names else self._names.next()     # of the newest file
         self._part: FilePart | None = None
         self._retry_s, self._retry_at_s = RETRY_S, 0.0
-        self._jobs = Jobs(queue_frames)
+        self._jobs = Jobs(round(queue_mb * 1e6))
         try:
             self._begin_part()
         except OSError as e:
@@ -91,18 +91,18 @@ class RecordingWriter:
         # Copies: rerun reads the arrays later, when the caller may have filled them with the next frame.
         columns = {name: np.array(values, _TYPES.get(name, np.float32), order="C")
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
-        self._put(lambda: self._log.cloud(stamp_ns, frame_index, columns), is_frame=True)
+        self._put(lambda: self._log.cloud(stamp_ns, frame_index, columns), *columns.values())
 
     def log_depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
         """A depth image [rows, cols] in metres, NaN = none; kept in whole millimetres if the sensor sees < 65 m."""
         depth_m = np.array(depth_m, np.float32, order="C")
-        self._put(lambda: self._log.depth(stamp_ns, frame_index, depth_m), is_frame=True)
+        self._put(lambda: self._log.depth(stamp_ns, frame_index, depth_m), depth_m)
 
     def log_image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
         """An image [rows, cols] in photons, integers, or NaN = none; `path` is one of layout.IMAGES."""
         whole = np.asarray(photons).dtype.kind in "iu"
         photons = np.array(photons, np.uint32 if whole else np.float32, order="C")
-        self._put(lambda: self._log.image(path, stamp_ns, frame_index, photons), is_frame=True)
+        self._put(lambda: self._log.image(path, stamp_ns, frame_index, photons), photons)
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """One value for each of several time series, units in their names: {"latency_ms": 35.1, "points": 19_871}."""
@@ -141,8 +141,8 @@ class RecordingWriter:
     def __exit__(self, *_) -> None:
         self.close()
 
-    def _put(self, write: Callable[[], None], is_frame: bool = False) -> None:
-        self._jobs.put(Job(write, is_frame))
+    def _put(self, write: Callable[[], None], *arrays: np.ndarray) -> None:
+        self._jobs.put(Job(write, sum(max(array.nbytes, 1) for array in arrays)))
 
     # ---- From here on in the writer's thread
 

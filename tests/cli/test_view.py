@@ -48,7 +48,7 @@ def port() -> int:
 
 
 def record(path, frames=20, **options):
-    writer = RecordingWriter(path, None, queue_frames=100, **options)
+    writer = RecordingWriter(path, None, **options)
     for k in range(frames):
         writer.log_cloud(k, k, np.ones((10, 3)), np.ones(10))
     assert writer.flush()

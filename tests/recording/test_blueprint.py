@@ -33,7 +33,7 @@ def blueprint_columns(path):
 
 
 def record(path, cloud, sensor, images=(layout.DEPTH, *layout.IMAGES)):
-    with RecordingWriter(path, sensor, images=images, queue_frames=100) as writer:
+    with RecordingWriter(path, sensor, images=images) as writer:
         for k in range(3):
             writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
             writer.log_depth(k * 10**8, k, cloud.range_image())

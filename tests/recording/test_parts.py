@@ -48,7 +48,7 @@ def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(
     sensor = ball[1]
     rng = np.random.default_rng(0)
     properties = {"run": {"namespace": "/"}, "versions": {"numpy": "2"}}
-    with RecordingWriter(tmp_path / "a.rrd", sensor, properties=properties, split=split, queue_frames=100) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", sensor, properties=properties, split=split) as writer:
         for k in range(frames):
             writer.log_cloud(k, k, rng.normal(size=(POINTS, 3)) + [0, 0, 5], rng.gamma(2, 5, POINTS))
             writer.log_scalars(k, {"points": POINTS}, k)
@@ -81,7 +81,7 @@ from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
 writer_module.RETRY_S = 0.1
 errors, recoveries = [], []
-writer = RecordingWriter(sys.argv[1], None, on_error=errors.append, on_recovery=recoveries.append, queue_frames=1000)
+writer = RecordingWriter(sys.argv[1], None, on_error=errors.append, on_recovery=recoveries.append)
 sent = 0
 def log(until):
     global sent

@@ -207,7 +207,7 @@ def test_depth_image_of_a_far_sensor_is_kept_exactly(tmp_path, ball):
 def test_scalars_are_complete_under_load_and_every_missing_cloud_is_counted(tmp_path):
     xyz, intensity = random_cloud(20_000)
     frames = 150
-    with RecordingWriter(tmp_path / "a.rrd", None, queue_frames=4) as writer:
+    with RecordingWriter(tmp_path / "a.rrd", None, queue_mb=1.3) as writer:
         for k in range(frames):
             writer.log_cloud(k, k, xyz, intensity)
             writer.log_scalars(k, {"latency_ms": k / 7, "points": 20_000 + k, "latency_ms/sketch": k}, k)
@@ -266,7 +266,7 @@ def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_pat
     """The file is a named pipe that nobody empties at first."""
     os.mkfifo(tmp_path / "slow.rrd")
     reading = os.open(tmp_path / "slow.rrd", os.O_RDONLY | os.O_NONBLOCK)
-    writer = RecordingWriter(tmp_path / "slow.rrd", None, queue_frames=3)
+    writer = RecordingWriter(tmp_path / "slow.rrd", None, queue_mb=1)
     xyz, intensity = random_cloud(20_000)
     for _ in range(20):     # until rerun's own buffers are full as well
         writer.log_cloud(0, 0, xyz, intensity)
@@ -330,7 +330,7 @@ def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
 import sys
 import numpy as np
 from srt3d_ros.recording.writer import RecordingWriter
-writer = RecordingWriter(sys.argv[1], None, queue_frames=30)
+writer = RecordingWriter(sys.argv[1], None)
 for k in range(30):
     writer.log_cloud(k, k, np.ones((20_000, 3)), np.ones(20_000))
 """
