@@ -25,8 +25,8 @@ figure { margin: 0; }
 figcaption { font-size: .88rem; margin-top: 6px; overflow-wrap: anywhere; }
 figcaption b { color: var(--ink); }
 img { width: 100%; height: auto; border-radius: 8px; display: block; background: #0d1015; }
-img.map { image-rendering: pixelated; }
-.grid { display: grid; gap: 16px; grid-template-columns: repeat(auto-fill, minmax(min(100%, var(--least)), 1fr)); }
+img.map { image-rendering: pixelated; max-width: 420px; }
+.grid { display: grid; gap: 16px; grid-template-columns: repeat(auto-fit, minmax(min(100%, var(--least)), 1fr)); }
 .tables { align-items: start; }
 .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px; min-width: 0; }
 .card svg { width: 100%; height: auto; display: block; }
@@ -74,7 +74,7 @@ the cloud. Drawn by {{ gallery.by }}.</figcaption></figure>
 {% endfor %}</section>
 {% endif %}
 {% if gallery.images %}<h2>Images of the typical frame</h2>
-<section class="grid" style="--least: 240px">
+<section class="grid" style="--least: 150px">
 {% for picture in gallery.images %}<figure><img class="map" src="{{ picture.uri }}" alt="{{ picture.title }}">
 <figcaption><b>{{ picture.title }}</b>, {{ picture.caption }}</figcaption></figure>
 {% endfor %}</section>
