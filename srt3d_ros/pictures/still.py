@@ -40,11 +40,6 @@ def marked(image: np.ndarray, look: Look, eye: Viewpoint, title: str = "", figur
     return Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))
 
 
-def nothing(width: int, height: int) -> np.ndarray:
-    """What a cloud without points looks like."""
-    return np.broadcast_to(np.uint8(BACKGROUND), (height, width, 3)).copy()
-
-
 def _write(figure: Figure, height: float, text: str, size: float, colour: str, **style) -> None:
     """A line of text, smaller if it is long; a $ in it is a $."""
     size = min(size, figure.get_figwidth() * _DPI / max(len(text), 1))

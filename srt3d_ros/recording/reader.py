@@ -14,8 +14,6 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import layout
 from srt3d_ros.recording.repair import examine
 
-LOG = "/log"
-_OPTIONAL = ("depth_std", "row", "col", "surface")
 _ROW_ID = "rerun.controls.RowId"
 _TYPES = {6: np.uint8, 7: np.int8, 8: np.uint16, 9: np.int16, 10: np.uint32, 11: np.int32, 12: np.uint64, 13: np.int64,
           33: np.float16, 34: np.float32, 35: np.float64}      # rerun's ChannelDatatype
@@ -119,7 +117,7 @@ class RecordingReader:
         """The clouds, in the order they were logged in; those with a frame index in `only` if it is given."""
         for chunk, stamps, frames, xyz, intensity, colour in self._rows(
                 layout.POINTS, layout.STAMP, layout.FRAME, "Points3D:positions", layout.INTENSITY, "Points3D:colors"):
-            optional = [self._optional(chunk, name) for name in _OPTIONAL]
+            optional = [self._optional(chunk, name) for name in layout.OF_FULL_CLOUDS]
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     std, *pixel = (None if column is None or not column[k].is_valid else _array(column[k])
@@ -160,7 +158,7 @@ class RecordingReader:
     def log_lines(self) -> list[LogLine]:
         """What the nodes logged, in the order it was recorded."""
         lines = []
-        for chunk, texts in self._rows(f"{LOG}/**", "TextLog:text"):
+        for chunk, texts in self._rows(f"{layout.LOG}/**", "TextLog:text"):
             levels, stamps = (self._optional(chunk, name) for name in ("TextLog:level", layout.STAMP))
             for k in range(chunk.num_rows):
                 level = levels[k].as_py() if levels is not None else None

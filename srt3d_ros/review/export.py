@@ -12,6 +12,7 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.pictures.film import SUFFIXES, turn
 from srt3d_ros.pictures.look import Look
 from srt3d_ros.pictures.still import marked
+from srt3d_ros.recording import layout
 from srt3d_ros.recording.reader import CloudFrame
 from srt3d_ros.review.camera import Camera
 from srt3d_ros.review.gallery import figures_of, title_of
@@ -19,6 +20,8 @@ from srt3d_ros.review.recorded import Recorded
 
 _PICTURE_PX = (1400, 800)
 _PICTURE = ".png"
+FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", _PICTURE)
+TURNTABLE_SUFFIXES = SUFFIXES
 
 
 def save_frame(recorded: Recorded, place: int, output: Path, pictures: str = "auto") -> None:
@@ -39,7 +42,7 @@ def save_frame(recorded: Recorded, place: int, output: Path, pictures: str = "au
         return
     require(recorded.sensor is not None, "recording", str(recorded.path), "one that describes its sensor")
     frequencies = np.atleast_1d(recorded.properties.get("run", {}).get("frequencies", ())).tolist()
-    background = next((image for *_, image in recorded.reader.images("/background", {cloud.frame_index})), None)
+    background = next((image for *_, image in recorded.reader.images(layout.BACKGROUND, {cloud.frame_index})), None)
     cloud_files.save(point_cloud(cloud, recorded.sensor, background), output, frequencies=tuple(frequencies),
                      sensor=recorded.sensor)
 
@@ -121,7 +124,3 @@ def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
     """InvalidInput unless a file of one of these kinds could be written there, as far as can be told before."""
     require(output.suffix.lower() in suffixes, "output", str(output), f"a file name that ends in {', '.join(suffixes)}")
     require(output.parent.is_dir(), "output", str(output), f"a directory {output.parent} that exists")
-
-
-FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", _PICTURE)
-TURNTABLE_SUFFIXES = SUFFIXES

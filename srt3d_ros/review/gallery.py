@@ -11,6 +11,7 @@ from srt3d_ros.colours import colour_table, levels, percentile_range
 from srt3d_ros.pictures.look import BACKGROUND, RANGE_MAP, Look
 from srt3d_ros.pictures.marks import length_text
 from srt3d_ros.pictures.still import marked
+from srt3d_ros.recording import layout
 from srt3d_ros.recording.reader import CloudFrame
 from srt3d_ros.review.camera import Camera
 from srt3d_ros.review.recorded import Recorded
@@ -19,8 +20,8 @@ from srt3d_ros.review.summary import iso_time, telling_frames
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
-_IMAGES = {"/depth": ("depth", "m"), "/intensity": ("intensity", "photons"), "/background": ("background", "photons"),
-           "/photons": ("photons as they came", "photons")}
+_IMAGES = {layout.DEPTH: ("depth", "m"), layout.INTENSITY_IMAGE: ("intensity", "photons"),
+           layout.BACKGROUND: ("background", "photons"), layout.PHOTONS: ("photons as they came", "photons")}
 _MAP = "inferno"
 
 

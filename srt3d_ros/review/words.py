@@ -2,6 +2,8 @@
 
 import numpy as np
 
+_SPREADS = {"points": "points a frame", "photons": "photons a frame", "ppp": "photons per pixel"}
+
 
 def words(summary: dict) -> str:
     """The summary for a terminal."""
@@ -23,27 +25,32 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
               for stage, v in s["latency_ms"].items()]
-    for name, title, unit in (("points", "points", ""), ("photons", "photons", ""), ("ppp", "photons per pixel", "")):
-        if s[name]:
-            found.append((f"{title} a frame" if name != "ppp" else title, _spread_words(s[name]) + unit))
+    found += [(title, _spread_words(s[name])) for name, title in _SPREADS.items() if s[name]]
     found.append(("size", f"{s['bytes_per_point']:.3g} bytes a point, all included"))
     if s["incomplete_series"]:
         lacks = ", ".join(f"{name} lacks {count}" for name, count in s["incomplete_series"].items())
         found.append(("incomplete series", lacks))
     if s["log"]:
         found.append(("log", log_words(s)))
-    sensor, versions = s.get("sensor", {}), s.get("versions", s.get("run", {}))
-    if "rows" in sensor:
+    return [*found, *_made_with(s), (
+        "frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
+        f"most points {s['most_points_frame']}")]
+
+
+def _made_with(summary: dict) -> list[tuple[str, str]]:
+    """Sensor, frequencies and version, as far as the recording tells them."""
+    found, sensor, run = [], summary.get("sensor", {}), summary.get("run", {})
+    versions = summary.get("versions", run)         # early recordings have the version in `run`
+    if sensor.keys() >= {"rows", "cols", "num_bins", "bin_width_s"}:
         found.append(("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
                                 f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor.get('projection', 'pinhole')}"))
-    if "frequencies" in s.get("run", {}):
-        frequencies = np.atleast_1d(s["run"]["frequencies"]).tolist()
+    if "frequencies" in run:
+        frequencies = np.atleast_1d(run["frequencies"]).tolist()
         found.append(("frequencies", f"{len(frequencies)}: {' '.join(str(k) for k in frequencies)}"))
     if "srt3d_ros" in versions:
-        revision = f", revision {versions['git_revision'][:12]}" if "git_revision" in versions else ""
+        revision, changed, _ = versions.get("git_revision", "").partition("+")
+        revision = f", revision {revision[:12]}{' and changes' * bool(changed)}" if revision else ""
         found.append(("srt3d_ros", f"{versions['srt3d_ros']}{revision}"))
-    found.append(("frames to look at", f"typical {s['typical_frame']}, fewest points {s['fewest_points_frame']}, "
-                                       f"most points {s['most_points_frame']}"))
     return found
 
 
