@@ -23,7 +23,7 @@ EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
     "record": [RERUN],
-    "review": [RERUN, *PICTURES],
+    "review": [RERUN, *PICTURES, SCIPY, "Jinja2>=3.1,<4"],
     "demo": [RERUN, *PICTURES],
     "mat": [SCIPY],
     "bags": [ROSBAGS],

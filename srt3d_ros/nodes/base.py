@@ -105,6 +105,7 @@ class PipelineNode(ManagedNode):
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
         depth = min(depth, QUEUE_DEPTH)
         subscription = self._listen(topic, received, depth, raw=True, lost=lost)
+        self.diagnostics.expect(subscription.topic_name)
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""
@@ -229,6 +230,7 @@ class PipelineNode(ManagedNode):
 
     def unsubscribe(self) -> None:
         """Take no more messages."""
+        self.diagnostics.expect_nothing()
         for subscription in self._listening:
             self.destroy_subscription(subscription)
         self._listening.clear()

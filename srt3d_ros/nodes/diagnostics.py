@@ -5,8 +5,8 @@ frames_in = frames_out + dropped (for packets that are merged into one frame: me
 
 Level, from what happened since the last report:
     ERROR   something failed that should not have, or more than half of the frames that came in were dropped or lost
-    WARN    a frame was dropped or lost, the node waits for something, frames have stopped coming for 2 s, or they are
-            more than 2 s old when they leave
+    WARN    a frame was dropped or lost, the node waits for something, no frame came for 2 s, or frames are more than
+            2 s old when they leave
     OK      otherwise, also with nothing to do
 """
 
@@ -30,7 +30,7 @@ LATENCIES_KEPT = 200    # frames over which the percentiles are taken
 LAST_WORDS_S = 1.0      # how long the last report may take to reach the subscribers
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
-SILENCE_S = 2.0         # without a frame, after there were some: worth a warning
+SILENCE_S = 2.0         # without a frame: worth a warning
 OLD_S = 2.0             # median latency that is worth a warning
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
@@ -50,7 +50,9 @@ class Diagnostics:
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
-        self._last_frame_s: float | None = None     # when a frame last came in
+        self._topics: list[str] = []        # on which frames may come
+        self._silent_since = 0.0            # when a frame last came in, or was first to be expected
+        self._any_frame = False             # since then
         self._last_error = ""
         self._reported = (time.monotonic(), Counter(), Counter())
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
@@ -61,7 +63,16 @@ class Diagnostics:
     def received(self) -> None:
         """A frame came in."""
         self.count(frames_in=1)
-        self._last_frame_s = time.monotonic()
+        self._silent_since, self._any_frame = time.monotonic(), True
+
+    def expect(self, topic: str) -> None:
+        """Frames may come on this topic from now on."""
+        self._topics.append(topic)
+        self._silent_since, self._any_frame = time.monotonic(), False
+
+    def expect_nothing(self) -> None:
+        """No frames are to come any more."""
+        self._topics.clear()
 
     def sent(self, latency_s: float) -> None:
         """A frame went out, `latency_s` after its stamp."""
@@ -147,6 +158,14 @@ class Diagnostics:
         p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
         return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
 
+    def _silence(self, seconds: float) -> str:
+        """Since when no frame has come, or who could send one."""
+        if self._any_frame:
+            return f"no frame for {seconds:.0f} s"
+        publishers = {topic: self._node.count_publishers(topic) for topic in self._topics}
+        return "no frame yet: " + ", ".join(f"{count or 'nobody'} publishes {topic}" if count < 2 else
+                                            f"{count} publish {topic}" for topic, count in publishers.items())
+
     def _judge(self, new: Counter, new_drops: Counter, now: float) -> tuple[bytes, str]:
         """Level and, unless all is well, the message."""
         if new["errors"]:
@@ -162,8 +181,8 @@ class Diagnostics:
             return level, f"dropped: {', '.join(causes)}, of {sent}"
         if self._waiting_for:
             return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
-        if self._last_frame_s is not None and now - self._last_frame_s > SILENCE_S:
-            return DiagnosticStatus.WARN, f"no frame for {now - self._last_frame_s:.0f} s"
+        if self._topics and now - self._silent_since > SILENCE_S:
+            return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
         if new["frames_out"] and (age_s := np.median(self._latencies_s)) > OLD_S:
             return DiagnosticStatus.WARN, f"frames are {age_s:.1f} s old: behind, or stamped by another clock"
         return DiagnosticStatus.OK, ""

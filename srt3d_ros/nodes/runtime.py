@@ -29,6 +29,7 @@ class _Stop:
     def _on_signal(self, number, frame) -> None:
         self.requested = True
         if self.starting:
+            sys.unraisablehook = lambda _: None     # where a compiler cannot raise it, nobody wants to read of it
             raise KeyboardInterrupt
 
 
@@ -57,7 +58,8 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
         for node in nodes:
             _start(node)
         stop.starting = False
-        ready(nodes)
+        if not stop.requested:
+            ready(nodes)
         executor = SingleThreadedExecutor()
         for node in nodes:
             executor.add_node(node)
@@ -69,6 +71,9 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
     except InvalidInput as error:
         print(error, file=sys.stderr)
         return BAD_INPUT
+    except Exception:
+        if not stop.requested:      # a compiler that is interrupted swallows the interrupt and then fails with anything
+            raise
     finally:
         stop.starting = False
         for node in nodes:

@@ -2,6 +2,7 @@
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
 
 from srt3d_ros.nodes import diagnostics as module
 from srt3d_ros.nodes.diagnostics import Diagnostics
@@ -92,10 +93,18 @@ def test_old_frames_are_a_warning_while_they_leave(counted):
     assert latest()["level"] == DiagnosticStatus.OK
 
 
-def test_silence_after_frames_is_a_warning_and_a_node_that_is_not_active_is_well(counted, monkeypatch):
+def test_silence_is_a_warning_and_a_node_that_is_not_active_is_well(graph, counted, monkeypatch):
     diagnostics, latest, node = counted
     monkeypatch.setattr(module, "SILENCE_S", 0.0)
-    assert latest()["level"] == DiagnosticStatus.OK         # nothing has come yet
+    assert latest()["level"] == DiagnosticStatus.OK         # nothing is to come
+    for topic in ("/photons", "/gates"):
+        diagnostics.expect(topic)
+    publisher = node.create_publisher(String, "/gates", 1)
+    graph.wait(lambda: node.count_publishers("/gates"), "the publisher")
+    report = latest()
+    assert report["level"] == DiagnosticStatus.WARN
+    assert report["message"] == "no frame yet: nobody publishes /photons, 1 publishes /gates"
+    node.destroy_publisher(publisher)
     diagnostics.received()
     report = latest()
     assert report["level"] == DiagnosticStatus.WARN and report["message"].startswith("no frame for ")

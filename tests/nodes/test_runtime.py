@@ -89,6 +89,16 @@ def test_a_signal_interrupts_a_long_start(start, number):
     assert "Traceback" not in probe.text
 
 
+def test_a_signal_that_a_compiler_swallows_before_it_fails_ends_the_start_all_the_same(start):
+    probe = start(start="""
+        print('compiling', flush=True)
+        try:
+            time.sleep(600)
+        except KeyboardInterrupt:
+            raise RuntimeError('no compiled object yet')""").says("compiling")
+    assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
+
+
 def test_a_second_signal_does_not_disturb_the_end(start):
     probe = start(start="self.worker.close = lambda drain: (print('closing', flush=True), time.sleep(1))").ready()
     probe.send(signal.SIGINT)
