@@ -61,8 +61,8 @@ class Pipeline:
 
     def __enter__(self) -> "Pipeline":
         self.monitor.__enter__()
-        for name in self._commands:
-            self.start(name)
+        for name, command in self._commands.items():
+            self.start(name, command)
             if name != "player" and not self.monitor.spin_until(lambda name=name: name in self.monitor.statuses, 180):
                 raise SystemExit(f"{name} was not ready: see {self.folder}")
         if not self.monitor.spin_until(lambda: len(self.monitor.arrivals) > 20, 180):
@@ -76,9 +76,10 @@ class Pipeline:
             process.wait(40)
         self.monitor.__exit__()
 
-    def start(self, name: str) -> None:
+    def start(self, name: str, command: list[str]) -> None:
+        """Start a process: arguments of Python."""
         with (self.folder / f"{name}.log").open("ab") as log:
-            self.running[name] = subprocess.Popen([sys.executable, *self._commands[name]], stdout=log, stderr=log)
+            self.running[name] = subprocess.Popen([sys.executable, *command], stdout=log, stderr=log)
 
     def watch(self, seconds: float) -> dict:
         """What happens in so many seconds: clouds, and the latencies of reconstruction and arrival, ms."""
@@ -88,8 +89,9 @@ class Pipeline:
             self.monitor.spin_until(lambda: False, 0.25)
             took_ms.append(float(self.monitor.value(self.latency_of, "reconstruct_ms") or "nan"))
         arrivals = self.monitor.arrivals[first:]
+        latencies_ms = [arrival.latency_ms for arrival in arrivals] or [np.nan]
         return {"clouds": len(arrivals), "reconstruct_ms": float(np.nanmedian(took_ms)),
-                "arrival_ms": float(np.median([arrival.latency_ms for arrival in arrivals]))}
+                "arrival_ms": float(np.median(latencies_ms))}
 
     def call(self, service: str) -> None:
         """Call one of the recorder's services."""
@@ -164,26 +166,31 @@ def weigh(path: Path) -> dict:
             "series_gaps": {name: n for name, n in gaps.items() if n}, "finished": reader.is_finished()}
 
 
-def kill(folder: Path) -> dict:
+def kill(folder: Path, times: int) -> dict:
     """Kill the recorder again and again while it records; what is lost, seconds of clouds before the kill."""
     from srt3d_ros.recording.repair import examine, repair
-    lost_s, rng = [], random.Random(1)
+    lost_s, rng, path = [], random.Random(1), folder / "killed.rrd"
     with Pipeline("small", folder) as pipeline:
-        for _ in range(KILLS):
-            path = max(folder.glob("recording*.rrd"), key=lambda path: path.stat().st_mtime, default=None)
-            pipeline.call("start_recording")
+        for _ in range(times):
+            stop(pipeline.running["recorder"])
+            pipeline.start("recorder", node("recorder", path=str(path)))
+            while not path.exists():
+                pipeline.watch(0.2)
             pipeline.watch(SETTLE_S + rng.uniform(0, 2))
-            pipeline.running["recorder"].kill()
             killed_ns = time.time_ns()
-            pipeline.running["recorder"].wait()
-            path = folder / "recording.rrd"
+            stop(pipeline.running["recorder"])
             copy = repair(examine(path))
             lost_s.append(lost(copy, pipeline.monitor, killed_ns))
             copy.unlink()
             path.unlink()
-            pipeline.start("recorder")
-    return {"case": "kill", "kills": KILLS, "opened": len(lost_s), "lost_s": {
+    return {"case": "kill", "kills": times, "opened": len(lost_s), "lost_s": {
         "median": round(float(np.median(lost_s)), 3), "most": round(max(lost_s), 3)}, "cores": os.cpu_count()}
+
+
+def stop(process: subprocess.Popen) -> None:
+    """kill -9, and wait."""
+    process.kill()
+    process.wait()
 
 
 def lost(path: Path, monitor, killed_ns: int) -> float:
@@ -201,12 +208,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--case", nargs="+", choices=(*CASES, "kill"), default=[*CASES, "kill"])
+    parser.add_argument("--kills", type=int, default=KILLS)
     parser.add_argument("--out", type=Path, help="append the lines to this file, too")
     args = parser.parse_args()
     join_private_network()
     for case in args.case:
         folder = Path(tempfile.mkdtemp(prefix="srt3d-recording-"))
-        line = json.dumps(kill(folder) if case == "kill" else measure(case, args.seconds, folder))
+        line = json.dumps(kill(folder, args.kills) if case == "kill" else measure(case, args.seconds, folder))
         shutil.rmtree(folder)
         print(line, flush=True)
         if args.out:
