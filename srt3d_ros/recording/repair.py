@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 
 _HEADER = struct.Struct("<4s4B4B")              # mark, version, options
 _MESSAGE = struct.Struct("<QQ")                 # kind, bytes that follow
@@ -26,6 +26,7 @@ _END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, num
 _FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chunk, blueprint activation
 _COMPRESSIONS, _PROTOBUF = (0, 1), 2
 _COPY_BYTES = 1 << 20
+_MEMORY_PER_BYTE = 4                            # of the file, while its index is made: 2.5 were seen
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ def examine(path) -> FileState:
 def repair(state: FileState, progress: bool = False) -> Path:
     """Write the whole messages of an unfinished file to NAME_repaired.rrd beside it, with a footer; the copy's path.
 
-    A copy that is there already is replaced; the original stays as it is. Chunks are joined to larger ones on the way.
+    A copy that is there already is replaced; the original stays as it is. Chunks are joined to larger ones on the way,
+    all in memory: a file too large for that is only cut to its whole messages, which opens just as well.
 
     Args:
         state: what `examine` found.
@@ -89,11 +91,14 @@ def repair(state: FileState, progress: bool = False) -> Path:
     part = path.with_name(f".{target.stem}.{os.getpid()}.part{path.suffix}")
     require(os.access(path.parent, os.W_OK), "recording", str(path),
             "a finished file, or a folder that can be written for a repaired copy")
-    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", "--continue-on-error", "-o", str(part)]
     try:
-        said = _feed(command, state, progress)
-        require(part.is_file(), "recording", str(path), f"chunks that can be read ({said})")
+        if state.whole_bytes * _MEMORY_PER_BYTE < _available_bytes():
+            _index(state, part, progress)
+        else:
+            _cut(state, part)
         os.replace(part, target)
+    except OSError as e:
+        raise InvalidInput("recording", str(path), f"room for a repaired copy beside it ({e.strerror or e})") from None
     finally:
         part.unlink(missing_ok=True)
     return target
@@ -125,8 +130,23 @@ def _whole_bytes(file, size: int) -> int:
     return end
 
 
-def _feed(command: list[str], state: FileState, progress: bool) -> str:
-    """Run a command on the whole part of a file; its last line of complaint."""
+def _available_bytes() -> int:
+    """Memory that can be had without swapping."""
+    facts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    return int(facts["MemAvailable"].split()[0]) * 1024
+
+
+def _cut(state: FileState, part: Path) -> None:
+    """Copy the whole messages, no footer."""
+    with open(state.path, "rb") as file, open(part, "wb") as copy:
+        left = state.whole_bytes
+        while left and (data := file.read(min(left, _COPY_BYTES))):
+            left -= copy.write(data)
+
+
+def _index(state: FileState, part: Path, progress: bool) -> None:
+    """Copy the whole messages that can be read, with a footer."""
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", "--continue-on-error", "-o", str(part)]
     bar = tqdm(total=state.whole_bytes, unit="B", unit_scale=True, desc="repairing", delay=2, leave=False,
                disable=not progress)
     quiet = os.environ | {"NO_COLOR": "1", "RUST_LOG": "error"}
@@ -142,5 +162,5 @@ def _feed(command: list[str], state: FileState, progress: bool) -> str:
                 process.stdin.close()
         complaints.seek(0)
         said = complaints.read().decode(errors="replace").strip().split("\n")[-1] or "rerun says nothing"
-    require(process.returncode == 0, "recording", str(state.path), f"chunks that can be read ({said})")
-    return said
+    require(process.returncode == 0 and part.is_file(), "recording", str(state.path),
+            f"chunks that can be read, and room for a repaired copy ({said})")

@@ -92,6 +92,16 @@ def test_a_chunk_that_cannot_be_read_is_left_out(tmp_path, whole):
     assert len(before) - FRAMES // 4 < len(kept) < len(before)
 
 
+def test_a_file_larger_than_memory_is_cut_to_what_is_whole_and_opens(tmp_path, whole, monkeypatch):
+    data, cut = whole.read_bytes(), tmp_path / "cut.rrd"
+    cut.write_bytes(data[:len(data) // 2])
+    with_index = clouds_in(repair(examine(cut)))
+    monkeypatch.setattr("srt3d_ros.recording.repair._available_bytes", lambda: 1000)
+    copy = repair(examine(cut))
+    assert not examine(copy).is_finished and copy.stat().st_size == examine(cut).whole_bytes
+    assert clouds_in(copy).keys() == with_index.keys() and RecordingReader(copy).series()
+
+
 def test_where_nothing_can_be_written_one_line_says_so(tmp_path, whole, monkeypatch):
     cut = tmp_path / "cut.rrd"
     cut.write_bytes(whole.read_bytes()[:-2000])
