@@ -26,6 +26,7 @@ _END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, num
 _FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chunk, blueprint activation
 _COMPRESSIONS, _PROTOBUF = (0, 1), 2
 _COPY_BYTES = 1 << 20
+_NO_ROOM = "room on the disk for a repaired copy beside it"
 _MEMORY_PER_BYTE = 4                            # of the file, while its index is made: 2.5 were seen
 
 
@@ -64,10 +65,8 @@ def examine(path) -> FileState:
         require(size > 0, "recording", str(path), "an .rrd file that is not empty")
         file.seek(0)
         _check_header(file.read(_HEADER.size), path)
-        if size >= _HEADER.size + _END.size:
-            file.seek(-_END.size, os.SEEK_END)
-            if _END.unpack(file.read(_END.size))[:2] == (_MARK, b"FOOT"):
-                return FileState(path, size, size, True)
+        if _ends_with_footer(file, size):
+            return FileState(path, size, size, True)
         whole = _whole_bytes(file, size)
     require(whole > _HEADER.size, "recording", str(path), "an .rrd file of which more than its header was written")
     return FileState(path, size, whole, False)
@@ -98,7 +97,7 @@ def repair(state: FileState, progress: bool = False) -> Path:
             _cut(state, part)
         os.replace(part, target)
     except OSError as e:
-        raise InvalidInput("recording", str(path), f"room for a repaired copy beside it ({e.strerror or e})") from None
+        raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
     finally:
         part.unlink(missing_ok=True)
     return target
@@ -116,6 +115,13 @@ def _check_header(header: bytes, path: Path) -> None:
     newer |= mark != _MARK or compression not in _COMPRESSIONS or serializer != _PROTOBUF
     require(not newer, "recording", str(path),
             f"a file of rerun {installed} or older; it is of {major}.{minor}.{patch}: pip install -U rerun-sdk")
+
+
+def _ends_with_footer(file, size: int) -> bool:
+    if size < _HEADER.size + _END.size:
+        return False
+    file.seek(size - _END.size)
+    return _END.unpack(file.read(_END.size))[:2] == (_MARK, b"FOOT")
 
 
 def _whole_bytes(file, size: int) -> int:
@@ -162,5 +168,6 @@ def _index(state: FileState, part: Path, progress: bool) -> None:
                 process.stdin.close()
         complaints.seek(0)
         said = complaints.read().decode(errors="replace").strip().split("\n")[-1] or "rerun says nothing"
-    require(process.returncode == 0 and part.is_file(), "recording", str(state.path),
-            f"chunks that can be read, and room for a repaired copy ({said})")
+    require(process.returncode == 0, "recording", str(state.path), f"chunks that can be read ({said})")
+    with open(part, "rb") as copy:      # on a full disk rerun ends as if all were well
+        require(_ends_with_footer(copy, part.stat().st_size), "recording", str(state.path), _NO_ROOM)

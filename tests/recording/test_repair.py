@@ -2,6 +2,7 @@
 
 import random
 import struct
+import subprocess
 
 import numpy as np
 import pytest
@@ -100,6 +101,23 @@ def test_a_file_larger_than_memory_is_cut_to_what_is_whole_and_opens(tmp_path, w
     copy = repair(examine(cut))
     assert not examine(copy).is_finished and copy.stat().st_size == examine(cut).whole_bytes
     assert clouds_in(copy).keys() == with_index.keys() and RecordingReader(copy).series()
+
+
+@pytest.mark.parametrize("memory_bytes", [1000, 10**12])
+def test_a_full_disk_is_told_and_leaves_no_copy(tmp_path, whole, monkeypatch, memory_bytes):
+    data = whole.read_bytes()[:-2000]
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={len(data) + 100_000}", "tmpfs", str(tmp_path)]
+    if subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("a file system of a known size cannot be mounted here")
+    try:
+        cut = tmp_path / "cut.rrd"
+        cut.write_bytes(data)
+        monkeypatch.setattr("srt3d_ros.recording.repair._available_bytes", lambda: memory_bytes)
+        with pytest.raises(InvalidInput, match="room on the disk for a repaired copy beside it"):
+            repair(examine(cut))
+        assert list(tmp_path.iterdir()) == [cut]
+    finally:
+        subprocess.run(["umount", str(tmp_path)], check=True)
 
 
 def test_where_nothing_can_be_written_one_line_says_so(tmp_path, whole, monkeypatch):
