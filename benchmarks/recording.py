@@ -32,6 +32,7 @@ from srt3d_ros.datasets import npz
 PPP = 15.0
 CASES = {"small": (141, 30.0), "large": (708, 5.0)}         # side of a cloud, Hz
 TURNS, TURN_S, SETTLE_S, KILLS = 5, 6.0, 3.0, 20
+WELL_BEGUN = 3_000_000      # bytes of a file that has clouds
 MB = 1e6
 
 
@@ -174,7 +175,7 @@ def kill(folder: Path, times: int) -> dict:
         for _ in range(times):
             stop(pipeline.running["recorder"])
             pipeline.start("recorder", node("recorder", path=str(path)))
-            while not path.exists():
+            while not (path.exists() and path.stat().st_size > WELL_BEGUN):
                 pipeline.watch(0.2)
             pipeline.watch(SETTLE_S + rng.uniform(0, 2))
             killed_ns = time.time_ns()

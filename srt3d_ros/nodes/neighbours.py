@@ -11,6 +11,7 @@ from rclpy.parameter import parameter_value_to_python
 from srt3d_ros.nodes.diagnostics import PIPELINE_ID
 from srt3d_ros.nodes.parameters import Value
 
+FIRST_PATIENCE, PATIENCE = 2, 5     # an answer is lost where the node does not know who asked yet
 _NOT_THEIR_OWN = ("qos_overrides.", "start_type_description_service")
 
 
@@ -55,24 +56,27 @@ class ParameterWatch:
     def __init__(self, node: Node, tell: Callable[[dict[str, Value]], None]):
         self._node, self._tell = node, tell
         self._clients: dict[str, tuple] = {}
-        self._asked: set[str] = set()
+        self._patience: dict[str, int] = {}         # calls of `ask` until a node is asked again
+        self._answered: set[str] = set()
 
     def ask(self, name: str) -> None:
-        """Ask the node with this full name, as soon as it answers; to be called again until then, and afterwards."""
-        if name in self._asked:
+        """Ask the node with this full name; to be called about once a second, before it answers and afterwards."""
+        if name in self._answered:
             return
         if name not in self._clients:
             self._clients[name] = (self._node.create_client(ListParameters, f"{name}/list_parameters"),
                                    self._node.create_client(GetParameters, f"{name}/get_parameters"))
+            self._patience[name] = FIRST_PATIENCE
         lister, getter = self._clients[name]
-        if lister.service_is_ready() and getter.service_is_ready():
-            self._asked.add(name)
+        self._patience[name] -= 1
+        if self._patience[name] <= 0 and lister.service_is_ready() and getter.service_is_ready():
+            self._patience[name] = PATIENCE
             lister.call_async(ListParameters.Request()).add_done_callback(
                 lambda answer: self._get(name, getter, answer.result().result.names))
 
     def hear(self, event: ParameterEvent) -> None:
         """Take in a change that a node announces."""
-        if event.node in self._asked:
+        if event.node in self._answered:
             self._told(event.node, [(one.name, one.value) for one in (*event.new_parameters,
                                                                       *event.changed_parameters)])
 
@@ -82,7 +86,8 @@ class ParameterWatch:
 
     def _got(self, name: str, values: list) -> None:
         self._told(name, values)
-        for client in self._clients.pop(name):
+        self._answered.add(name)
+        for client in self._clients.pop(name, ()):
             self._node.destroy_client(client)
 
     def _told(self, name: str, values: list) -> None:

@@ -62,7 +62,8 @@ class FrameLog:
         for path, style in plot_styles().items():
             stream.log(path, style, static=True)
         for name, facts in self._properties.items():
-            stream.send_property(name, layout.property_values(facts))
+            if facts:
+                stream.send_property(name, layout.property_values(facts))
         if self._sensor is not None:
             stream.send_property(layout.SENSOR, layout.property_values(layout.sensor_properties(self._sensor)))
         if self._eye is not None:
