@@ -6,6 +6,7 @@ import rerun as rr
 
 from srt3d_ros.recording.file_sink import FileSink
 
+TICK_S = 0.4            # how long rerun gathers rows: a kill costs as much, and every chunk of an entity 1 kB
 _FLUSH_TIMEOUT_S = 2.0
 _FLUSH_TRIES = 10
 
@@ -24,7 +25,8 @@ class FilePart:
     def __init__(self, path: Path, application_id: str, recording_id: str):
         self.path = path
         self._sink = FileSink(path)
-        self.stream = rr.RecordingStream(application_id, recording_id=recording_id)
+        batches = rr.ChunkBatcherConfig(flush_tick=TICK_S)
+        self.stream = rr.RecordingStream(application_id, recording_id=recording_id, batcher_config=batches)
         self.stream.save(self._sink.pipe_path)
         self._sink.opened()
 

@@ -12,13 +12,13 @@ import numpy as np
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.recording import layout
-from srt3d_ros.recording.file_part import FilePart
+from srt3d_ros.recording.file_part import TICK_S, FilePart
 from srt3d_ros.recording.frame_log import FrameLog, Style
 from srt3d_ros.recording.jobs import Job, Jobs
 from srt3d_ros.recording.live import LiveServer
 from srt3d_ros.recording.parts import PartNames, Split
 
-FLUSH_PERIOD_S = 1.0        # without a flush, large clouds keep small scalars from being written at all
+FLUSH_PERIOD_S = TICK_S     # without a flush, large clouds keep small scalars from being written at all
 RETRY_S, MOST_RETRY_S = 1.0, 30.0       # after a file could not be written; each time twice as long
 ROOM_BYTES = 16_000_000     # free on a disk that was full, before a new file is begun on it
 _NOTHING = Job(lambda: None)
