@@ -3,12 +3,13 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
@@ -17,9 +18,10 @@ from std_srvs.srv import Trigger
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.gaps import Gaps
-from srt3d_ros.nodes.interface import Interface
+from srt3d_ros.nodes.interface import Interface, Topic
 from srt3d_ros.nodes.lifecycle import ManagedNode
-from srt3d_ros.nodes.parameters import Parameters
+from srt3d_ros.nodes.parameters import Parameter, Parameters
+from srt3d_ros.nodes.qos import LATCHED, OVERRIDABLE, overrides
 from srt3d_ros.nodes.relay import Relay
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, PATIENCE_S, Dropped, Worker
 
@@ -30,10 +32,6 @@ OUTDATED_NS = 10 * 10**9    # a difference of more is of clocks, not of frames u
 LOG_EVERY_S = 2.0       # repeated complaints
 POLL_S = 0.005
 TELL_AFTER_S = 0.5      # a wait this long is worth a log line
-
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-OVERRIDABLE = QoSOverridingOptions(
-    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 
 
 class PipelineNode(ManagedNode):
@@ -57,7 +55,7 @@ class PipelineNode(ManagedNode):
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.interface.name, automatically_declare_parameters_from_overrides=True)
         try:
-            self.parameters = Parameters(self, self.interface.table)
+            self.parameters = Parameters(self, self.interface.table, self._qos_overrides())
         except BaseException:
             self.destroy_node()     # a node that nobody will ever see must not outlive the context
             raise
@@ -75,6 +73,11 @@ class PipelineNode(ManagedNode):
         self._serving: list[Service] = []
         self._services_group = ReentrantCallbackGroup()     # a service that waits holds up nothing else
         self._relay = Relay(self.get_logger())
+
+    def _qos_overrides(self) -> list[Parameter]:
+        names = [[self.resolve_topic_name(topic.name) for topic in topics]
+                 for topics in (self.interface.inputs, self.interface.outputs)]
+        return list(overrides(names[0], [*names[1], self.resolve_topic_name("/diagnostics")]))
 
     def forget(self) -> None:
         """Let nothing of past frames remain; called in the worker's thread, on a reset and when deactivated."""
@@ -105,7 +108,7 @@ class PipelineNode(ManagedNode):
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
         depth = min(depth, QUEUE_DEPTH)
         subscription = self._listen(topic, received, depth, raw=True, lost=lost)
-        self.diagnostics.expect(subscription.topic_name)
+        self.diagnostics.expect(subscription.topic_name, self.interface.topic(topic).type_name)
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""
@@ -128,11 +131,12 @@ class PipelineNode(ManagedNode):
         declared = self.interface.topic(topic)
         qos = LATCHED if declared.latched else QoSProfile(depth=depth)
         options = {"raw": raw, "qos_overriding_options": OVERRIDABLE}
+        events = SubscriptionEventCallbacks(message_lost=lost)
+        make = partial(self._make, self.create_subscription, declared, callback, qos)
         try:
-            subscription = self.create_subscription(declared.type, topic, callback, qos, **options,
-                                                    event_callbacks=SubscriptionEventCallbacks(message_lost=lost))
+            subscription = make(**options, event_callbacks=events)
         except UnsupportedEventTypeError:       # a middleware that cannot tell
-            subscription = self.create_subscription(declared.type, topic, callback, qos, **options)
+            subscription = make(**options)
         self._listening.append(subscription)
         return subscription
 
@@ -141,9 +145,19 @@ class PipelineNode(ManagedNode):
         declared = self.interface.topic(topic)
         depth = QUEUE_DEPTH if self.lossless else PUBLISH_DEPTH
         qos = LATCHED if declared.latched else QoSProfile(depth=depth)
-        publisher = self.create_publisher(declared.type, topic, qos, qos_overriding_options=OVERRIDABLE)
+        publisher = self._make(self.create_publisher, declared, qos, qos_overriding_options=OVERRIDABLE)
         self._advertised.append(publisher)
         return publisher
+
+    def _make(self, create: Callable, declared: Topic, *args, **options):
+        """A subscription or publisher. The middleware does not say why it has none: names are rclpy's to check."""
+        try:
+            return create(declared.type, declared.name, *args, **options)
+        except UnsupportedEventTypeError:
+            raise
+        except rclpy_implementation.RCLError:
+            raise InvalidInput(f"topic of {declared.name}", self.resolve_topic_name(declared.name),
+                               f"one without another type than {declared.type_name} in this process") from None
 
     def serve(self, name: str, job: Callable[[], str]) -> None:
         """Serve `~/name` (std_srvs/Trigger): the worker does the job; the answer is the text that it returns."""

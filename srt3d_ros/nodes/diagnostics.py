@@ -50,7 +50,7 @@ class Diagnostics:
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
-        self._topics: list[str] = []        # on which frames may come
+        self._topics: dict[str, str] = {}   # on which frames may come, and of what type
         self._silent_since = 0.0            # when a frame last came in, or was first to be expected
         self._any_frame = False             # since then
         self._last_error = ""
@@ -65,9 +65,9 @@ class Diagnostics:
         self.count(frames_in=1)
         self._silent_since, self._any_frame = time.monotonic(), True
 
-    def expect(self, topic: str) -> None:
-        """Frames may come on this topic from now on."""
-        self._topics.append(topic)
+    def expect(self, topic: str, type_name: str) -> None:
+        """Frames of this type may come on this topic from now on."""
+        self._topics[topic] = type_name
         self._silent_since, self._any_frame = time.monotonic(), False
 
     def expect_nothing(self) -> None:
@@ -162,9 +162,14 @@ class Diagnostics:
         """Since when no frame has come, or who could send one."""
         if self._any_frame:
             return f"no frame for {seconds:.0f} s"
-        publishers = {topic: self._node.count_publishers(topic) for topic in self._topics}
-        return "no frame yet: " + ", ".join(f"{count or 'nobody'} publishes {topic}" if count < 2 else
-                                            f"{count} publish {topic}" for topic, count in publishers.items())
+        return "no frame yet: " + ", ".join(self._publishers(topic, wanted) for topic, wanted in self._topics.items())
+
+    def _publishers(self, topic: str, wanted: str) -> str:
+        """Who publishes on a topic, in words; those of another type than the frames' are never heard."""
+        types = Counter(publisher.topic_type for publisher in self._node.get_publishers_info_by_topic(topic))
+        count = types.pop(wanted, 0)
+        words = f"{count} publish {topic}" if count > 1 else f"{count or 'nobody'} publishes {topic}"
+        return words + (f" (but there is {', '.join(types)}: expected {wanted})" if types else "")
 
     def _judge(self, new: Counter, new_drops: Counter, now: float) -> tuple[bytes, str]:
         """Level and, unless all is well, the message."""

@@ -11,7 +11,8 @@ from rclpy.node import Node
 from srt3d_ros.errors import InvalidInput, require
 
 Value = bool | int | float | str
-OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
+          "qos_overrides./parameter_events.", "qos_overrides./rosout.")
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
 
@@ -89,17 +90,22 @@ class Parameters:
     Args:
         node: whose parameters they are.
         table: all of them.
+        by_rclpy: those that rclpy declares and does not check: texts in capitals pass, too.
 
     Raises:
         InvalidInput: a value given at start cannot be used.
     """
 
-    def __init__(self, node: Node, table: Iterable[Parameter]):
+    def __init__(self, node: Node, table: Iterable[Parameter], by_rclpy: Iterable[Parameter] = ()):
         self._table = {parameter.name: parameter for parameter in table}
+        by_rclpy = {parameter.name: parameter for parameter in by_rclpy}
         self._values: dict[str, Value] = {}
         self.on_check: Callable[[dict[str, Value]], None] = lambda values: None
         self.on_change: Callable[[], None] = lambda: None
-        self._warn_of_unknown(node)
+        self._warn_of_unknown(node, [*self._table, *by_rclpy])
+        for name in filter(node.has_parameter, by_rclpy):
+            value = node.get_parameter(name).value
+            by_rclpy[name].check(value.lower() if isinstance(value, str) else value)
         for name, parameter in self._table.items():
             value = parameter.default
             if node.has_parameter(name):
@@ -117,11 +123,12 @@ class Parameters:
         """A copy of all values."""
         return dict(self._values)
 
-    def _warn_of_unknown(self, node: Node) -> None:
+    @staticmethod
+    def _warn_of_unknown(node: Node, known: list[str]) -> None:
         for name in node.list_parameters([], 0).names:
-            if name in self._table or name.startswith(OF_ROS):
+            if name in known or name.startswith(OF_ROS):
                 continue
-            near = difflib.get_close_matches(name, self._table, n=1)
+            near = difflib.get_close_matches(name, known, n=1)
             node.get_logger().warning(f"parameter {name} is ignored: {node.get_name()} has no such parameter"
                                       + (f", did you mean {near[0]}?" if near else ""))
 

@@ -97,13 +97,16 @@ def test_silence_is_a_warning_and_a_node_that_is_not_active_is_well(graph, count
     diagnostics, latest, node = counted
     monkeypatch.setattr(module, "SILENCE_S", 0.0)
     assert latest()["level"] == DiagnosticStatus.OK         # nothing is to come
-    for topic in ("/photons", "/gates"):
-        diagnostics.expect(topic)
+    diagnostics.expect("/photons", "sensor_msgs/msg/PointCloud2")
+    diagnostics.expect("/gates", "std_msgs/msg/String")
     publisher = node.create_publisher(String, "/gates", 1)
     graph.wait(lambda: node.count_publishers("/gates"), "the publisher")
     report = latest()
     assert report["level"] == DiagnosticStatus.WARN
     assert report["message"] == "no frame yet: nobody publishes /photons, 1 publishes /gates"
+    diagnostics.expect("/gates", "sensor_msgs/msg/Image")
+    assert latest()["message"].endswith(
+        "nobody publishes /gates (but there is std_msgs/msg/String: expected sensor_msgs/msg/Image)")
     node.destroy_publisher(publisher)
     diagnostics.received()
     report = latest()
