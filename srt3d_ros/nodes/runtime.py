@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.base import PipelineNode
 
 WAKE_S = 0.1            # how long a signal may go unnoticed
@@ -105,8 +106,11 @@ def _close_in_order(nodes: list[PipelineNode], executor: SingleThreadedExecutor)
 
 
 def _init(args: list[str] | None) -> None:
+    given = sys.argv if args is None else args
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:       # what rcl raises for arguments that it cannot parse
-        given = sys.argv if args is None else args
         raise InvalidInput("command line", " ".join(given[1:]), f"ROS arguments ({error})") from None
+    unused = remove_ros_args(given)[1:]     # -p, say, without --ros-args before it
+    require(not unused, "command line", " ".join(given[1:]), f"nothing but --ros-args and what follows it, such as "
+            f"--ros-args -p name:=value; not {' '.join(unused)}")

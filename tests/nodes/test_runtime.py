@@ -1,12 +1,15 @@
 """How a node's process starts, fails and ends, shown on a node made for it."""
 
 import signal
+import sys
 
 import pytest
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import Cloud, write_cloud
 from srt3d_ros.messages.header import Header
+from tests.nodes.conftest import Process
 
 SCRIPT = """
 import sys, time
@@ -117,6 +120,41 @@ def test_arguments_that_ros_cannot_parse_are_exit_code_2(start, argument):
     probe = start("-p", argument)
     assert probe.code() == 2
     assert probe.lines[-1].startswith("command line is ") and "Traceback" not in probe.text
+
+
+def test_arguments_without_ros_args_before_them_are_refused_and_not_ignored(graph, start):
+    process = Process([sys.executable, "-m", "srt3d_ros.cli.main", "node", "sketcher", "-p", "sketch_size:=5"])
+    graph.processes.append(process)
+    assert process.code() == 2
+    assert process.lines[-1].startswith("command line is -p sketch_size:=5: expected nothing but --ros-args")
+
+
+@pytest.mark.parametrize("policy, value, line", [
+    ("reliability", "nonsense", "is nonsense: expected system_default or reliable or best_effort"),
+    ("depth", -3, "is -3: expected an integer from 1 to"),
+    ("durability", 1, "is 1: expected system_default or transient_local or volatile"),
+])
+def test_a_qos_that_is_none_is_one_line_and_exit_code_2(graph, start, policy, value, line):
+    name = f"qos_overrides.{graph.namespace}/in.subscription.{policy}"
+    probe = start("-p", f"{name}:={value}")
+    assert probe.code() == 2
+    assert len(probe.lines) == 1 and probe.lines[0].startswith(f"{name} {line}")
+
+
+def test_a_qos_of_no_topic_is_said_to_be_ignored_and_capitals_pass(graph, start):
+    name = f"qos_overrides.{graph.namespace}/in.subscription.reliability"
+    start("-p", f"{name}:=BEST_EFFORT", "-p", "qos_overrides./in.subscription.depth:=3").ready().says(
+        f"parameter qos_overrides./in.subscription.depth is ignored: probe has no such parameter, did you mean "
+        f"qos_overrides.{graph.namespace}/in.subscription.depth?")
+    (subscriber,) = graph.wait(lambda: graph.node.get_subscriptions_info_by_topic("in"), "the subscriber")
+    assert subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+def test_two_types_on_one_topic_are_one_line_and_exit_code_2(graph, start):
+    probe = start("-r", "in:=/rosout")
+    assert probe.code() == 2
+    assert probe.lines[-1].startswith("topic of in is /rosout: expected one without another type than sensor_msgs")
+    assert "Traceback" not in probe.text
 
 
 def test_a_mistake_of_ours_is_a_traceback_and_exit_code_1(start):
