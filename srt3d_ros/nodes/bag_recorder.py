@@ -79,7 +79,8 @@ class BagRecorderNode(PipelineNode):
         """Make the bag and subscribe."""
         path = Path(self.parameters["path"] or time.strftime("bag_%Y%m%dT%H%M%SZ", time.gmtime())).absolute()
         self._room_at = next(folder for folder in path.parents if folder.exists())
-        require(self._has_room(0), "path", path, f"a place with more than {self.parameters['min_free_mb']} MB free")
+        require(self._has_room(0), "path", str(path),
+                f"a place with more than {self.parameters['min_free_mb']} MB free")
         made: Future[BagWriter] = Future()
         self.worker.call(_settle, made, lambda: BagWriter(path, self.parameters["format"]))
         self._writer = made.result()

@@ -96,9 +96,9 @@ class SketcherNode(PipelineNode):
     def configure(self) -> None:
         """Compile and advertise."""
         self._check(self.parameters.as_dict())
-        warm_up()
         path = self.parameters["sensor_file"]
         self._from_file = sensor_message.encode(open_sensor(path)) if path else None
+        warm_up()
         if path:
             self._file_sensor = self.advertise("sensor")
         self._sketches = self.advertise("sketch")
