@@ -23,15 +23,17 @@ import time
 from pathlib import Path
 
 import numpy as np
+from live import write_messages
 
-from srt3d_ros.benchmark.frames import photons_of, sensor_of
+from srt3d_ros.benchmark.frames import sensor_of
 from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.cli.processes import join_private_network
-from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.simulator import Simulator
 
 PPP = 15.0
 CASES = {"small": (141, 30.0), "large": (708, 5.0)}         # side of a cloud, Hz
 TURNS, TURN_S, SETTLE_S, KILLS = 5, 6.0, 3.0, 20
+VARIANTS, FOREVER_S = 12, 10_000   # different frames, sent in turn: repeated ones would compress too well
 WELL_BEGUN = 3_000_000      # bytes of a file that has clouds
 MB = 1e6
 
@@ -55,24 +57,24 @@ class Pipeline:
                                          str(rate_hz)]
             return
         self.latency_of = "reconstructor"
-        sensor = sensor_of(side)
-        npz.save(folder / "frame.npz", sensor, photons_of(sensor, PPP))
-        self._commands |= {"reconstructor": node("reconstructor"), "sketcher": node("sketcher"),
-                           "player": node("player", input=str(folder / "frame.npz"), rate_hz=rate_hz)}
+        simulator = Simulator(sensor=sensor_of(side), ppp=PPP, seed=1)
+        topic = write_messages(folder, simulator.sensor, [simulator.frame(k)[0] for k in range(VARIANTS)])
+        driver = [str(Path(__file__).with_name("driver.py")), str(folder), topic, f"{rate_hz}:{FOREVER_S}"]
+        self._commands |= {"reconstructor": node("reconstructor"), "sketcher": node("sketcher"), "driver": driver}
 
     def __enter__(self) -> "Pipeline":
         self.monitor.__enter__()
         for name, command in self._commands.items():
             self.start(name, command)
-            if name != "player" and not self.monitor.spin_until(lambda name=name: name in self.monitor.statuses, 180):
+            if name != "driver" and not self.monitor.spin_until(lambda name=name: name in self.monitor.statuses, 180):
                 raise SystemExit(f"{name} was not ready: see {self.folder}")
         if not self.monitor.spin_until(lambda: len(self.monitor.arrivals) > 20, 180):
             raise SystemExit(f"no clouds: see {self.folder}")
         return self
 
     def __exit__(self, *exc) -> None:
-        for process in reversed(self.running.values()):
-            process.send_signal(signal.SIGINT)
+        for name, process in reversed(self.running.items()):
+            process.send_signal(signal.SIGTERM if name == "driver" else signal.SIGINT)
         for process in self.running.values():
             process.wait(40)
         self.monitor.__exit__()

@@ -40,14 +40,14 @@ class StandIn(PipelineNode):
                                                                                     frequencies)
         cloud: PointCloud = SRT3D(large, frequencies)(sketch_photons(photons_of(large, PPP), large, frequencies))
         sketch = sketch_photons(photons_of(half, 4 * PPP), half, frequencies)
-        self._messages = {
+        self._prepared = {
             "sketch": sketch_message.encode_cdr(sketch, "spad"), "points": points_message.encode_cdr(cloud, "spad"),
             **{name: image_message.encode_cdr(image, 0, "spad") for name, image in (
                 ("depth", cloud.depth_image(large.projection)), ("intensity", cloud.image("intensity")),
                 ("background", cloud.background))}}
-        self._publishers = {name: self.advertise(name) for name in self._messages}
-        self._described = self.advertise("sketch/sensor")
-        self._described.publish(sketch_message.encode_sensor(half, frequencies, 1))
+        self._outgoing = {name: self.advertise(name) for name in self._prepared}
+        self._description = self.advertise("sketch/sensor")
+        self._description.publish(sketch_message.encode_sensor(half, frequencies, 1))
 
     def activate(self) -> None:
         """Begin."""
@@ -55,12 +55,12 @@ class StandIn(PipelineNode):
 
     def _frame(self) -> None:
         stamp_ns = self.now_ns()
-        for name, publisher in self._publishers.items():
+        for name, publisher in self._outgoing.items():
             if name == "points":
                 started = time.perf_counter()
                 self._reconstruct(self._sketch)
             if name in ("sketch", "points") or publisher.get_subscription_count():
-                publisher.publish(cdr.restamp(self._messages[name], stamp_ns))
+                publisher.publish(cdr.restamp(self._prepared[name], stamp_ns))
             if name == "points":
                 self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
                 self.sent(stamp_ns)

@@ -64,6 +64,7 @@ class RecorderNode(PipelineNode):
 
     interface = INTERFACE
     drains = True           # what has arrived is written
+    niceness = 0            # of the writing thread
     finish_s = 35.0         # longer than a writer takes to give up
 
     def __init__(self):
@@ -151,7 +152,7 @@ class RecorderNode(PipelineNode):
         return RecordingWriter(
             self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
             style=self._settings.style, split=self._settings.split, live=self._settings.live,
-            queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
+            niceness=self.niceness, queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
             on_error=self._on_writer_error, on_recovery=self._on_writer_recovery)
 
     def _on_writer_error(self, text: str) -> None:
@@ -264,9 +265,15 @@ class RecorderNode(PipelineNode):
             self._writer.tell(layout.PARAMETERS, values)
 
 
+class LoneRecorderNode(RecorderNode):
+    """A recorder with a process of its own, which gives way to the pipeline."""
+
+    niceness = 5
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([RecorderNode], args)
+    return run([LoneRecorderNode], args)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ PARAMETERS = (
               "the clouds slowly.", form=COLOUR_RANGE),
     Parameter("images", ALL_IMAGES, "Which images are recorded.", form=WHICH_IMAGES),
     Parameter("exact", False, "Points in the order in which they come, intensities and images in float32. If false, "
-              "points by intensity, intensities in 11 bits, images to a quarter of the photons' noise: a third less. "
+              "points by intensity, intensities in 11 bits, images to a third of the photons' noise: a third less. "
               "Positions are always kept bit for bit."),
     Parameter("decimate", 1, "Of so many points, one is recorded.", low=1, high=1_000_000),
     Parameter("max_points", 0, "A cloud with more points is thinned out evenly to at most so many; 0 = no limit.",

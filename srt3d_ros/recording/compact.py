@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 _HALF_MOST = float(np.finfo(np.float16).max)
-_ROOT_STEP = 0.25       # of images: the noise of a photon count's square root is 0.5, whatever the count
+_ROOT_STEP = 0.35       # of images: the noise of a photon count's square root is 0.5, whatever the count
 
 
 def halved(values: np.ndarray) -> np.ndarray:
@@ -26,5 +26,5 @@ def by_intensity(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def to_noise(photons: np.ndarray) -> np.ndarray:
-    """Photons of an image [rows, cols], NaN = none, to a quarter of their noise; float32."""
+    """Photons of an image [rows, cols], NaN = none, to a third of their noise; float32."""
     return np.square(np.rint(np.sqrt(np.maximum(photons, 0)) / _ROOT_STEP) * _ROOT_STEP, dtype=np.float32)

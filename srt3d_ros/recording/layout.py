@@ -50,7 +50,7 @@ def photon_image(photons: np.ndarray, low: float, high: float, exact: bool) -> r
     """What is logged for an image [rows, cols] in photons, NaN = none, coloured from `low` to `high`.
 
     A DepthImage: of rerun's images only these have a colour map and a range, and tell their values. Integers are kept
-    in 8 or 16 bits; other values in 11 bits and to a quarter of the photons' noise, unless `exact`.
+    in 8 or 16 bits; other values in 11 bits and to a third of the photons' noise, unless `exact`.
     """
     if photons.dtype.kind == "u":
         photons = photons.astype(np.min_scalar_type(photons.max(initial=0)))

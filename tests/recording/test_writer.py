@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -170,7 +171,7 @@ def test_depth_image_is_kept_to_half_a_millimetre_with_its_holes(tmp_path, ball)
     assert np.nanmax(np.abs(read - image)) <= 0.0005 + 1e-6
 
 
-def test_photon_images_are_kept_to_a_quarter_of_their_noise_and_counts_exactly(tmp_path):
+def test_photon_images_are_kept_to_a_third_of_their_noise_and_counts_exactly(tmp_path):
     rng = np.random.default_rng(2)
     mean = rng.gamma(2, 50, (30, 40)).astype(np.float32)
     mean[3, 4] = np.nan
@@ -182,7 +183,7 @@ def test_photon_images_are_kept_to_a_quarter_of_their_noise_and_counts_exactly(t
     reader = RecordingReader(tmp_path / "a.rrd")
     ((_, _, read),) = reader.images(layout.INTENSITY_IMAGE)
     assert np.isnan(read[3, 4]) and np.isnan(read).sum() == 1
-    assert np.nanmax(np.abs(np.sqrt(read.astype(float)) - np.sqrt(mean))) <= 0.125 + 0.01
+    assert np.nanmax(np.abs(np.sqrt(read.astype(float)) - np.sqrt(mean))) <= 0.175 + 0.01
     read = sorted((image for image in reader.images(layout.PHOTONS)), key=lambda image: image[1])
     assert all(np.array_equal(image, count) for (_, _, image), count in zip(read, counts, strict=True))
 
@@ -378,3 +379,17 @@ def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
     assert properties["sensor"]["projection"] == "pinhole" and properties["sensor"]["fx"] == sensor.projection.fx
     assert properties["sensor"]["distortion"].tolist() == [-0.05, 0, 0, 0.01, 0]
     assert np.array_equal(properties["sensor"]["irf"].astype(np.float32), sensor.irf)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have a priority of their own on Linux only")
+def test_the_writing_thread_gives_way_and_the_caller_does_not(tmp_path):
+    def nice() -> list[int]:
+        tasks = (path.read_text() for path in Path("/proc/self/task").glob("*/stat"))
+        return sorted(int(stat.rpartition(")")[2].split()[16]) for stat in tasks)
+
+    before = nice()
+    with RecordingWriter(tmp_path / "a.rrd", None, niceness=7) as writer:
+        writer.log_cloud(0, 0, *random_cloud(10))
+        assert writer.flush()
+        assert set(nice()) == {0, 7} and before.count(7) == 0       # and what rerun starts from it
+    assert os.getpriority(os.PRIO_PROCESS, 0) == 0
