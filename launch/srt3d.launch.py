@@ -4,14 +4,15 @@ An argument that is not given changes nothing: the parameter file, or else the n
 `srt3d up` does the same in one process, without the launch package.
 """
 
+import difflib
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
-from launch import LaunchDescription
+from launch import Action, LaunchDescription
 
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "sensor", "points")
@@ -58,18 +59,26 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=pipeline)])
 
 
-def pipeline(context) -> list[Node]:
-    """The nodes, by what was given."""
+def pipeline(context) -> list[Action]:
+    """The nodes, by what was given, and what may have been meant by what is no argument."""
     given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
     given = {name: value for name, value in given.items() if value}
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
     switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
-    return [
+    return misspelt(context.launch_configurations) + [
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
              parameters=[*files, switches | texts(given, parameters)], remappings=remappings,
              ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S, on_exit=ended)
         for name, parameters in NODES.items() if name not in ONLY_WITH or ONLY_WITH[name] in given]
+
+
+def misspelt(configurations: dict[str, str]) -> list[LogInfo]:
+    """A line for each name that is nearly an argument's. Others may be of the launch file that includes this one."""
+    names = [argument.name for argument in ARGUMENTS]
+    near = {name: difflib.get_close_matches(name, names, n=1) for name in configurations if name not in names}
+    return [LogInfo(msg=f"{name}:=… is ignored: there is no such argument, did you mean {meant[0]}?")
+            for name, meant in near.items() if meant]
 
 
 def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, ParameterValue]:
@@ -81,6 +90,8 @@ def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, Parame
 def config_file(config: str) -> str:
     """The path of a parameter file, given so or by its name in share/srt3d_ros/config."""
     shipped = Path(get_package_share_directory(PACKAGE), "config", f"{config}.yaml")
+    if not shipped.is_file() and not Path(config).is_file():
+        raise RuntimeError(f"config is {config}: expected a parameter file, or the name of one of the package's")
     return str(shipped) if shipped.is_file() else config
 
 

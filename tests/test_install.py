@@ -135,8 +135,14 @@ def test_the_launch_system_runs_the_pipeline(ros2, tmp_path):
 
 
 def test_a_node_that_fails_ends_what_was_launched(ros2):
-    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=no such file.npz")
+    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "input:=no such file.npz", "devce:=cpu")
     assert "no such file.npz" in said and "shutting down launched system" in said, said
+    assert "devce:=… is ignored: there is no such argument, did you mean device?" in said, said
+
+
+def test_a_parameter_file_that_is_not_there_is_refused(ros2):
+    _, said = ros2("launch", "srt3d_ros", "srt3d.launch.py", "config:=nothing")
+    assert "config is nothing: expected a parameter file" in said and "process started" not in said, said
 
 
 def test_package_data_is_installed(prefix, environment, repository):
