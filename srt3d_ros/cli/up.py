@@ -97,12 +97,22 @@ def parameters_yaml(args: argparse.Namespace, interfaces: list) -> str:
         name, _, parameter = where.partition(".")
         require(assigned and parameter and name in values and "\n" not in value, "-p", setting,
                 f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
+        _check_yaml(setting, value)
         values[name][_known(parameter, next(one for one in interfaces if one.name == name))] = value
     lines = []
     for name, given in values.items():
         if given:
             lines += [f"/**/{name}:", "  ros__parameters:", *(f"    {key}: {value}" for key, value in given.items())]
     return "\n".join(lines or ["/**:", "  ros__parameters: {}"]) + "\n"
+
+
+def _check_yaml(setting: str, value: str) -> None:
+    """ROS 2 would name a line of the file that is made of the settings."""
+    import yaml  # comes with rclpy
+    try:
+        yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
 
 
 def _known(parameter: str, interface) -> str:
