@@ -183,7 +183,9 @@ class Diagnostics:
             if new["message_lost"]:
                 causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            return level, f"dropped: {', '.join(causes)}, of {sent}"
+            several = "".join(f"; {count} publish {topic}" for topic in self._topics
+                              if (count := self._node.count_publishers(topic)) > 1)
+            return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
         if self._waiting_for:
             return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
         if self._topics and now - self._silent_since > SILENCE_S:

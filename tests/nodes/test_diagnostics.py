@@ -107,7 +107,13 @@ def test_silence_is_a_warning_and_a_node_that_is_not_active_is_well(graph, count
     diagnostics.expect("/gates", "sensor_msgs/msg/Image")
     assert latest()["message"].endswith(
         "nobody publishes /gates (but there is std_msgs/msg/String: expected sensor_msgs/msg/Image)")
-    node.destroy_publisher(publisher)
+    second = node.create_publisher(String, "/gates", 1)
+    graph.wait(lambda: node.count_publishers("/gates") == 2, "the second publisher")
+    diagnostics.received()
+    diagnostics.drop("late")
+    assert latest()["message"] == "dropped: 1 late, of 1; 2 publish /gates"
+    for one in (publisher, second):
+        node.destroy_publisher(one)
     diagnostics.received()
     report = latest()
     assert report["level"] == DiagnosticStatus.WARN and report["message"].startswith("no frame for ")
