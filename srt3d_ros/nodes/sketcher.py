@@ -235,7 +235,7 @@ class SketcherNode(PipelineNode):
         if placed.ended:
             self._end_frame(placed.ended)
         if placed.began_again:
-            self.get_logger().info("stamps began again, and so do frame and window", throttle_duration_sec=LOG_EVERY_S)
+            self.get_logger().info("stamps leapt over gap_s: new frame, new window", throttle_duration_sec=LOG_EVERY_S)
             self._give_up(placed.forgotten)
         if placed.dropped:
             self.diagnostics.drop(placed.dropped)
