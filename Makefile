@@ -22,7 +22,7 @@ demo: venv
 	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') --out '$(OUT)'
 
 test: venv
-	@'$(VENV)/bin/python' -m pytest $(ARGS)
+	@'$(VENV)/bin/python' -m pytest -n auto --maxprocesses 4 --dist loadfile $(ARGS)
 
 lint: venv
 	@'$(VENV)/bin/ruff' check .

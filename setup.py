@@ -27,7 +27,7 @@ EXTRAS = {
     "demo": [RERUN, *PICTURES],
     "mat": [SCIPY],
     "bags": [ROSBAGS],
-    "test": [SCIPY, ROSBAGS, "pytest>=8,<10", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
+    "test": [SCIPY, ROSBAGS, "pytest>=8,<10", "pytest-xdist>=3.6,<4", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18",
              # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
              'triton>=3.4,<4; sys_platform == "linux"'],

@@ -1,6 +1,10 @@
 """The one exception for bad input: a message, a file, a parameter or an option that cannot be used."""
 
-LONGEST_VALUE = 80
+from itertools import accumulate
+
+LONGEST_VALUE = 80      # characters of a value that are shown
+DOTS = "..."            # for what is left out
+MOST_LOOKED_AT = 400    # of either end: a value may be megabytes long
 
 
 class InvalidInput(ValueError):
@@ -8,7 +12,7 @@ class InvalidInput(ValueError):
 
     Args:
         field: what the user calls the thing: a field, an option, a parameter, a file.
-        value: what it is. Long values are shortened.
+        value: what it is. Long values are shortened in the middle.
         expected: what would have been accepted, with units; it may also say what to do next.
     """
 
@@ -30,10 +34,15 @@ def printable(text: str) -> str:
 
 
 def _shortened(text: str) -> str:
-    """The text in one line, its end as dots if it would take more than LONGEST_VALUE characters; escapes stay whole."""
-    kept = " ".join(text.split(None, LONGEST_VALUE))[:LONGEST_VALUE + 1]     # the text may be megabytes long
-    if len(printable(kept)) <= LONGEST_VALUE:
-        return kept
-    while len(printable(kept)) > LONGEST_VALUE - 3:
-        kept = kept[:-1].rstrip()
-    return kept + "..."
+    """The text in one line; of one too long the two ends, since a path's end tells most. Escapes stay whole."""
+    if len(text) <= MOST_LOOKED_AT and len(printable(text)) <= LONGEST_VALUE:
+        return " ".join(text.split())
+    half = (LONGEST_VALUE - len(DOTS)) // 2
+    head, tail = " ".join(text[:MOST_LOOKED_AT].split()), " ".join(text[-MOST_LOOKED_AT:].split())
+    return _fitting(head, half) + DOTS + _fitting(tail[::-1], half)[::-1]
+
+
+def _fitting(text: str, room: int) -> str:
+    """As much of the text's beginning as takes no more than so many printable characters."""
+    taken = accumulate(len(printable(character)) or 1 for character in text[:room])
+    return text[:sum(1 for length in taken if length <= room)]

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-# Before anything imports rclpy; the nodes that tests start inherit it.
-os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 100))
+# Before anything imports rclpy; the nodes that tests start inherit it. Each worker of pytest-xdist has its own.
+WORKERS, WORKER = 4, int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randrange(1 + WORKER % WORKERS, 101, WORKERS))
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["RERUN_TELEMETRY"] = "0"
 
