@@ -54,7 +54,6 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     node.leave_at_once_on_signals()
-    print("starting; the first time on a machine the kernels are compiled, for some minutes", flush=True)
     classes = node_classes(args)
     interfaces = [made.interface for made in classes]
     from srt3d_ros.nodes.runtime import run as run_nodes
@@ -62,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
         own.write(parameters_yaml(args, interfaces))
         own.flush()
         ros_args = ros_arguments(args, interfaces, own.name)
+        print("starting; the first time on a machine the kernels are compiled, for some minutes", flush=True)
         return run_nodes(classes, ["srt3d", *ros_args], ready=lambda nodes: print(glance(nodes), flush=True))
 
 

@@ -67,6 +67,7 @@ class PipelineNode(ManagedNode):
         limit = LOSSLESS if self.lossless else queue_limit
         self.worker = Worker(limit, self._failed, self.diagnostics.drop, PATIENCE_S)
         self._stages = [self.worker]
+        self._held_for = ""
         self._followed_ns = self._valid_from_ns = 0         # when descriptions were sent, by their sender's clock
         self._listening: list[Subscription] = []
         self._advertised: list[Publisher] = []
@@ -114,7 +115,12 @@ class PipelineNode(ManagedNode):
         """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
-            handle(message)
+            try:
+                handle(message)
+            except InvalidInput as problem:
+                if self._held_for:
+                    self.diagnostics.wait_for(f"{self._held_for} that can be used: {problem}")
+                raise
 
         self._listen(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
                      FOLLOW_DEPTH)
@@ -180,12 +186,14 @@ class PipelineNode(ManagedNode):
 
     def hold_frames_for(self, what: str) -> None:
         """Say that no frame can be used before `what` has come; those that may queue wait until `release_frames`."""
+        self._held_for = what
         self.diagnostics.wait_for(what)
         if self.worker.limit > NEWEST_ONLY:
             self.worker.hold_frames()
 
     def release_frames(self) -> None:
         """What frames were held for has come."""
+        self._held_for = ""
         self.diagnostics.wait_for("")
         self.worker.release_frames()
 

@@ -1,7 +1,9 @@
 """From process to nodes and back: start, spin, and an orderly end for every way in which it may end."""
 
+import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 
@@ -14,6 +16,7 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.base import PipelineNode
 
 WAKE_S = 0.1            # how long a signal may go unnoticed
+SWALLOWED_S = 2.0       # after an interrupt of the start, from which on it is taken for swallowed
 HAND_OVER_S = 0.3       # from a node that is closed to the next in the same process
 BAD_INPUT = 2
 
@@ -30,8 +33,15 @@ class _Stop:
     def _on_signal(self, number, frame) -> None:
         self.requested = True
         if self.starting:
-            sys.unraisablehook = lambda _: None     # where a compiler cannot raise it, nobody wants to read of it
+            # A compiler may swallow the interrupt and go on: then there is no need to read of it, nor to wait for it.
+            sys.unraisablehook = lambda _: None
+            threading.Thread(target=self._leave, daemon=True).start()
             raise KeyboardInterrupt
+
+    def _leave(self) -> None:
+        time.sleep(SWALLOWED_S)
+        if self.starting:
+            os._exit(0)
 
 
 def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None = None,

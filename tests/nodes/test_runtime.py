@@ -102,6 +102,17 @@ def test_a_signal_that_a_compiler_swallows_before_it_fails_ends_the_start_all_th
     assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
 
 
+def test_a_signal_that_a_compiler_swallows_to_go_on_for_minutes_ends_the_start_all_the_same(start):
+    probe = start(start="""
+        print('compiling', flush=True)
+        while True:
+            try:
+                time.sleep(600)
+            except KeyboardInterrupt:
+                pass""").says("compiling")
+    assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
+
+
 def test_a_second_signal_does_not_disturb_the_end(start):
     probe = start(start="self.worker.close = lambda drain: (print('closing', flush=True), time.sleep(1))").ready()
     probe.send(signal.SIGINT)

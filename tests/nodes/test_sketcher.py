@@ -20,6 +20,7 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import camera_info
+from srt3d_ros.nodes import base
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -253,3 +254,15 @@ def test_live_parameters_change_between_frames_and_what_the_sensor_cannot_have_i
         refused = set_parameters(**values)
         assert not refused.successful and reason in refused.reason
     assert graph.report("sketcher")["errors"] == "0" and len(described) == 2
+
+
+def test_a_description_that_cannot_be_used_is_told_until_a_better_one_comes(graph, sensor):
+    graph.start("sketcher", sketch_size=64).ready()
+    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    described.publish(sensor_message.encode(sensor))
+    waiting = "waiting for a sensor description on sensor that can be used: "
+    graph.wait(lambda: graph.report("sketcher").get("message", "").startswith(waiting), "the reason")
+    assert graph.report("sketcher")["message"] != waiting
+    described.publish(sensor_message.encode(sensor.replace(num_bins=1000)))
+    graph.reports("sketcher", "num_bins", 1000)
+    graph.wait(lambda: "waiting" not in graph.report("sketcher")["message"], "no more waiting")
