@@ -294,7 +294,7 @@ def test_a_broken_bag_is_one_line(bag, broken):
     path = broken(bag)
     with pytest.raises(InvalidInput) as error:
         open_photons(path, 2)
-    assert path.name in str(error.value) and "\n" not in str(error.value)
+    assert path.name[-15:] in str(error.value) and "\n" not in str(error.value)
 
 
 def test_no_damage_gets_through_as_anything_but_one_line(bag):
