@@ -8,12 +8,11 @@ frame's stamp, where its acquisition begins, to the arrival of the cloud here; `
 """
 
 import argparse
-import json
 import os
 from pathlib import Path
 
 import numpy as np
-from live import Pipeline, books, percentiles
+from live import Pipeline, books, percentiles, tell
 
 from srt3d_ros.benchmark.frames import gates_of, gates_sensor, photons_of, sensor_of
 from srt3d_ros.cli.processes import join_private_network
@@ -67,11 +66,7 @@ def main() -> None:
     args = parser.parse_args()
     join_private_network()
     for name in args.case:
-        line = json.dumps(measure(name, args.seconds, args.together))
-        print(line, flush=True)
-        if args.out:
-            with args.out.open("a") as file:
-                file.write(line + "\n")
+        tell(measure(name, args.seconds, args.together), args.out)
 
 
 if __name__ == "__main__":

@@ -98,6 +98,15 @@ class Pipeline:
         return used
 
 
+def tell(line: dict, out: Path | None) -> None:
+    """Print a line of figures as JSON and, if `out` is given, append it to that file."""
+    text = json.dumps(line)
+    print(text, flush=True)
+    if out:
+        with out.open("a") as file:
+            file.write(text + "\n")
+
+
 def books(monitor) -> dict[str, int]:
     """All counts of drops and losses in the nodes' newest diagnostics."""
     return {f"{node}.{key}": int(value) for node, values in monitor.statuses.items() for key, value in values.items()

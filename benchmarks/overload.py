@@ -10,14 +10,13 @@ The picture shows rates, latency and drops by cause over time.
 """
 
 import argparse
-import json
 import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from live import Pipeline, books, percentiles
+from live import Pipeline, books, percentiles, tell
 from matplotlib.figure import Figure
 
 from srt3d_ros.benchmark.frames import photons_of, sensor_of
@@ -154,10 +153,7 @@ def main() -> None:
     args = parser.parse_args()
     join_private_network()
     line, run = measure(args.seconds)
-    print(json.dumps(line), flush=True)
-    if args.out:
-        with args.out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
+    tell(line, args.out)
     if args.picture:
         draw(run, args.picture)
 

@@ -11,7 +11,6 @@ without. Then `--seconds` are recorded, and the recording is read back. kill: a 
 """
 
 import argparse
-import json
 import os
 import random
 import shutil
@@ -23,7 +22,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from live import write_messages
+from live import tell, write_messages
 
 from srt3d_ros.benchmark.frames import sensor_of
 from srt3d_ros.cli.node import parameter_arguments
@@ -217,12 +216,9 @@ def main() -> None:
     join_private_network()
     for case in args.case:
         folder = Path(tempfile.mkdtemp(prefix="srt3d-recording-"))
-        line = json.dumps(kill(folder, args.kills) if case == "kill" else measure(case, args.seconds, folder))
+        line = kill(folder, args.kills) if case == "kill" else measure(case, args.seconds, folder)
         shutil.rmtree(folder)
-        print(line, flush=True)
-        if args.out:
-            with args.out.open("a") as file:
-                file.write(line + "\n")
+        tell(line, args.out)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from srt3d_ros.colours import CLOUD_MAP, colour_table, intensity_levels, percent
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.new_files import appearing_whole
 
 _SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
@@ -29,14 +30,11 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
         InvalidInput: if the suffix is another or the file cannot be written there.
     """
     path = check(path)
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
-        os.replace(part, path)
+        with appearing_whole(path) as part:
+            _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
     except OSError as e:
         raise InvalidInput("output", str(path), f"a file that can be written ({e.strerror or e})") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def check(path) -> Path:

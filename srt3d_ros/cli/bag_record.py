@@ -29,5 +29,5 @@ def run(args: argparse.Namespace) -> int:
     given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
     if args.topics:
         given["topics"] = ",".join(args.topics)
-    place = ["-r", f"__ns:=/{args.namespace.strip('/')}"] if args.namespace else []
+    place = node.namespace_arguments(args.namespace) if args.namespace else []
     return node.start("bag_recorder", [*node.parameter_arguments(given), *place, *args.ros_args])

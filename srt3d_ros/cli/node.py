@@ -4,8 +4,11 @@ import argparse
 import importlib
 import json
 import os
+import re
 import signal
 import sys
+
+from srt3d_ros.errors import require
 
 NODES = ("player", "sketcher", "reconstructor", "recorder", "bag_recorder")
 
@@ -32,6 +35,14 @@ def start(name: str, ros_args: list[str]) -> int:
     leave_at_once_on_signals()
     sys.argv = [name, *ros_args]
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
+
+
+def namespace_arguments(namespace: str) -> list[str]:
+    """A namespace as arguments of ROS 2, after `--ros-args`; InvalidInput if it cannot be one."""
+    plain = namespace.strip("/")
+    require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", plain, re.ASCII), "--namespace", namespace,
+            "letters, digits and _, beginning with a letter, with / between")
+    return ["-r", f"__ns:=/{plain}"]
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:

@@ -134,10 +134,7 @@ def ros_arguments(args: argparse.Namespace, interfaces: list, own_file: str) -> 
     for rule in args.remap:
         out += ["-r", _remapping(rule, topics)]
     if args.namespace:
-        namespace = args.namespace.strip("/")
-        require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII), "--namespace", args.namespace,
-                "letters, digits and _, beginning with a letter, with / between")
-        out += ["-r", f"__ns:=/{namespace}"]
+        out += node.namespace_arguments(args.namespace)
     if args.log_level:
         out += ["--log-level", args.log_level]
     return out

@@ -14,6 +14,7 @@ from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts, load
 
 INT16_SCALE = 32_767
+COUNTS = np.dtype([("photons", "<u4")])
 MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
 
 
@@ -54,6 +55,16 @@ def decode(message: PointCloud2, frequencies: tuple[int, ...],
 def decode_cdr(raw: bytes, frequencies: tuple[int, ...], sensor: SensorModel | None = None) -> tuple[Header, Sketch]:
     """`decode` of a serialised message."""
     return _unpack(cdr.read_cloud(raw), frequencies, sensor)
+
+
+def decode_counts_cdr(raw: bytes) -> tuple[Header, np.ndarray]:
+    """The photons of each pixel, uint32 [rows, cols], of a serialised message; its means, by far the most, stay there.
+
+    Raises:
+        InvalidInput: the message is no cloud with photon counts.
+    """
+    cloud = cdr.read_cloud(raw)
+    return cloud.header, unpack_cloud(cloud, [COUNTS])["photons"]
 
 
 def encode_sensor(sensor: SensorModel, frequencies: tuple[int, ...], window_frames: int) -> String:

@@ -17,7 +17,6 @@ from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PUBLISH_DEPTH, QUEUE_DEPTH, PipelineNode
-from srt3d_ros.nodes.gaps import Gaps
 from srt3d_ros.nodes.interface import Interface, Topic
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
@@ -136,17 +135,10 @@ class BagRecorderNode(PipelineNode):
         (self.get_logger().warning if losses else self.get_logger().info)(line)
 
     def _subscribe(self, topic: Topic) -> None:
-        gaps = Gaps(lambda: subscription.get_publisher_count())
-
         def received(raw: bytes, info: dict) -> None:
-            self._count_lost(gaps.after(info["publication_sequence_number"]))
             self._received(topic, subscription.topic_name, raw, info["received_timestamp"])
 
-        def lost(event) -> None:
-            if not gaps.numbered:       # or they would be counted twice
-                self._count_lost(event.total_count_change)
-
-        subscription = self._listen(topic.name, received, QUEUE_DEPTH, raw=True, lost=lost)
+        subscription = self.listen_counting(topic.name, received, QUEUE_DEPTH, self._count_lost)
 
     def _count_lost(self, messages: int) -> None:
         self.diagnostics.lost(messages)

@@ -90,26 +90,35 @@ class PipelineNode(ManagedNode):
 
     def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
         """Have the worker call `handle` with the CDR bytes of the frames on one of the interface's inputs."""
-        gaps = Gaps(lambda: subscription.get_publisher_count())
-
         def work(raw: bytes, sent_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
                 raise Dropped("outdated", "it was sent before the description in force")
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
-            self.diagnostics.lost(gaps.after(info["publication_sequence_number"]))
             self.diagnostics.received()
             self.worker.offer(work, raw, info["source_timestamp"])
 
-        def lost(event) -> None:
-            if not gaps.numbered:       # or they would be counted twice
-                self.diagnostics.lost(event.total_count_change)
-
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
         depth = min(depth, QUEUE_DEPTH)
-        subscription = self._listen(topic, received, depth, raw=True, lost=lost)
+        subscription = self.listen_counting(topic, received, depth, self.diagnostics.lost)
         self.diagnostics.expect(subscription.topic_name, self.interface.topic(topic).type_name)
+
+    def listen_counting(self, topic: str, handle: Callable[[bytes, dict], None], depth: int,
+                        lost: Callable[[int], None]) -> Subscription:
+        """As `listen`, with what the middleware knows of a message; `lost` is told how many never came out of it."""
+        gaps = Gaps(lambda: subscription.get_publisher_count())
+
+        def received(raw: bytes, info: dict) -> None:
+            lost(gaps.after(info["publication_sequence_number"]))
+            handle(raw, info)
+
+        def told(event) -> None:
+            if not gaps.numbered:       # or they would be counted twice
+                lost(event.total_count_change)
+
+        subscription = self._listen(topic, received, depth, raw=True, lost=told)
+        return subscription
 
     def follow(self, topic: str, handle: Callable[[object], None]) -> None:
         """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""

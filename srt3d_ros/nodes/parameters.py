@@ -134,17 +134,18 @@ class Parameters:
 
     def _check(self, changes) -> SetParametersResult:
         try:
-            new = {change.name: self._table[change.name].check(change.value) for change in changes
-                   if change.name in self._table}
-            self.on_check(self._values | new)
+            self.on_check(self._values | self._known(changes))
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    def _known(self, changes) -> dict[str, Value]:
+        """Those of the changes that are the table's, checked: the middleware's own are declared on the same node."""
+        return {change.name: self._table[change.name].check(change.value) for change in changes
+                if change.name in self._table}
+
     def _apply(self, changes) -> None:
-        known = {change.name: self._table[change.name].check(change.value) for change in changes
-                 if change.name in self._table}
-        if known:
+        if known := self._known(changes):
             self._values = self._values | known
             self.on_change()
 

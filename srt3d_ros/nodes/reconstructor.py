@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import camera_info
+from srt3d_ros.new_files import next_free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.interface import Interface, Service
@@ -115,7 +115,8 @@ class ReconstructorNode(PipelineNode):
         require(newest is not None, "cloud", "none yet", "a sketch to have come: does the sketcher publish `sketch`?")
         cloud, frame = newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
-        path = _free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
+        path = folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}"
+        path = next_free(path) if path.exists() else path
         sensor = frame.sensor.replace(frame_id=frame.frame_id)
         cloud_files.save(cloud, path, frequencies=frame.frequencies, sensor=sensor)
         return f"{len(cloud)} points saved as {path}"
@@ -206,12 +207,6 @@ class ReconstructorNode(PipelineNode):
             info = camera_info(sensor, cloud.stamp_ns, frame_id)
             if info is not None:        # a scanner is no camera
                 self._camera_info.publish(info)
-
-
-def _free(path: Path) -> Path:
-    """The path if nothing is there, or else the first of NAME_2, NAME_3, … where nothing is."""
-    numbered = (path.with_name(f"{path.stem}_{number}{path.suffix}") for number in count(2))
-    return next(candidate for candidate in chain([path], numbered) if not candidate.exists())
 
 
 def main(args: list[str] | None = None) -> int:

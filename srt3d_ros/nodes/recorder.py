@@ -16,11 +16,9 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.messages.layout import unpack_cloud
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.frame_numbers import Frame, FrameNumbers
@@ -37,7 +35,6 @@ from srt3d_ros.recording.writer import RecordingWriter
 
 QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
-COUNTS = np.dtype([("photons", "<u4")])      # what is read of a sketch
 LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
@@ -190,9 +187,8 @@ class RecorderNode(PipelineNode):
     def _on_sketch(self, raw: bytes) -> None:
         received_ns = self.now_ns()
         self._check_begun()
-        message = cdr.read_cloud(raw)
-        counts = unpack_cloud(message, [COUNTS])["photons"]         # a sketch is large: its numbers stay where they are
-        frame, photons = self._frame(message.header.stamp_ns), int(counts.sum(dtype=np.int64))
+        header, counts = sketch_message.decode_counts_cdr(raw)
+        frame, photons = self._frame(header.stamp_ns), int(counts.sum(dtype=np.int64))
         frame.sketch_ns = received_ns
         series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}

@@ -2,8 +2,9 @@
 
 import re
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
+
+from srt3d_ros.new_files import next_free
 
 _MB = 1_000_000
 
@@ -50,7 +51,7 @@ class PartNames:
         self._begun += 1
         if self._begun == 1:
             return self._path
-        return next(path for k in count(2) if not (path := self._path.with_stem(f"{self._path.stem}_{k}")).exists())
+        return next_free(self._path)
 
     def _last_number(self) -> int:
         pattern = re.compile(rf"{re.escape(self._path.stem)}_(\d{{3,}})$")

@@ -18,6 +18,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.new_files import appearing_whole
 
 _HEADER = struct.Struct("<4s4B4B")              # mark, version, options
 _MESSAGE = struct.Struct("<QQ")                 # kind, bytes that follow
@@ -87,19 +88,16 @@ def repair(state: FileState, progress: bool = False) -> Path:
     """
     path = state.path
     target = path.with_name(f"{path.stem}_repaired{path.suffix}")
-    part = path.with_name(f".{target.stem}.{os.getpid()}.part{path.suffix}")
     require(os.access(path.parent, os.W_OK), "recording", str(path),
             "a finished file, or a folder that can be written for a repaired copy")
     try:
-        if state.whole_bytes * _MEMORY_PER_BYTE < _available_bytes():
-            _index(state, part, progress)
-        else:
-            _cut(state, part)
-        os.replace(part, target)
+        with appearing_whole(target) as part:
+            if state.whole_bytes * _MEMORY_PER_BYTE < _available_bytes():
+                _index(state, part, progress)
+            else:
+                _cut(state, part)
     except OSError as e:
         raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
-    finally:
-        part.unlink(missing_ok=True)
     return target
 
 

@@ -1,6 +1,5 @@
 """The report: a recording's figures, pictures and plots as one HTML file."""
 
-import os
 from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
@@ -8,6 +7,7 @@ from markupsafe import Markup
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.new_files import appearing_whole
 from srt3d_ros.review import words
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.page import PAGE
@@ -34,14 +34,11 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
     """
     require(not path.is_dir(), "report", str(path), "a file, not a directory")     # told before time is spent
     html = _page(recorded, summary, pictures, notes)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(html, encoding="utf-8")
-        os.replace(part, path)
+        with appearing_whole(path) as part:
+            part.write_text(html, encoding="utf-8")
     except OSError as e:
         raise InvalidInput("report", str(path), f"a file that can be written ({e.strerror or e})") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _page(recorded: Recorded, summary: dict, pictures: str, notes: tuple[str, ...]) -> str:

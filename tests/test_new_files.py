@@ -1,0 +1,29 @@
+"""New files appear whole or not at all, and those that must not replace others get a name of their own."""
+
+import pytest
+
+from srt3d_ros.new_files import appearing_whole, next_free
+
+
+def test_a_file_takes_its_place_at_the_end(tmp_path):
+    path = tmp_path / "cloud.ply"
+    path.write_text("old")
+    with appearing_whole(path) as part:
+        part.write_text("new")
+        assert part.suffix == ".ply" and path.read_text() == "old"
+    assert path.read_text() == "new" and list(tmp_path.iterdir()) == [path]
+
+
+def test_after_a_failure_all_is_as_before(tmp_path):
+    path = tmp_path / "cloud.ply"
+    path.write_text("old")
+    with pytest.raises(OSError, match="full"), appearing_whole(path) as part:
+        part.write_text("half")
+        raise OSError("full")
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_the_next_free_name_is_the_first_where_nothing_is(tmp_path):
+    for name in ("a.rrd", "a_2.rrd", "a_4.rrd"):
+        (tmp_path / name).touch()
+    assert next_free(tmp_path / "a.rrd") == tmp_path / "a_3.rrd"
