@@ -1,0 +1,166 @@
+"""The pipeline for half an hour: does it grow, leak, slow down or lose anything?
+
+    .venv/bin/python scripts/attacks/soak.py
+
+The simulator's moving head at 10 Hz, 141 × 141 pixels, 15 photons per pixel, through player, sketcher, reconstructor
+and recorder, each a process of its own with its default parameters (the recorder begins a new file every six minutes),
+to this script, which subscribes. Once a second it reads what each process holds. After the warm-up, the last minute is
+held against the first:
+
+    memory      resident, of no process more than 3 % more (the private part, `uss`, is told as well)
+    files, threads, /dev/shm    no more than in the first minute
+    latency     from the stamp to the cloud's arrival, 95 % of the clouds: within 10 %
+    frames      sent = reconstructed = recorded: none lost, by the nodes' books and by reading the recordings back
+
+Exit code 0 if all of that holds, 1 if not.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from soak_samples import Samples
+from tqdm import tqdm
+
+from srt3d_ros.cli.processes import Processes, join_private_network
+from srt3d_ros.evaluation.machine import machine
+
+LISTENERS = ("recorder", "reconstructor", "sketcher")       # started before the player
+NODES = (*LISTENERS, "player")
+PPP, SBR = 15.0, 1.0
+LAST_CLOUDS_S = 5.0
+LATENCY_PERCENT, LATENCY_PERCENTILE = 10.0, 95
+COUNTED = ("fds", "threads")
+DOMAIN = "ROS_DOMAIN_ID"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=30.0, help="default: %(default)g")
+    parser.add_argument("--warm-up-minutes", type=float, help="default: 3, at most a fifth")
+    parser.add_argument("--rate-hz", type=float, default=10.0, help="default: %(default)g")
+    parser.add_argument("--input", default="simulator", help="photon file instead of the simulated head")
+    parser.add_argument("--split-minutes", type=float, default=6.0, help="of a recorded file; default: %(default)g")
+    parser.add_argument("--growth-percent", type=float, default=3.0, help="allowed of the memory; default: %(default)g")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("build/attacks/soak.json"), help="default: %(default)s")
+    parser.add_argument("--picture", type=Path, help="where to draw what was seen (.png)")
+    parser.add_argument("--keep", action="store_true", help="keep all recordings, not only the first file")
+    args = parser.parse_args()
+    given = os.environ.get(DOMAIN)
+    join_private_network()
+    os.environ[DOMAIN] = given or os.environ[DOMAIN]
+    folder = args.out.parent / "soak"
+    shutil.rmtree(folder, ignore_errors=True)
+    result = judge(args, *soak(args, folder), folder)
+    args.out.write_text(json.dumps(result, indent=1) + "\n")
+    if args.picture:
+        from soak_picture import draw
+        draw(result, args.picture)
+    for part in [] if args.keep else sorted(folder.glob("*.rrd"))[1:]:
+        part.unlink()
+    failed = [line for line in result["verdicts"] if not line["holds"]]
+    for line in result["verdicts"]:
+        print(f"{'holds' if line['holds'] else 'FAILS'}  {line['what']}: {line['seen']} (allowed: {line['allowed']})")
+    print(f"soak of {args.minutes:g} min: {'FAILS' if failed else 'holds'}; {args.out}")
+    return bool(failed)
+
+
+def soak(args: argparse.Namespace, folder: Path) -> tuple[Samples, dict, dict[str, dict[str, str]], list[str]]:
+    """Run it: the samples, latencies in ms by the second of their arrival, the nodes' last reports, what went wrong."""
+    from srt3d_ros.nodes.monitor import Monitor
+    seconds = 60 * args.minutes
+    frames = round(seconds * args.rate_hz)
+    with Monitor(keep_every=10**9) as monitor, Processes(folder, monitor.spin_until) as nodes:
+        nodes.start("recorder", path=str(folder / "soak.rrd"), split_period_s=60 * args.split_minutes)
+        nodes.start("reconstructor")
+        nodes.start("sketcher")
+        problems = nodes.not_ready(LISTENERS, monitor.statuses)
+        if problems:
+            raise SystemExit("; ".join(problems))
+        nodes.start("player", input=args.input, ppp=PPP, sbr=SBR, seed=args.seed, rate_hz=args.rate_hz, frames=frames)
+        if not monitor.spin_until(lambda: len(monitor.arrivals) > 0, 60):
+            raise SystemExit(f"no cloud came: see {folder}")
+        begun_s, begun_ns = time.monotonic(), time.time_ns()
+        samples = Samples({name: nodes.pid(name) for name in NODES})
+        for second in tqdm(range(int(seconds) - 1), unit="s", mininterval=1 if sys.stderr.isatty() else 30):
+            samples.take(time.monotonic() - begun_s)
+            monitor.spin_until(lambda due=begun_s + second + 1: time.monotonic() >= due, 2)
+            if nodes.ended("player") or nodes.failed():
+                break
+        monitor.spin_until(lambda: nodes.ended("player"), LAST_CLOUDS_S)
+        monitor.spin_until(lambda: len(monitor.arrivals) >= frames, LAST_CLOUDS_S)
+        problems = nodes.failed()
+        nodes.stop()
+        latencies = {"arrived_s": [(one.received_ns - begun_ns) * 1e-9 for one in monitor.arrivals],
+                     "ms": [one.latency_ms for one in monitor.arrivals]}
+        return samples, latencies, monitor.statuses, problems or nodes.failed()
+
+
+def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list[str], folder: Path) -> dict:
+    """All that was seen, and what to say of it."""
+    seconds = samples.time_s[-1]
+    warm_up_s = min(180.0, 60 * args.minutes / 5) if args.warm_up_minutes is None else 60 * args.warm_up_minutes
+    window_s = min(60.0, (seconds - warm_up_s) / 3)
+    windows = (warm_up_s, warm_up_s + window_s), (seconds - window_s, seconds)
+    time_s = np.array(samples.time_s)
+    first, last = ((begin <= time_s) & (time_s <= end) for begin, end in windows)
+    verdicts = [verdict("ended before it was asked to", "; ".join(problems) or "none", "none", not problems)]
+    for name in NODES:
+        rss, uss = (np.array(samples.held[name][kind]) for kind in ("rss_mb", "uss_mb"))
+        grown, private = (100 * (np.median(held[last]) / np.median(held[first]) - 1) for held in (rss, uss))
+        verdicts.append(verdict(f"{name}, memory", f"{grown:+.2f} % of {np.median(rss[first]):.0f} MB (private: "
+                                f"{private:+.2f} % of {np.median(uss[first]):.0f} MB)",
+                                f"+{args.growth_percent:g} %", grown < args.growth_percent))
+    shared = {"/dev/shm, entries": samples.shm_entries, "/dev/shm, MB": np.round(samples.shm_mb, 1)}
+    for what, counts in (*((f"{name}, {kind}", samples.held[name][kind]) for name in NODES for kind in COUNTED),
+                         *shared.items()):
+        before, after = (int(np.max(np.array(counts)[window])) for window in (first, last))
+        verdicts.append(verdict(what, str(after), str(before), after <= before))
+    arrived_s, ms = np.array(latencies["arrived_s"]), np.array(latencies["ms"])
+    before, after = (np.percentile(ms[(begin <= arrived_s) & (arrived_s <= end)], LATENCY_PERCENTILE)
+                     for begin, end in windows)
+    verdicts.append(verdict(f"latency, {LATENCY_PERCENTILE} %", f"{after:.1f} ms, {100 * (after / before - 1):+.1f} %",
+                            f"{before:.1f} ms + {LATENCY_PERCENT:g} %", after <= before * (1 + LATENCY_PERCENT / 100)))
+    verdicts += judge_frames(args, len(ms), reports, folder)
+    return {"what": "soak", "command": " ".join(sys.argv), "seed": args.seed, **machine(),
+            "holds": all(line["holds"] for line in verdicts), "verdicts": verdicts,
+            "figures": {"minutes": args.minutes, "rate_hz": args.rate_hz, "windows_s": windows,
+                        "growth_percent": args.growth_percent, "latency_percent": LATENCY_PERCENT, "reports": reports},
+            "samples": {"time_s": np.round(samples.time_s, 2).tolist(), "shm_entries": samples.shm_entries,
+                        "shm_mb": np.round(samples.shm_mb, 2).tolist(),
+                        **{name: {kind: np.round(values, 2).tolist() for kind, values in held.items()}
+                           for name, held in samples.held.items()}},
+            "latency": {"arrived_s": np.round(arrived_s, 2).tolist(), "ms": np.round(ms, 2).tolist()}}
+
+
+def judge_frames(args, clouds: int, reports: dict, folder: Path) -> list[dict]:
+    """Whether every frame became a cloud and was recorded, and nothing was dropped or lost on the way."""
+    from srt3d_ros.recording.reader import RecordingReader
+    sent = int(reports["player"]["frames_sent"])
+    parts = sorted(folder.glob("*.rrd"))
+    recorded = sum(len(RecordingReader(part).cloud_index()) for part in parts)
+    books = {f"{name} {key}": int(value) for name, values in reports.items() for key, value in values.items()
+             if key in ("dropped", "message_lost", "errors", "recording_dropped")}
+    wrong = [f"{what} {count}" for what, count in books.items() if count]
+    size_gb = sum(part.stat().st_size for part in parts) * 1e-9
+    return [verdict("frames sent", str(sent), str(round(60 * args.minutes * args.rate_hz)),
+                    sent == round(60 * args.minutes * args.rate_hz)),
+            verdict("clouds received", str(clouds), str(sent), clouds == sent),
+            verdict(f"clouds in {len(parts)} recordings of {size_gb:.2f} GB", str(recorded), str(sent),
+                    recorded == sent),
+            verdict("dropped, lost, errors, by the nodes' books", ", ".join(wrong) or "none", "none", not wrong)]
+
+
+def verdict(what: str, seen: str, allowed: str, holds: bool) -> dict:
+    """A line of the result."""
+    return {"what": what, "seen": seen, "allowed": allowed, "holds": bool(holds)}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
