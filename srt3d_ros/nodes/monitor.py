@@ -47,15 +47,15 @@ class Monitor:
 
     def __enter__(self) -> "Monitor":
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node("monitor")
-        self._node.create_subscription(PointCloud2, "points", self._on_cloud, QoSProfile(depth=CLOUDS_DEPTH), raw=True)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
+        self.node = Node("monitor")
+        self.node.create_subscription(PointCloud2, "points", self._on_cloud, QoSProfile(depth=CLOUDS_DEPTH), raw=True)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         return self
 
     def __exit__(self, *exc) -> None:
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.try_shutdown()
 
     def spin_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
