@@ -98,12 +98,12 @@ class Pipeline:
     def call(self, service: str) -> None:
         """Call one of the recorder's services."""
         from std_srvs.srv import Trigger
-        client = self.monitor._node.create_client(Trigger, f"recorder/{service}")
+        client = self.monitor.node.create_client(Trigger, f"recorder/{service}")
         self.monitor.spin_until(client.service_is_ready, 20)
         answer = client.call_async(Trigger.Request())
         self.monitor.spin_until(answer.done, 40)
         assert answer.result().success, answer.result().message
-        self.monitor._node.destroy_client(client)
+        self.monitor.node.destroy_client(client)
 
     def rss_mb(self) -> float:
         """Resident memory of the recorder."""
