@@ -1,10 +1,12 @@
 """The one exception for bad input: a message, a file, a parameter or an option that cannot be used."""
 
+import reprlib
 from itertools import accumulate
 
-LONGEST_VALUE = 80      # characters of a value that are shown
+# Characters that are shown of each part: all three may come from the input, or list what is in it.
+LONGEST_FIELD, LONGEST_VALUE, LONGEST_EXPECTED = 160, 80, 600
 DOTS = "..."            # for what is left out
-MOST_LOOKED_AT = 400    # of either end: a value may be megabytes long
+MOST_LOOKED_AT = 5      # times what is shown, of either end: a value may be megabytes long
 
 
 class InvalidInput(ValueError):
@@ -18,8 +20,9 @@ class InvalidInput(ValueError):
 
     def __init__(self, field: str, value: object, expected: str):
         self.field, self.value, self.expected = field, value, expected
-        shown = _shortened(value if isinstance(value, str) else repr(value))
-        super().__init__(printable(f"{field} is {shown or 'empty'}: expected {expected}"))
+        shown = _shortened(value if isinstance(value, str) else _BRIEFLY.repr(value), LONGEST_VALUE)
+        super().__init__(printable(f"{_shortened(field, LONGEST_FIELD)} is {shown or 'empty'}: "
+                                   f"expected {_shortened(expected, LONGEST_EXPECTED)}"))
 
 
 def require(condition: bool, field: str, value: object, expected: str) -> None:
@@ -33,12 +36,28 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))
 
 
-def _shortened(text: str) -> str:
+class _Briefly(reprlib.Repr):
+    """repr() of the beginning: the whole may be brackets a thousand deep, or take longer than reading the value."""
+
+    def __init__(self):
+        super().__init__()
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = LONGEST_VALUE // 2
+        self.maxlevel = self.maxstring = self.maxother = self.maxlong = LONGEST_VALUE
+
+    def repr_bytes(self, value: bytes, level: int) -> str:
+        return repr(value[:LONGEST_VALUE + 1])
+
+
+_BRIEFLY = _Briefly()
+
+
+def _shortened(text: str, longest: int) -> str:
     """The text in one line; of one too long the two ends, since a path's end tells most. Escapes stay whole."""
-    if len(text) <= MOST_LOOKED_AT and len(printable(text)) <= LONGEST_VALUE:
+    most = MOST_LOOKED_AT * longest
+    if len(text) <= most and len(printable(text)) <= longest:
         return " ".join(text.split())
-    half = (LONGEST_VALUE - len(DOTS)) // 2
-    head, tail = " ".join(text[:MOST_LOOKED_AT].split()), " ".join(text[-MOST_LOOKED_AT:].split())
+    half = (longest - len(DOTS)) // 2
+    head, tail = " ".join(text[:most].split()), " ".join(text[-most:].split())
     return _fitting(head, half) + DOTS + _fitting(tail[::-1], half)[::-1]
 
 

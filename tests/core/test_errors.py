@@ -1,5 +1,7 @@
 """A user's mistake is one printable line, whatever was in the input."""
 
+import tracemalloc
+
 import pytest
 
 from srt3d_ros.errors import InvalidInput, require
@@ -79,3 +81,30 @@ def test_require_raises_only_if_the_condition_fails():
 
 def test_values_of_many_words_are_shortened_as_if_they_had_been_joined():
     assert said("value", "a  " * 10**6) == f"value is {'a ' * 19}...{' a' * 19}: expected something else"
+
+
+@pytest.mark.parametrize("part", ["field", "expected"])
+def test_a_line_stays_a_line_whatever_the_input_has_of_it(part):
+    parts = {"field": "array", "value": 3, "expected": "one of a, b"} | {part: "name, " * 10**6}
+    assert len(said(**parts)) < 1000
+
+
+def nested(depth: int) -> list:
+    value = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize("value", [nested(100_000), {"a": nested(100_000)}, (nested(100_000),)], ids=type)
+def test_brackets_deeper_than_the_interpreter_goes_are_shown(value):
+    assert "[[[[" in said("irf", value) and "..." in said("irf", value)
+
+
+@pytest.mark.parametrize("value", [bytes(10**7), [0.5] * 10**7], ids=type)
+def test_a_large_value_is_not_written_out_to_show_its_ends(value):
+    tracemalloc.start()
+    said("frame_id", value)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100_000
