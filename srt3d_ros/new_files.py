@@ -1,6 +1,7 @@
 """Files that take their place only when they are whole, and names for those that must not take another's place."""
 
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -9,8 +10,12 @@ from pathlib import Path
 
 @contextmanager
 def appearing_whole(path: Path) -> Iterator[Path]:
-    """A path beside `path`, with its suffix, to write to: it becomes `path` if the block ends well, else it is gone."""
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    """A new file beside `path`, with its suffix, to write to: it becomes `path` if the block ends well, else it goes.
+
+    Nobody can have put a link there for us to write through: its name cannot be guessed, and nothing may have it.
+    """
+    part = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
+    part.open("x").close()
     try:
         yield part
         os.replace(part, path)
@@ -19,5 +24,5 @@ def appearing_whole(path: Path) -> Iterator[Path]:
 
 
 def next_free(path: Path) -> Path:
-    """The first of NAME_2, NAME_3, … beside `path`, with its suffix, where nothing is."""
-    return next(other for k in count(2) if not (other := path.with_stem(f"{path.stem}_{k}")).exists())
+    """The first of NAME_2, NAME_3, … beside `path`, with its suffix, where nothing is, not even a broken link."""
+    return next(other for k in count(2) if not os.path.lexists(other := path.with_stem(f"{path.stem}_{k}")))

@@ -11,7 +11,7 @@ from pathlib import Path
 from srt3d_ros.cli.node import parameter_arguments
 
 STOP_TIMEOUT_S = 20.0
-READY_TIMEOUT_S = 180.0                 # the reconstructor compiles, on a slow machine
+READY_TIMEOUT_S = 900.0                 # the reconstructor compiles: on a slow machine with other work, minutes
 
 
 def join_private_network() -> None:

@@ -51,10 +51,18 @@ def directions(host: str, port: int) -> str:
     """What to type on a machine with a screen to see what is served at host:port."""
     here = os.environ.get("SSH_CONNECTION", "").split()[2:3] or [socket.gethostname()]
     return (f"There is no screen here. On the machine where you sit:\n\n"
-            f"  ssh -L {port}:{host}:{port} {getpass.getuser()}@{here[0]}\n\n"
+            f"  ssh -L {port}:{host}:{port} {_user()}{here[0]}\n\n"
             f"and beside it, while that is open:\n\n"
             f"  srt3d view --connect {LOOPBACK}:{port}\n\n"
             f"or, with rerun-sdk alone:  rerun rerun+http://{LOOPBACK}:{port}/proxy")
+
+
+def _user() -> str:
+    """Who we are, as ssh wants it before a host; nothing where nobody knows, as in many containers."""
+    try:
+        return f"{getpass.getuser()}@"
+    except (KeyError, OSError):
+        return ""
 
 
 def _checked_address(text: str) -> tuple[str, int]:
@@ -69,10 +77,13 @@ def _checked_address(text: str) -> tuple[str, int]:
 
 
 def _open(*arguments: str) -> NoReturn:
-    """Become the viewer, so that signals reach it: rerun's own script starts it as a child, which would outlive it."""
+    """Become the viewer, so that signals reach it: rerun's own script starts it as a child, which would outlive it.
+
+    Every viewer is a server, too, which unless told otherwise listens to the whole network.
+    """
     import rerun_cli
     viewer = str(Path(rerun_cli.__file__).with_name("rerun"))
-    os.execv(viewer, [viewer, *arguments])
+    os.execv(viewer, [viewer, "--bind", LOOPBACK, *arguments])
 
 
 def _serve(recordings: list[Path]) -> NoReturn:
@@ -81,5 +92,4 @@ def _serve(recordings: list[Path]) -> NoReturn:
         probe.bind((LOOPBACK, 0))
         port = probe.getsockname()[1]
     print(directions(LOOPBACK, port) + "\n\nServing until Ctrl-C.", flush=True)
-    _open("--serve-grpc", "--bind", LOOPBACK, "--port", str(port), "--server-memory-limit", SERVER_MEMORY,
-                 *map(str, recordings))
+    _open("--serve-grpc", "--port", str(port), "--server-memory-limit", SERVER_MEMORY, *map(str, recordings))

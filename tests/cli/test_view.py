@@ -17,9 +17,11 @@ from rerun.chunk import RrdReader
 
 from srt3d_ros.cli import main
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording import screenshot
 from srt3d_ros.recording.writer import RecordingWriter
 
 TIMEOUT_S, VIEWER_S = 60.0, 10.0
+HERE = ("--bind", "127.0.0.1")      # the viewer with a window is a server, too
 
 
 @pytest.fixture(autouse=True)
@@ -104,10 +106,37 @@ def test_where_there_is_a_screen_the_viewer_opens(monkeypatch, tmp_path, opened,
     with record(tmp_path / "a.rrd", live=(port, 16)):
         with pytest.raises(SystemExit):
             main.main(["view", str(tmp_path / "a.rrd")])
-        assert Path(opened[0]).name == "rerun" and opened[1:] == [str(tmp_path / "a.rrd")]
+        assert Path(opened[0]).name == "rerun" and opened[1:] == [*HERE, str(tmp_path / "a.rrd")]
         with pytest.raises(SystemExit):
             main.main(["view", "--connect", f"127.0.0.1:{port}"])
-        assert opened[1:] == [f"rerun+http://127.0.0.1:{port}/proxy"]
+        assert opened[1:] == [*HERE, f"rerun+http://127.0.0.1:{port}/proxy"]
+
+
+@pytest.mark.skipif(not screenshot.is_possible(), reason="no Vulkan: the viewer cannot run here")
+def test_the_viewer_can_be_reached_from_this_machine_alone(monkeypatch, tmp_path, opened, port):
+    monkeypatch.setenv("DISPLAY", ":0")
+    record(tmp_path / "a.rrd").close()
+    with pytest.raises(SystemExit):
+        main.main(["view", str(tmp_path / "a.rrd")])
+    viewer = subprocess.Popen([*opened, "--headless", "--window-size", "300x200", "--port", str(port)],
+                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        end = time.monotonic() + TIMEOUT_S
+        while not (addresses := listening_at(port)) and time.monotonic() < end:
+            time.sleep(0.1)
+        assert addresses == {"127.0.0.1"}
+    finally:
+        viewer.kill()
+        viewer.wait()
+
+
+def test_a_user_without_an_account_gets_directions(monkeypatch, tmp_path, capsys, port):
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 54321)        # as docker run --user has it
+    with record(tmp_path / "a.rrd", live=(port, 16)):
+        assert main.main(["view", "--connect", f"127.0.0.1:{port}"]) == 0
+    assert f"  ssh -L {port}:127.0.0.1:{port} {socket.gethostname()}\n" in capsys.readouterr().out
 
 
 def test_without_a_screen_a_recorder_at_work_is_told_with_the_line_for_ssh(monkeypatch, tmp_path, capsys, port):
