@@ -43,7 +43,7 @@ PARAMETERS = (
     Parameter("max_range_m", 0.0, "Points farther than this are left out; 0 = no limit.", "m", low=0.0, live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     Parameter("save_folder", "", "Where `~/save_cloud` writes; the working directory if empty.",
-              form="a folder that exists", live=True),
+              form="a folder that exists"),         # not live: where files go, says who starts the node
     Parameter("save_format", "ply", "What it writes: ply and pcd have x, y, z and intensity, npz all that is known.",
               choices=("ply", "pcd", "npz"), live=True),
     LOSSLESS,

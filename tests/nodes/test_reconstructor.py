@@ -195,8 +195,9 @@ def test_a_reset_makes_the_next_frame_a_first_one(graph, sensor, sketch, send):
 
 
 def test_the_newest_cloud_is_saved_where_and_as_what_the_parameters_say(graph, sensor, sketch, send, setting, tmp_path):
-    clouds = graph.collect(PointCloud2, "points")
-    graph.start("reconstructor", lossless=True, save_folder=tmp_path, frame_id="rig").ready()
+    clouds, folder = graph.collect(PointCloud2, "points"), tmp_path / "clouds"
+    folder.mkdir()
+    graph.start("reconstructor", lossless=True, save_folder=folder, frame_id="rig").ready()
 
     def save() -> tuple[bool, str]:
         answer = graph.call(Trigger, "reconstructor/save_cloud", Trigger.Request())
@@ -207,14 +208,15 @@ def test_the_newest_cloud_is_saved_where_and_as_what_the_parameters_say(graph, s
     graph.wait(lambda: clouds, "a cloud")
     xyz = points_message.decode(clouds[0])[1]["xyz"]
     name = f"cloud_{STAMP_NS}"
-    assert save() == (True, f"{len(xyz)} points saved as {tmp_path / name}.ply")
-    assert save() == (True, f"{len(xyz)} points saved as {tmp_path / name}_2.ply")
+    assert save() == (True, f"{len(xyz)} points saved as {folder / name}.ply")
+    assert save() == (True, f"{len(xyz)} points saved as {folder / name}_2.ply")
     assert setting(save_format="npz") == "" and save()[0]
-    assert (np.load(tmp_path / f"{name}.npz")["xyz"] == xyz).all()
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.npz", f"{name}.ply", f"{name}_2.ply"]
-    header = (tmp_path / f"{name}.ply").read_bytes().split(b"end_header")[0].decode()
+    assert (np.load(folder / f"{name}.npz")["xyz"] == xyz).all()
+    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.npz", f"{name}.ply", f"{name}_2.ply"]
+    header = (folder / f"{name}.ply").read_bytes().split(b"end_header")[0].decode()
     assert f"element vertex {len(xyz)}" in header and "in the frame rig" in header
-    assert setting(save_folder=str(tmp_path / "absent"), save_format="pcd") == ""
+    assert "read-only" in setting(save_folder=str(tmp_path))      # where, says who starts the node
+    folder.rename(tmp_path / "moved")
     success, why = save()
     assert not success and why.startswith(f"output is {str(tmp_path)[:20]}") and len(why.splitlines()) == 1
     assert graph.call(Trigger, "reconstructor/reset", Trigger.Request()).success
