@@ -4,6 +4,7 @@ from pathlib import Path
 
 import rerun as rr
 
+from srt3d_ros.recording import streams
 from srt3d_ros.recording.file_sink import FileSink
 
 TICK_S = 0.4            # how long rerun gathers rows: a kill costs as much, and every chunk of an entity 1 kB
@@ -53,11 +54,17 @@ class FilePart:
     def close(self) -> None:
         """Write the footer and close the file."""
         self.flush()
-        self.stream.disconnect()
-        self._sink.wait()
+        self._end()
         self.check()
 
     def give_up(self) -> None:
         """Close a file that cannot be written; what it has stays."""
+        streams.given_up.add(self)
+        self._end()
+
+    def _end(self) -> None:
         self.stream.disconnect()
         self._sink.wait()
+        streams.given_up.discard(self)
+        self.stream = None
+        streams.let_go()

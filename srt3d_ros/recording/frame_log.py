@@ -13,6 +13,7 @@ from srt3d_ros.recording import layout
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 from srt3d_ros.recording.colouring import CloudColours, Colouring
 from srt3d_ros.recording.compact import by_intensity
+from srt3d_ros.recording.streams import send_blueprint
 from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m
 
 _RADIUS_SAMPLES = 4096
@@ -136,4 +137,4 @@ class FrameLog:
     def _send_look(self, stream: rr.RecordingStream) -> None:
         if self._view:
             stream.log(layout.SENSOR_PATH, *self._view, static=True)
-        stream.send_blueprint(self._style.blueprint(self._eye, self._sensor, self._images))
+        send_blueprint(stream, self._style.blueprint(self._eye, self._sensor, self._images))

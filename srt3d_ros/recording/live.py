@@ -5,6 +5,7 @@ import socket
 import rerun as rr
 
 from srt3d_ros.errors import require
+from srt3d_ros.recording import streams
 
 ADDRESS = "127.0.0.1"       # loopback only: there is no password
 
@@ -29,6 +30,8 @@ class LiveServer:
     def close(self) -> None:
         """Serve no more."""
         self.stream.disconnect()
+        self.stream = None
+        streams.let_go()
 
 
 def check_free(port: int) -> None:

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,12 @@ from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
 
 POINTS = 5000
+
+
+def threads_of_streams() -> int:
+    """Threads of this process that rerun has started for its streams."""
+    comms = [path.read_text() for path in Path("/proc/self/task").glob("*/comm")]
+    return sum(comm.startswith(("ChunkBatcher", "RecordingStream")) for comm in comms)
 
 
 def names(path, numbered, number=3):
@@ -41,6 +48,17 @@ def test_files_follow_each_other_by_size_or_by_age():
     assert not Split().due(10**12, 1e9)
     assert Split(size_mb=2).due(2_000_000, 0) and not Split(size_mb=2).due(1_999_999, 1e9)
     assert Split(period_s=3).due(0, 3) and not Split(period_s=3).due(10**12, 2.9)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are counted on Linux only")
+def test_a_file_that_is_finished_leaves_no_threads_behind(tmp_path):
+    """rerun keeps two for each file and two for the layout in it, if it is left to itself."""
+    before = threads_of_streams()
+    with RecordingWriter(tmp_path / "a.rrd", None, split=Split(size_mb=0.02)) as writer:
+        while writer.parts < 5:
+            writer.log_cloud(0, 0, np.random.default_rng(0).normal(size=(1000, 3)), np.ones(1000))
+            writer.flush()
+    assert threads_of_streams() <= before
 
 
 @pytest.mark.parametrize("split, frames", [(Split(size_mb=0.5), 60), (Split(period_s=0.5), 60)])
