@@ -55,6 +55,7 @@ class StandIn(PipelineNode):
 
     def _frame(self) -> None:
         stamp_ns = self.now_ns()
+        self.diagnostics.received()
         for name, publisher in self._outgoing.items():
             if name == "points":
                 started = time.perf_counter()

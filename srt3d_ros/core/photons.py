@@ -67,10 +67,12 @@ class PhotonGates:
     Args:
         words: uint16 [G, rows, cols]; bin = word − sensor.gates.first_word, sensor.gates.no_detection = no photon.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+        photons: number of photons, if whoever read the words has counted them.
     """
 
     words: np.ndarray
     stamp_ns: int = 0
+    photons: int | None = None
 
     def __post_init__(self):
         require(self.words.dtype == np.uint16, "gates dtype", str(self.words.dtype), "uint16")
@@ -103,12 +105,29 @@ class PhotonGates:
         words[cycle, pixel[order]] = written
         return cls(words.reshape(cycles, sensor.rows, sensor.cols), events.stamp_ns)
 
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput unless the gates have the sensor's pixels, and it says what words mean."""
+        shape = sensor.rows, sensor.cols
+        require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
+        require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
+
     def to_events(self, sensor: SensorModel) -> PhotonEvents:
-        """The same photons as events sorted by pixel."""
-        words = self.words.reshape(len(self.words), -1).T
-        seen = words != sensor.gates.no_detection
-        pixel = np.broadcast_to(np.arange(words.shape[0], dtype=np.uint32)[:, None], words.shape)[seen]
-        return PhotonEvents(pixel, words[seen] - np.uint16(sensor.gates.first_word), self.stamp_ns)
+        """The same photons as events sorted by pixel; InvalidInput for gates that are not the sensor's."""
+        self.check(sensor)
+        form = sensor.gates
+        words = self.words.reshape(len(self.words), sensor.pixels).T
+        seen = words != form.no_detection
+        pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[seen]
+        words = words[seen]
+        first = int(words.min(initial=65_535))
+        require(first >= form.first_word, "gates word", first, word_wanted(sensor))
+        return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
+
+
+def word_wanted(sensor: SensorModel) -> str:
+    """Which words gates may have, as an expectation."""
+    first, none = sensor.gates.first_word, sensor.gates.no_detection
+    return f"{first} … {first + sensor.num_bins - 1}, or {none} for no photon"
 
 
 PhotonFrame = PhotonEvents | PhotonGates

@@ -58,18 +58,22 @@ def _unpack(image: cdr.Image, sensor: SensorModel) -> tuple[Header, PhotonGates]
     # A copy only where it has to be: of 300 MB/s each one costs a tenth of a core.
     words = np.require(unpack_image(image, load("gates")), np.uint16, ["C_CONTIGUOUS", "ALIGNED"])
     words = words.reshape(image.height // sensor.rows, sensor.rows, sensor.cols)
-    _check_words(words, sensor)
-    return image.header, PhotonGates(words, image.header.stamp_ns)
+    photons = _check_words(words, sensor)
+    return image.header, PhotonGates(words, image.header.stamp_ns, photons)
 
 
-def _check_words(words: np.ndarray, sensor: SensorModel) -> None:
+def _check_words(words: np.ndarray, sensor: SensorModel) -> int:
+    """How many of the words are photons; InvalidInput if one is neither a photon nor none."""
     require(sensor.gates is not None, "sensor.gates", "absent", "first_word and no_detection, to read `gates` with")
     first, none = sensor.gates.first_word, sensor.gates.no_detection
     last = min(first + sensor.num_bins, 65_536) - 1
-    flat = words.reshape(-1)
+    flat, photons = words.reshape(-1), 0
     for part in (flat[start:start + CHUNK] for start in range(0, len(flat), CHUNK)):
         # Unsigned: a word below `first` wraps around to more than any bin.
-        wrong = (part - np.uint16(first) > last - first) & (part != none)
+        seen = part != none
+        wrong = (part - np.uint16(first) > last - first) & seen
         if wrong.any():
             raise InvalidInput("gates word", int(part[wrong.argmax()]),
                                f"{first} to {last}, or {none} for no detection")
+        photons += int(np.count_nonzero(seen))
+    return photons

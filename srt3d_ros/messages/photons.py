@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, typed
 from srt3d_ros.messages.header import Header
 from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
@@ -14,6 +14,8 @@ from srt3d_ros.messages.schema import cloud_layouts
 
 if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
+
+LEAST_BYTES = min(layout.itemsize for layout in cloud_layouts("photons").values())      # of a photon
 
 
 def encode(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> "PointCloud2":
@@ -42,6 +44,15 @@ def decode(message: "PointCloud2", sensor: SensorModel) -> tuple[Header, PhotonE
 def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
     """`decode` of a serialised message."""
     return _unpack(cdr.read_cloud(raw), sensor)
+
+
+def announced(raw: bytes) -> int:
+    """How many photons a serialised message says that it has; 0 if it is none, or says more than its bytes can hold."""
+    try:
+        height, width = cdr.cloud_shape(raw)
+    except InvalidInput:
+        return 0
+    return height * width if height * width * LEAST_BYTES <= len(raw) else 0
 
 
 def _pack(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> cdr.Cloud:

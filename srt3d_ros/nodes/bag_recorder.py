@@ -2,7 +2,6 @@
 
 import os
 import sys
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -63,7 +62,6 @@ class BagRecorderNode(PipelineNode):
 
     def __init__(self):
         super().__init__(NO_LIMIT)
-        self._lock = threading.Lock()
         self._writer: BagWriter | None = None
 
     def configure(self) -> None:
@@ -146,7 +144,6 @@ class BagRecorderNode(PipelineNode):
 
     def _received(self, topic: Topic, name: str, raw: bytes, received_ns: int) -> None:
         """In the executor's thread: to the queue, unless its bytes are too many."""
-        self.diagnostics.received()
         time_ns = received_ns if received_ns and not self.get_parameter("use_sim_time").value else self.now_ns()
         if topic.latched:
             if self._first_ns is not None and topic.name in self._awaited:
@@ -155,16 +152,17 @@ class BagRecorderNode(PipelineNode):
             return
         if self._first_ns is None:
             self._first_ns, self._first_at = time_ns, time.monotonic()
-        with self._lock:
-            fits = self._waiting_bytes + len(raw) <= self.parameters["queue_mb"] * MB
-            self._waiting_bytes += len(raw) if fits else 0
-        if fits:
-            self.worker.offer(self._write_queued, topic, name, time_ns, raw)
-        else:
-            self.diagnostics.drop("queue")
-            self._lost["for want of room in the queue"] += 1
+        with self.worker.lock:
+            self.diagnostics.received()
+            if self._waiting_bytes + len(raw) <= self.parameters["queue_mb"] * MB:
+                self._waiting_bytes += len(raw)
+                self.worker.offer(self._write_queued, topic, name, time_ns, raw)
+            else:
+                self.diagnostics.drop("queue")
+                self._lost["for want of room in the queue"] += 1
 
     def _describe(self, topic: Topic, name: str, time_ns: int, raw: bytes) -> None:
+        self.diagnostics.received()
         self._write(topic, name, time_ns, raw)
         self._awaited.discard(topic.name)
         if not self._awaited:
@@ -178,7 +176,7 @@ class BagRecorderNode(PipelineNode):
             self.release_frames()
 
     def _write_queued(self, topic: Topic, name: str, time_ns: int, raw: bytes) -> None:
-        with self._lock:
+        with self.worker.lock:
             self._waiting_bytes -= len(raw)
         self._write(topic, name, time_ns, raw)
 

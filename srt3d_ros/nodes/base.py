@@ -37,9 +37,10 @@ TELL_AFTER_S = 0.5      # a wait this long is worth a log line
 class PipelineNode(ManagedNode):
     """A managed node whose callbacks only hand messages to its worker thread, and whose worker thread publishes.
 
-    A frame ends in exactly one way, which the diagnostics count: published, or dropped for a cause. A node of its own
-    takes its parameters in the constructor, does all that may take long or fail in `configure`, subscribes in
-    `activate`, and forgets past frames in `forget`.
+    A frame ends in exactly one way, which the diagnostics count: published, or dropped for a cause; whenever nothing is
+    in hand, what came in is held against what went out, was dropped and waits (books.py). A node of its own takes its
+    parameters in the constructor, does all that may take long or fail in `configure`, subscribes in `activate`, and
+    forgets past frames in `forget`.
 
     Args:
         queue_limit: frames that wait for a worker that does not keep up, unless lossless; by default the newest only.
@@ -60,14 +61,14 @@ class PipelineNode(ManagedNode):
             self.destroy_node()     # a node that nobody will ever see must not outlive the context
             raise
         self.lossless = bool(self.parameters.as_dict().get("lossless", False))
-        self.diagnostics = Diagnostics(self)
+        self.diagnostics = Diagnostics(self, self.interface.books)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the worker is to wait for nothing: the node is being stopped
         self.exit_code = 0
         limit = LOSSLESS if self.lossless else queue_limit
-        self.worker = Worker(limit, self._failed, self.diagnostics.drop, PATIENCE_S)
+        self.worker = Worker(limit, self._failed, self.diagnostics.drop, PATIENCE_S, self._audit)
         self._stages = [self.worker]
-        self._held_for = ""
+        self._held_for = self._stopped_for = ""
         self._followed_ns = self._valid_from_ns = 0         # when descriptions were sent, by their sender's clock
         self._listening: list[Subscription] = []
         self._advertised: list[Publisher] = []
@@ -85,19 +86,37 @@ class PipelineNode(ManagedNode):
 
     def add_stage(self) -> Worker:
         """A worker that goes on with frames where the last one leaves off; it drops none."""
-        self._stages.append(Worker(LOSSLESS, self._failed, self.diagnostics.drop))
+        self._stages.append(Worker(LOSSLESS, self._failed, self.diagnostics.drop, done=self._audit))
         return self._stages[-1]
 
-    def subscribe(self, topic: str, handle: Callable[[bytes], None]) -> None:
-        """Have the worker call `handle` with the CDR bytes of the frames on one of the interface's inputs."""
+    def open_frame(self) -> tuple[int, int]:
+        """Messages, and photons in them, that the node keeps for a frame which is not complete yet."""
+        return 0, 0
+
+    def _audit(self) -> None:
+        """Hold the books against what really waits; only while no stage has anything in hand, which moves meanwhile."""
+        with self.worker.lock, self._stages[-1].lock:
+            if not any(stage.busy for stage in self._stages):
+                kept = [self.open_frame(), *(stage.waiting for stage in self._stages)]
+                self.diagnostics.audit(*map(sum, zip(*kept)))
+
+    def subscribe(self, topic: str, handle: Callable[[bytes], None],
+                  count: Callable[[bytes], int] = lambda raw: 0) -> None:
+        """Have the worker call `handle` with the CDR bytes of the frames on one of the interface's inputs.
+
+        Args:
+            count: photons that a message announces, called in the executor's thread.
+        """
         def work(raw: bytes, sent_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
                 raise Dropped("outdated", "it was sent before the description in force")
             handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
-            self.diagnostics.received()
-            self.worker.offer(work, raw, info["source_timestamp"])
+            photons = count(raw)
+            with self.worker.lock:
+                self.diagnostics.received(photons)
+                self.worker.offer(work, raw, info["source_timestamp"], photons=photons)
 
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
         depth = min(depth, QUEUE_DEPTH)
@@ -182,7 +201,7 @@ class PipelineNode(ManagedNode):
             except InvalidInput as error:
                 answer.set_result((False, str(error)))
             except Exception as error:
-                self._failed(error, is_frame=False)
+                self._failed(error)
                 answer.set_result((False, _in_words(error)))
 
         async def serve(_, response: Trigger.Response) -> Trigger.Response:
@@ -206,16 +225,24 @@ class PipelineNode(ManagedNode):
         self.diagnostics.wait_for("")
         self.worker.release_frames()
 
-    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int) -> None:
-        """Publish the CDR bytes of the frame acquired at `stamp_ns`; when lossless, wait for a subscriber first."""
-        if self.lossless:
-            self.wait_until(lambda: publisher.get_subscription_count() > 0, f"a subscriber on {publisher.topic_name}")
-        publisher.publish(data)
-        self.sent(stamp_ns)
+    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
+        """Publish the CDR bytes of the frame acquired at `stamp_ns`; when lossless, wait for a subscriber first.
 
-    def sent(self, stamp_ns: int) -> None:
-        """A frame acquired at `stamp_ns` has left this node, now."""
-        self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9)
+        Args:
+            amounts: totals to which the frame adds.
+
+        Raises:
+            Dropped: the node was stopped before a subscriber came.
+        """
+        if self.lossless and not self.wait_until(publisher.get_subscription_count,
+                                                 f"a subscriber on {publisher.topic_name}"):
+            raise Dropped(self._stopped_for, f"nobody had subscribed to {publisher.topic_name}")
+        publisher.publish(data)
+        self.sent(stamp_ns, **amounts)
+
+    def sent(self, stamp_ns: int, **amounts: int) -> None:
+        """A frame acquired at `stamp_ns` has left this node, now; `amounts` are totals to which it adds."""
+        self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9, **amounts)
 
     def now_ns(self) -> int:
         """Nanoseconds of the node's clock, which may be a simulated one."""
@@ -249,6 +276,7 @@ class PipelineNode(ManagedNode):
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe and empty the queue: what waits is dropped for `cause` or, if the node drains, worked on."""
         self.unsubscribe()
+        self._stopped_for = cause
         self.halted.set()
         if not self.drains:
             self.worker.clear(cause)
@@ -277,26 +305,29 @@ class PipelineNode(ManagedNode):
 
     def refused(self, problem: Exception) -> None:
         """A transition failed: say why, the service's answer cannot."""
-        self._failed(problem, is_frame=False)
+        self._failed(problem)
 
     def close(self) -> None:
         """Stop in order: finish the frame in hand, publish the last diagnostics, leave the graph."""
         self.stop_frames("shutdown")
         for stage in self._stages:
             stage.close(self.finish_s)
+        self.state = "finalized"
+        self._audit()
         self.diagnostics.close()
         self._relay.close()
         self.destroy_node()
 
-    def _failed(self, error: Exception, is_frame: bool) -> None:
+    def _failed(self, error: Exception, frames: int = 0, photons: int = 0) -> None:
+        """Something failed, and so many frames with it."""
         if isinstance(error, Dropped):
-            self.diagnostics.drop(error.cause)
+            self.diagnostics.drop(error.cause, frames, photons)
             self.get_logger().warning(f"frame dropped: {error}", throttle_duration_sec=LOG_EVERY_S)
             return
         bad_input, text = isinstance(error, InvalidInput), _in_words(error)
-        if is_frame:
-            self.diagnostics.drop("malformed" if bad_input else "error")
-        if is_frame and bad_input:
+        if frames:
+            self.diagnostics.drop("malformed" if bad_input else "error", frames, photons)
+        if frames and bad_input:
             self.diagnostics.note(text)
             self.get_logger().warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)
         else:

@@ -1,10 +1,10 @@
 """/diagnostics of a node, once a second whatever its subscribers: the books of every frame, rates, latency, last error.
 
-Totals count from the start of the node and never fall, so that for every node, once nothing is under way,
-frames_in = frames_out + dropped (for packets that are merged into one frame: messages in, frames out).
+Totals count from the start of the node and never fall; the node's interface says in which equations they balance.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, or more than half of the frames that came in were dropped or lost
+    ERROR   something failed that should not have, the books ceased to balance, or more than half of the frames that
+            came in were dropped or lost
     WARN    a frame was dropped or lost, the node waits for something, no frame came for 2 s, or frames are more than
             2 s old when they leave
     OK      otherwise, also with nothing to do
@@ -13,6 +13,7 @@ Level, from what happened since the last report:
 import threading
 import time
 from collections import Counter, deque
+from collections.abc import Iterable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -22,6 +23,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from srt3d_ros.nodes.books import FRAMES, Balance, Books
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
 PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know each other's reports
@@ -40,13 +42,13 @@ class Diagnostics:
 
     Args:
         node: whose books these are; its name is the status's name, its `state` the lifecycle state that is shown.
+        balances: equations in which they balance.
     """
 
-    def __init__(self, node: ManagedNode):
+    def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
         self._node = node
         self._lock = threading.Lock()
-        self._totals: Counter[str] = Counter()
-        self._drops: Counter[str] = Counter()
+        self._books = Books(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
@@ -54,15 +56,15 @@ class Diagnostics:
         self._silent_since = 0.0            # when a frame last came in, or was first to be expected
         self._any_frame = False             # since then
         self._last_error = ""
-        self._reported = (time.monotonic(), Counter(), Counter())
+        self._reported = (time.monotonic(), Counter(), Counter(), Counter())
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # a steady clock: diagnostics go on while simulated time stands still
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def received(self) -> None:
-        """A frame came in."""
-        self.count(frames_in=1)
+    def received(self, photons: int = 0) -> None:
+        """A frame came in, which announces so many photons."""
+        self.count(frames_in=1, **({"photons_in": photons} if photons else {}))
         self._silent_since, self._any_frame = time.monotonic(), True
 
     def expect(self, topic: str, type_name: str) -> None:
@@ -74,21 +76,26 @@ class Diagnostics:
         """No frames are to come any more."""
         self._topics.clear()
 
-    def sent(self, latency_s: float) -> None:
-        """A frame went out, `latency_s` after its stamp."""
+    def sent(self, latency_s: float, **amounts: int) -> None:
+        """A frame went out, `latency_s` after its stamp, and adds to totals of these names."""
         with self._lock:
-            self._totals["frames_out"] += 1
+            self._books.totals.update(amounts, frames_out=1)
             self._latencies_s.append(latency_s)
 
     def count(self, **amounts: int) -> None:
         """Add to totals of these names."""
         with self._lock:
-            self._totals.update(amounts)
+            self._books.totals.update(amounts)
 
-    def drop(self, cause: str, frames: int = 1) -> None:
-        """Frames were given up because of `cause`."""
+    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
+        """Frames were given up because of `cause`, and so many photons with them."""
         with self._lock:
-            self._drops[cause] += frames
+            self._books.drop(cause, frames=frames, photons=photons)
+
+    def audit(self, frames: int, photons: int) -> None:
+        """Nothing is in hand, and so many frames and photons wait: do the books balance?"""
+        with self._lock:
+            self._books.audit({"frames": frames, "photons": photons})
 
     def lost(self, messages: int) -> None:
         """Messages were sent to this node and never came out of the middleware."""
@@ -97,7 +104,7 @@ class Diagnostics:
     def error(self, text: str) -> None:
         """Something failed that should not have; kept as the last error."""
         with self._lock:
-            self._totals["errors"] += 1
+            self._books.totals["errors"] += 1
             self._last_error = text
 
     def note(self, text: str) -> None:
@@ -133,18 +140,20 @@ class Diagnostics:
     def _status(self) -> DiagnosticStatus:
         with self._lock:
             now = time.monotonic()
-            since, totals_before, drops_before = self._reported
-            new, new_drops = self._totals - totals_before, self._drops - drops_before
-            self._reported = (now, self._totals.copy(), self._drops.copy())
+            totals, drops, unaccounted = (of.copy() for of in (self._books.totals, self._books.drops,
+                                                               self._books.unaccounted))
+            since, totals_before, drops_before, unaccounted_before = self._reported
+            new, new_drops = totals - totals_before, drops - drops_before
+            self._reported = (now, totals, drops, unaccounted)
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
             latency = self._latency()
-            per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in self._totals if name not in STEADY}
-            values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **self._totals, **per_s,
-                      "dropped": self._drops.total(), **{f"dropped.{cause}": n for cause, n in self._drops.items()},
+            per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
+            values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s, **self._books.values(),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                       **latency, **self._values, "last_error": self._last_error}
-            level, message = self._judge(new, new_drops, now)
+            missing = unaccounted if unaccounted != unaccounted_before else Counter()
+            level, message = self._judge(new, new_drops, missing, now)
             if not message:
                 message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
@@ -171,10 +180,13 @@ class Diagnostics:
         words = f"{count} publish {topic}" if count > 1 else f"{count or 'nobody'} publishes {topic}"
         return words + (f" (but there is {', '.join(types)}: expected {wanted})" if types else "")
 
-    def _judge(self, new: Counter, new_drops: Counter, now: float) -> tuple[bytes, str]:
+    def _judge(self, new: Counter, new_drops: Counter, missing: Counter, now: float) -> tuple[bytes, str]:
         """Level and, unless all is well, the message."""
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
+        if any(missing.values()):
+            return DiagnosticStatus.ERROR, "the books do not balance: " + ", ".join(
+                f"{name} {amount}" for name, amount in missing.items() if amount)
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
         if new_drops or new["message_lost"]:

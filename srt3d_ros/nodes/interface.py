@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from srt3d_ros.nodes.books import FRAMES, Balance
 from srt3d_ros.nodes.parameters import Parameter
 
 AUTOSTART = Parameter("autostart", True, "Configure and activate at the start; if false, somebody else does.")
@@ -54,6 +55,7 @@ class Interface:
         services: beside those of every managed node.
         parameters: its own; those of every node are in `table`.
         limits: what a user has to know before relying on it, a sentence each.
+        books: the equations that its totals keep.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Interface:
     services: Iterable[Service] = ()
     parameters: Iterable[Parameter] = ()
     limits: Iterable[str] = ()
+    books: Iterable[Balance] = (FRAMES,)
 
     @property
     def table(self) -> tuple[Parameter, ...]:

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Iterable
 
+from srt3d_ros.nodes.books import FRAMES
 from srt3d_ros.nodes.interface import Interface, Topic
 from srt3d_ros.nodes.parameters import Parameter, yaml_value
 from srt3d_ros.nodes.topics import DIAGNOSTICS
@@ -19,9 +20,17 @@ also transient local, depth 1. It can be set for every topic, as in
 `depth` and `durability` likewise."""
 LEVELS = """\
 Once a second, whatever the subscribers; totals count from the start and never fall. ERROR: something failed that should
-not have, or more than half of the last second's frames were dropped or lost. WARN: a frame was dropped (each cause is
-counted as `dropped.<cause>`) or lost on the way here (`message_lost`), the node waits for something, no frame came for
-2 s, or frames are more than 2 s old when they leave (median). OK otherwise."""
+not have, the books do not balance, or more than half of the last second's frames were dropped or lost. WARN: a frame
+was dropped (each cause is counted as `dropped.<cause>`) or lost on the way here (`message_lost`), the node waits for
+something, no frame came for 2 s, or frames are more than 2 s old when they leave (median). OK otherwise."""
+BOOKS = """\
+In every report, the last one included, which a node publishes as `finalized` when it is told to end:
+
+{equations}
+
+What is under way waits or is in hand{open}. Whenever nothing is in hand, the node counts what really waits; what has
+gone astray in spite of all is unaccounted for: 0, or a mistake of this package. What was lost on the way here
+(`message_lost`) never came in: from the first message on, what the sender sent = `frames_in` + `message_lost`."""
 
 
 def page(interface: Interface) -> str:
@@ -34,7 +43,7 @@ def page(interface: Interface) -> str:
         QUALITY.format(topic=_example(interface), end="subscription" if interface.inputs else "publisher"),
         "## Services", _services(interface),
         "## Parameters", _parameters(interface.table),
-        "## Diagnostics", LEVELS,
+        "## Diagnostics", LEVELS, _books(interface),
         *(["## Limits", "\n".join(f"* {limit}" for limit in interface.limits)] if interface.limits else []),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -61,6 +70,12 @@ def _parameters(table: Iterable[Parameter]) -> str:
     rows = [(f"`{parameter.name}`", f"`{yaml_value(parameter.default)}`", parameter.expected,
              "live" if parameter.live else "at start", parameter.description) for parameter in table]
     return _table(("name", "default", "value", "changes", "what"), rows)
+
+
+def _books(interface: Interface) -> str:
+    books = tuple(interface.books)
+    return BOOKS.format(equations="\n".join(f"    {balance}" for balance in books),
+                        open="" if books == (FRAMES,) else ", or in the open frame")
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -20,6 +20,7 @@ from srt3d_ros.nodes.interface import LOSSLESS, Interface, Topic
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sources import SIMULATOR, Item, open_source
+from srt3d_ros.nodes.worker import Dropped
 
 ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: whoever had them is gone
 ACKNOWLEDGE_S = 5.0
@@ -70,7 +71,8 @@ INTERFACE = Interface(
              replace(topics.GATES, when="`output` is gates, or the bag has gates"),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
-    limits=("At a rate that the machine cannot keep, frames are late; none is skipped.",
+    limits=("Frames come in, for its books, when they are due.",
+            "At a rate that the machine cannot keep, frames are late; none is skipped.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
             "Of a bag, the photons and their sensor are played and nothing else."),
@@ -179,8 +181,13 @@ class PlayerNode(PipelineNode):
                 return
             if self.lossless:
                 self._unanswered.append(stamp_ns)
-            self.publish_frame(self._publisher, data, stamp_ns)
-            self.diagnostics.count(frames_sent=1, **({} if item.photons is None else {"photons_sent": item.photons}))
+            self.diagnostics.count(frames_in=1)
+            try:
+                self.publish_frame(self._publisher, data, stamp_ns, frames_sent=1,
+                                   **({} if item.photons is None else {"photons_sent": item.photons}))
+            except Dropped as stopped:
+                self.diagnostics.drop(stopped.cause)
+                return
             sent += 1
             if sent == total or self.halted.is_set():
                 return

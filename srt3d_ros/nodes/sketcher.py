@@ -25,6 +25,7 @@ from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import decode_camera_info
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
+from srt3d_ros.nodes.books import PACKETS, PHOTONS
 from srt3d_ros.nodes.interface import LOSSLESS, Interface, Service
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.runtime import run
@@ -69,8 +70,12 @@ INTERFACE = Interface(
         "(`late`), those that are in the open frame or the one before to the last byte (`duplicate`; not where every "
         "packet is a frame), and those of a frame that never got its number of packets (`incomplete`).",
         "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
+        "Photons are dropped with their whole packet, never one by one. Those of `photons` are counted as the message "
+        "announces them; those of `gates` as they are read: of `gates` that never were (`queue`, `malformed`, "
+        "`no_sensor`, `outdated`, `inactive`, `shutdown`), the packets are counted and the photons are not known.",
         "Another sensor, other frequencies, and stamps that begin again start a new window.",
     ),
+    books=(PACKETS, PHOTONS),
 )
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
@@ -82,8 +87,8 @@ STAMP = slice(4, 12)        # of a serialised message with a header
 class SketcherNode(PipelineNode):
     """Follows `sensor` and the lens, also when they change, and publishes `sketch/sensor` and a `sketch` a frame.
 
-    Every packet that came in is in a published frame, in the open one, or dropped for a cause:
-    frames_in = packets + packets_open + dropped, once none waits.
+    Every packet that came in, and every photon in it, waits, is in a published frame, in the open one, or dropped for a
+    cause. What the framing takes for the open frame may be more, where a packet failed after it was placed.
     """
 
     interface = INTERFACE
@@ -92,6 +97,7 @@ class SketcherNode(PipelineNode):
     _sensor: SensorModel | None = None          # what both make
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
     _silence: Timer | None = None
+    _open = (0, 0)          # packets of the open frame that are sketched, and their photons
 
     def configure(self) -> None:
         """Compile and advertise."""
@@ -119,7 +125,7 @@ class SketcherNode(PipelineNode):
         self._echo = self._from_file and self._from_file.data
         self.follow("sensor", self._on_sensor)
         self.listen("sensor/camera_info", self._hear_camera_info)
-        self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message))
+        self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message), photons_message.announced)
         self.subscribe("gates", lambda raw: self._on_packet(raw, gates_message))
         self._listen_for_silence()
 
@@ -132,8 +138,12 @@ class SketcherNode(PipelineNode):
 
     def forget(self) -> None:
         """Begin a new frame and a new window."""
-        self._give_up(self._framing.open)
+        self._give_up_frame()
         self._framing.clear()
+
+    def open_frame(self) -> tuple[int, int]:
+        """See PipelineNode."""
+        return self._open
 
     def _reset(self) -> str:
         self.forget()
@@ -201,7 +211,11 @@ class SketcherNode(PipelineNode):
         if self._sensor is None:
             return
         before, self._sketcher = self._sketcher, None       # of no use, unless what follows succeeds
-        frequencies, frames = frequencies_for(self._sensor, values), values["window_frames"]
+        try:
+            frequencies, frames = frequencies_for(self._sensor, values), values["window_frames"]
+        except InvalidInput:
+            self.forget()
+            raise
         if before is None or frequencies != before.frequencies or not self._sensor.same_as(before.sensor):
             self.forget()
             self._sketcher = WindowSketcher(self._sensor, frequencies, frames)
@@ -233,18 +247,26 @@ class SketcherNode(PipelineNode):
         header, photons = codec.decode_cdr(raw, self._sketcher.sensor)
         placed = self._framing.place(header.stamp_ns, raw)
         if placed.ended:
-            self._end_frame(placed.ended)
+            self._end_frame()
         if placed.began_again:
             self.get_logger().info("stamps leapt over gap_s: new frame, new window", throttle_duration_sec=LOG_EVERY_S)
-            self._give_up(placed.forgotten)
+            self._give_up_frame()
+        if not placed.dropped:
+            self._sketcher.add(photons)
+        if codec is gates_message:          # whose header does not tell
+            self.diagnostics.count(photons_in=photons.photons)
         if placed.dropped:
-            self.diagnostics.drop(placed.dropped)
+            self.diagnostics.drop(placed.dropped, photons=photons.photons)
             return
-        self._sketcher.add(photons)
+        self._hold(self._open[0] + 1, self._open[1] + photons.photons)
         self._frame_id = header.frame_id
         if placed.completed:
-            self._end_frame(placed.completed)
-        self.diagnostics.show(packets_open=self._framing.open)
+            self._end_frame()
+
+    def _hold(self, packets: int, photons: int) -> None:
+        """The open frame has so many packets and photons."""
+        self._open = packets, photons
+        self.diagnostics.show(packets_open=packets)
 
     def _end_if_silent(self) -> None:
         if self._framing.open and self._is_silent():
@@ -254,23 +276,32 @@ class SketcherNode(PipelineNode):
         return self.now_ns() - self._last_packet_ns > self.parameters["silence_s"] * 1e9
 
     def _end_of_silence(self) -> None:
-        if self._is_silent() and (packets := self._framing.end_of_silence()):
-            self._end_frame(packets)
-            self.diagnostics.show(packets_open=0)
+        if self._is_silent() and self._framing.end_of_silence():
+            self._end_frame()
 
-    def _end_frame(self, packets: int) -> None:
+    def _end_frame(self) -> None:
+        """Publish the open frame. If that fails, its packets are dropped, and the next frame is served."""
+        packets, photons = self._open
+        if not packets:
+            return
         self.worker.messages_per_frame = packets
-        sketch = self._sketcher.end_frame()
-        self.diagnostics.count(packets=packets, photons=self._sketcher.newest_photons)
-        frame_id = self.parameters["frame_id"] or self._frame_id
-        data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
-        self.publish_frame(self._sketches, data, sketch.stamp_ns)
+        try:
+            sketch = self._sketcher.end_frame()
+            frame_id = self.parameters["frame_id"] or self._frame_id
+            data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
+            self.publish_frame(self._sketches, data, sketch.stamp_ns, packets=packets,
+                               photons=self._sketcher.newest_photons)
+        except Exception as error:
+            self._failed(error, packets, photons)
+            self._sketcher.reset()
+        self._hold(0, 0)
 
-    def _give_up(self, packets: int) -> None:
-        """Forget the open frame, which has so many packets, and the window."""
+    def _give_up_frame(self) -> None:
+        """Forget the open frame and the window."""
+        packets, photons = self._open
         if packets:
-            self.diagnostics.drop("incomplete", packets)
-        self.diagnostics.show(packets_open=0)
+            self.diagnostics.drop("incomplete", packets, photons)
+        self._hold(0, 0)
         if self._sketcher is not None:
             self._sketcher.reset()
 

@@ -31,6 +31,7 @@ class _Job:
     function: Callable
     args: tuple
     is_frame: bool
+    photons: int = 0
     since_s: float = field(default_factory=lambda: time.monotonic())
 
 
@@ -45,20 +46,27 @@ class Worker:
         limit: frames that may wait. A frame too many pushes out the oldest: with 1, the newest frame is always next.
             Where several messages make a frame, `messages_per_frame` says how many, and each is a frame to all else.
         patience_s: how long more frames than that may wait; 0: not at all.
-        failed: called with (exception, is_frame) when a job raises; the worker goes on.
-        dropped: called with (cause, frames) for waiting frames that are given up: "queue" if newer ones push them out.
+        failed: called with (exception, frames, photons) when a job raises, 1 frame or none; the worker goes on.
+        dropped: called with (cause, frames, photons) for frames that are given up: "queue" if newer ones push them out.
+        done: called after each job, when nothing is in hand.
+
+    Attributes:
+        lock: held while frames are put, taken or given up; who counts frames beside that holds it too.
     """
 
-    def __init__(self, limit: int, failed: Callable[[Exception, bool], None], dropped: Callable[[str, int], None],
-                 patience_s: float = 0.0):
+    def __init__(self, limit: int, failed: Callable[[Exception, int, int], None],
+                 dropped: Callable[[str, int, int], None], patience_s: float = 0.0,
+                 done: Callable[[], None] = lambda: None):
         self.limit, self._failed, self._dropped, self._patience_s = limit, failed, dropped, patience_s
+        self._done = done
         self.messages_per_frame = 1
         self._calm_from_s = 0.0
         self._jobs: deque[_Job] = deque()
-        self._frames_waiting = 0
+        self._frames_waiting = self._photons_waiting = 0
+        self._in_hand: _Job | None = None
         self._holding = False
         self._closing = False
-        self._changed = threading.Condition()
+        self.lock = self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
         self._thread.start()
 
@@ -66,9 +74,19 @@ class Worker:
         """Run function(*args) after what is already waiting."""
         self._put(_Job(function, args, is_frame=False))
 
-    def offer(self, function: Callable, *args) -> None:
-        """Run function(*args) for a frame, unless newer frames push it out first."""
-        self._put(_Job(function, args, is_frame=True))
+    def offer(self, function: Callable, *args, photons: int = 0) -> None:
+        """Run function(*args) for a frame of so many photons, unless newer frames push it out first."""
+        self._put(_Job(function, args, is_frame=True, photons=photons))
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is in hand."""
+        return self._in_hand is not None
+
+    @property
+    def waiting(self) -> tuple[int, int]:
+        """Frames that wait, and their photons."""
+        return self._frames_waiting, self._photons_waiting
 
     def hold_frames(self) -> None:
         """Let frames wait in the queue (other jobs run) until `release_frames`."""
@@ -83,10 +101,7 @@ class Worker:
     def clear(self, cause: str) -> None:
         """Give up the frames that wait; other jobs stay."""
         with self._changed:
-            given_up, self._frames_waiting = self._frames_waiting, 0
-            self._jobs = deque(job for job in self._jobs if not job.is_frame)
-        if given_up:
-            self._dropped(cause, given_up)
+            self._give_up(cause, [job for job in self._jobs if job.is_frame])
 
     def finish(self, timeout_s: float) -> bool:
         """Wait until all jobs that there are now have been done; false if that took too long."""
@@ -95,39 +110,52 @@ class Worker:
         return done.wait(timeout_s)
 
     def close(self, timeout_s: float) -> None:
-        """End the thread after all jobs that wait, held frames among them; give up after `timeout_s`."""
+        """End the thread after all jobs that wait, held frames among them; after `timeout_s`, give them up."""
         with self._changed:
             self._holding = False
             self._closing = True
             self._changed.notify_all()
         self._thread.join(timeout_s)
+        with self._changed:
+            self._give_up("shutdown", [job for job in self._jobs if job.is_frame])
+            if self._in_hand is not None and self._in_hand.is_frame:
+                self._dropped("shutdown", 1, self._in_hand.photons)
+            self._in_hand = None
 
     def _put(self, job: _Job) -> None:
-        pushed_out = 0
         with self._changed:
             if self._closing:
+                if job.is_frame:
+                    self._dropped("shutdown", 1, job.photons)
                 return
             if job.is_frame:
                 most = self.limit * self.messages_per_frame
-                pushed_out = self._push_out(most, job.since_s) if self._frames_waiting >= most else 0
-                self._frames_waiting += 1
+                if self._frames_waiting >= most:
+                    self._push_out(most, job.since_s)
+                self._count_waiting(job, 1)
             self._jobs.append(job)
             self._changed.notify_all()
-        if pushed_out:
-            self._dropped("queue", pushed_out)
 
-    def _push_out(self, most: int, now_s: float) -> int:
-        """Make room for a frame if that has to be, and then for all but `most`; how many were given up for it."""
+    def _push_out(self, most: int, now_s: float) -> None:
+        """Make room for a frame if that has to be, and then for all but `most`."""
         frames = [job for job in self._jobs if job.is_frame]
         patient = now_s >= self._calm_from_s and now_s - frames[0].since_s < self._patience_s
         if patient and len(frames) < MOST_WAITING:
-            return 0
-        given_up = frames[:len(frames) - most + 1]
-        for job in given_up:
-            self._jobs.remove(job)
-        self._frames_waiting -= len(given_up)
+            return
+        self._give_up("queue", frames[:len(frames) - most + 1])
         self._calm_from_s = now_s + CALM_S
-        return len(given_up)
+
+    def _give_up(self, cause: str, frames: list[_Job]) -> None:
+        for job in frames:
+            self._jobs.remove(job)
+            self._count_waiting(job, -1)
+        if frames:
+            self._dropped(cause, len(frames), sum(job.photons for job in frames))
+
+    def _count_waiting(self, job: _Job, sign: int) -> None:
+        if job.is_frame:
+            self._frames_waiting += sign
+            self._photons_waiting += sign * job.photons
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""
@@ -136,7 +164,8 @@ class Worker:
                 for job in self._jobs:
                     if not (job.is_frame and self._holding):
                         self._jobs.remove(job)
-                        self._frames_waiting -= job.is_frame
+                        self._count_waiting(job, -1)
+                        self._in_hand = job
                         return job
                 if self._closing:
                     return None
@@ -147,4 +176,6 @@ class Worker:
             try:
                 job.function(*job.args)
             except Exception as error:      # whatever a frame does to a job, the next frame is served
-                self._failed(error, job.is_frame)
+                self._failed(error, int(job.is_frame), job.photons)
+            self._in_hand = None
+            self._done()

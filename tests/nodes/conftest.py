@@ -22,6 +22,8 @@ from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import base
+from srt3d_ros.nodes.books import FRAMES
+from srt3d_ros.nodes.tables import INTERFACES
 
 DEADLINE_S = 60.0       # generous: the machine may be busy; nothing here waits longer than it has to
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -43,6 +45,7 @@ class Process:
 
     def __init__(self, command: list[str]):
         self.lines: list[str] = []
+        self.killed = False
         path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(REPOSITORY)]))
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -90,6 +93,7 @@ class Process:
 
     def kill(self) -> None:
         """SIGKILL, and wait."""
+        self.killed = True
         self._process.kill()
         self._process.wait()
 
@@ -110,6 +114,7 @@ class Graph:
         self.namespace = f"/test{next(namespaces)}_{os.getpid()}"
         self.node = rclpy.create_node("tester", namespace=self.namespace)
         self.processes: list[Process] = []
+        self._nodes: dict[str, tuple[str, Process]] = {}        # by name: kind, and its last process
         self._reports: dict[str, list] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._executor = SingleThreadedExecutor()
@@ -133,6 +138,8 @@ class Graph:
         for key, value in parameters.items():
             command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
         self.processes.append(Process([*command, *ros_args]))
+        renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
+        self._nodes[renamed[0] if renamed else Path(name).stem] = name, self.processes[-1]
         return self.processes[-1]
 
     def collect(self, message_type: type, topic: str, depth: int = 1000, raw: bool = False) -> list:
@@ -188,8 +195,23 @@ class Graph:
         return self.report(name)
 
     def close(self) -> None:
+        """End the nodes and hold the books of each against what its last report says."""
         for process in self.processes:
             process.stop()
+        ended = {name: kind for name, (kind, process) in self._nodes.items()
+                 if self.report(name) and not process.killed}
+        try:
+            for name in ended:
+                self.reports(name, "state", "finalized")
+        finally:
+            self._leave()
+        for name in self._nodes:
+            for report in self.all_reports(name):
+                check_accounted(name, report)
+        for name, kind in ended.items():
+            check_balance(kind, self.report(name))
+
+    def _leave(self) -> None:
         self._stop = True
         self._thread.join()
         self._executor.shutdown()
@@ -206,6 +228,19 @@ class Graph:
             self._reports.setdefault(status.name, []).append(values)
 
 
+def check_accounted(name: str, report: dict[str, str]) -> None:
+    """Nothing has gone astray in a node, by its own account."""
+    astray = {key: value for key, value in report.items() if key.startswith("unaccounted_") and value != "0"}
+    assert not astray, f"the books of {name} do not balance: {astray} in {report}"
+
+
+def check_balance(kind: str, report: dict[str, str]) -> None:
+    """All that came into a node that has ended went out again or was dropped; added up here from its last report."""
+    for balance in INTERFACES[kind].books if kind in INTERFACES else (FRAMES,):
+        came, out, dropped = (int(report.get(key, 0)) for key in (balance.came_in, balance.out, balance.dropped))
+        assert came == out + dropped, f"{kind} ended: expected {came} = {out} + {dropped}, as {balance}: {report}"
+
+
 @pytest.fixture(scope="session")
 def ros():
     rclpy.init()
@@ -215,7 +250,7 @@ def ros():
 
 @pytest.fixture
 def graph(ros):
-    """An empty graph; whatever is started in it is killed at the end of the test."""
+    """An empty graph; whatever is started in it is ended with the test, and its books must balance then."""
     graph = Graph()
     yield graph
     graph.close()

@@ -82,6 +82,23 @@ def test_levels_follow_what_happened_since_the_last_report(counted):
     assert latest()["last_error"] == "ZeroDivisionError: division by zero"
 
 
+def test_books_that_do_not_balance_are_an_error_once_and_stay_in_the_report(counted):
+    diagnostics, latest, _ = counted
+    for _ in range(4):
+        diagnostics.received()
+    diagnostics.sent(0.01)
+    diagnostics.drop("queue")
+    diagnostics.audit(frames=2, photons=0)
+    report = latest()
+    assert (report["under_way"], report["unaccounted_frames"], report["level"]) == ("2", "0", DiagnosticStatus.WARN)
+    diagnostics.audit(frames=1, photons=0)
+    report = latest()
+    assert (report["under_way"], report["unaccounted_frames"], report["level"]) == ("1", "1", DiagnosticStatus.ERROR)
+    assert report["message"] == "the books do not balance: unaccounted_frames 1"
+    report = latest()
+    assert (report["unaccounted_frames"], report["level"]) == ("1", DiagnosticStatus.OK)
+
+
 def test_old_frames_are_a_warning_while_they_leave(counted):
     diagnostics, latest, _ = counted
     for _ in range(3):

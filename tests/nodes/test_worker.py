@@ -13,11 +13,16 @@ class Probe:
 
     def __init__(self, limit: int, patience_s: float = 0.0):
         self.done, self.failed, self.dropped = [], [], []
-        self.worker = Worker(limit, lambda error, is_frame: self.failed.append((error, is_frame)),
-                             lambda cause, frames: self.dropped.extend([cause] * frames), patience_s)
+        self.worker = Worker(limit, lambda error, frames, photons: self.failed.append((error, frames, photons)),
+                             self._drop, patience_s)
+        self.photons_dropped = 0
         self.busy, self.go = threading.Event(), threading.Event()
         self.worker.call(self._block)
         self.busy.wait()
+
+    def _drop(self, cause, frames, photons):
+        self.dropped.extend([cause] * frames)
+        self.photons_dropped += photons
 
     def _block(self):
         self.busy.set()
@@ -75,13 +80,13 @@ def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
 
 def test_a_job_that_fails_is_told_and_the_next_one_served(probe):
     failing = probe(limit=8)
-    failing.worker.offer(lambda: 1 / 0)
+    failing.worker.offer(lambda: 1 / 0, photons=7)
     failing.worker.call(lambda: {}["key"])
     failing.worker.offer(failing.done.append, "next")
     failing.finish()
     assert failing.done == ["next"]
-    told = [(type(error), is_frame) for error, is_frame in failing.failed]
-    assert told == [(ZeroDivisionError, True), (KeyError, False)]
+    told = [(type(error), frames, photons) for error, frames, photons in failing.failed]
+    assert told == [(ZeroDivisionError, 1, 7), (KeyError, 0, 0)]
 
 
 def test_frames_that_wait_are_given_up_and_counted_when_it_is_cleared_and_other_jobs_stay(probe):
@@ -92,6 +97,30 @@ def test_frames_that_wait_are_given_up_and_counted_when_it_is_cleared_and_other_
     clearing.worker.clear("inactive")
     clearing.finish()
     assert clearing.done == ["sensor"] and clearing.dropped == ["inactive"] * 3
+
+
+def test_frames_that_wait_are_known_with_their_photons_and_so_are_those_that_are_given_up(probe):
+    queue = probe(limit=2)
+    for photons in (1, 10, 100):
+        queue.worker.offer(queue.done.append, photons, photons=photons)
+    assert (queue.worker.waiting, queue.photons_dropped, queue.worker.busy) == ((2, 110), 1, True)
+    queue.worker.clear("inactive")
+    assert (queue.worker.waiting, queue.photons_dropped) == ((0, 0), 111)
+    queue.finish()
+    queue.worker.offer(queue.done.append, 1000, photons=1000)
+    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.photons_dropped == 1111
+    assert not queue.worker.busy and queue.done == []
+
+
+def test_the_frame_in_hand_of_a_worker_that_does_not_end_is_given_up_with_those_that_wait(probe):
+    stuck = probe(limit=8)
+    begun = threading.Event()
+    stuck.worker.offer(lambda: (begun.set(), stuck.busy.clear(), stuck.go.clear(), stuck._block()), photons=5)
+    stuck.worker.offer(stuck.done.append, "waits", photons=6)
+    stuck.go.set()
+    assert begun.wait(60)
+    stuck.worker.close(0.0)
+    assert (stuck.dropped, stuck.photons_dropped, stuck.done) == (["shutdown"] * 2, 11, [])
 
 
 class Clock:

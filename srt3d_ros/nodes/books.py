@@ -1,0 +1,83 @@
+"""The books of a node: what came in went out, was dropped for a cause, or is under way. Nothing else happens to it."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Balance:
+    """An equation that holds in every report: what came in = what went out + dropped + under way + unaccounted.
+
+    Args:
+        what: is balanced: "frames" (messages, where several make a frame) or "photons".
+        out: the total that says how many have gone out, in whatever was published.
+        dropped, under_way: under which names they are reported.
+    """
+
+    what: str
+    out: str
+    dropped: str
+    under_way: str
+
+    @property
+    def came_in(self) -> str:
+        return f"{self.what}_in"
+
+    @property
+    def unaccounted(self) -> str:
+        return f"unaccounted_{self.what}"
+
+    def __str__(self) -> str:
+        return f"{self.came_in} = {self.out} + {self.dropped} + {self.under_way} + {self.unaccounted}"
+
+
+FRAMES = Balance("frames", out="frames_out", dropped="dropped", under_way="under_way")
+PACKETS = Balance("frames", out="packets", dropped="dropped", under_way="under_way")
+PHOTONS = Balance("photons", out="photons", dropped="photons_dropped", under_way="photons_under_way")
+
+
+class Books:
+    """Totals, which count from the start and never fall, drops by cause, and whether they balance.
+
+    `unaccounted` is found by `audit`, which is told how much really waits: what came in and is in no total and in no
+    queue has got lost on its way through the node; less than nothing if something was counted twice.
+    """
+
+    def __init__(self, balances: Iterable[Balance]):
+        self._balances = tuple(balances)
+        self.totals: Counter[str] = Counter()
+        self.unaccounted: Counter[str] = Counter()
+        self._drops: dict[str, Counter[str]] = {balance.what: Counter() for balance in self._balances}
+
+    @property
+    def drops(self) -> Counter[str]:
+        """Dropped frames by cause."""
+        return self._drops["frames"]
+
+    def drop(self, cause: str, **amounts: int) -> None:
+        """Count what is given up for a cause: frames=1, photons=300; what is not balanced is not counted."""
+        for what, amount in amounts.items():
+            if amount and what in self._drops:
+                self._drops[what][cause] += amount
+
+    def audit(self, waiting: Mapping[str, int]) -> None:
+        """Hold the totals against what waits, at a moment when nothing is in hand.
+
+        Args:
+            waiting: in queues and in the open frame: {"frames": 3, "photons": 900}.
+        """
+        for balance in self._balances:
+            self.unaccounted[balance.unaccounted] = self._not_done(balance) - waiting[balance.what]
+
+    def values(self) -> dict[str, int]:
+        """All that is reported but the totals themselves."""
+        out: dict[str, int] = {}
+        for balance in self._balances:
+            drops, missing = self._drops[balance.what], self.unaccounted[balance.unaccounted]
+            out |= {balance.dropped: drops.total(), **{f"{balance.dropped}.{cause}": n for cause, n in drops.items()},
+                    balance.under_way: self._not_done(balance) - missing, balance.unaccounted: missing}
+        return out
+
+    def _not_done(self, balance: Balance) -> int:
+        return self.totals[balance.came_in] - self.totals[balance.out] - self._drops[balance.what].total()

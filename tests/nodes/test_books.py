@@ -1,0 +1,161 @@
+"""Nothing is lost: what came into a node went out, was dropped for a cause, or is under way; and it says so itself."""
+
+import dataclasses
+import itertools
+import signal
+import time
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages.cdr import Cloud, write_cloud
+from srt3d_ros.messages.header import Header
+from srt3d_ros.nodes import base
+from srt3d_ros.nodes.books import FRAMES, PHOTONS, Books
+from tests.nodes.conftest import Graph, check_balance
+
+S = 1_000_000_000
+LOSER = """
+import sys
+from sensor_msgs.msg import PointCloud2
+from srt3d_ros.messages.cdr import read_cloud
+from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.interface import Interface, Topic
+from srt3d_ros.nodes.runtime import run
+
+class LoserNode(PipelineNode):
+    '''Passes frames on, but forgets to say what became of those of width 7.'''
+    interface = Interface("loser", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
+    def configure(self):
+        self.publisher = self.advertise("out")
+    def activate(self):
+        self.subscribe("in", self.on_message)
+    def on_message(self, raw):
+        if read_cloud(raw).width != 7:
+            self.publish_frame(self.publisher, raw, 0)
+
+sys.exit(run([LoserNode], sys.argv))
+"""
+
+
+def test_what_neither_went_out_nor_was_dropped_nor_waits_is_unaccounted_for():
+    books = Books((FRAMES, PHOTONS))
+    books.totals.update(frames_in=10, frames_out=4, photons_in=1000, photons=400)
+    books.drop("late", frames=2, photons=200)
+    books.drop("queue", frames=1, photons=0)
+    assert {key: books.values()[key] for key in ("dropped", "dropped.late", "photons_dropped.late", "under_way")} == {
+        "dropped": 3, "dropped.late": 2, "photons_dropped.late": 200, "under_way": 3}
+    books.audit({"frames": 3, "photons": 400})
+    assert not any(books.unaccounted.values())
+    books.audit({"frames": 2, "photons": 500})
+    values = books.values()
+    assert (values["under_way"], values["unaccounted_frames"]) == (2, 1)
+    assert (values["photons_under_way"], values["unaccounted_photons"]) == (500, -100)
+    assert str(FRAMES) == "frames_in = frames_out + dropped + under_way + unaccounted_frames"
+
+
+def test_a_node_that_loses_a_frame_says_so_and_fails_the_test_in_which_it_does(ros, tmp_path):
+    graph = Graph()
+    try:
+        script = tmp_path / "loser.py"
+        script.write_text(LOSER)
+        graph.start(str(script)).ready()
+        publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+        for width in (1, 7, 1):
+            publisher.publish(write_cloud(Cloud(Header(0, "x"), 1, width, (), False, 0, 0, memoryview(b""), True)))
+        report = graph.reports("loser", "frames_out", 2)
+        assert (report["frames_in"], report["under_way"], report["unaccounted_frames"]) == ("3", "0", "1")
+        told = [report for report in graph.all_reports("loser") if report["level"] == DiagnosticStatus.ERROR]
+        assert [report["message"] for report in told] == ["the books do not balance: unaccounted_frames 1"]
+    finally:
+        with pytest.raises(AssertionError, match="the books of loser do not balance: {'unaccounted_frames': '1'}"):
+            graph.close()
+    with pytest.raises(AssertionError, match=r"loser ended: expected 3 = 2 \+ 0"):
+        check_balance("loser", graph.report("loser"))
+
+
+def test_a_lossless_node_stopped_before_anybody_listens_has_dropped_what_it_could_not_send(graph, sensor, events):
+    node = graph.start("sketcher", lossless=True, packets_per_frame=2).ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    for k in range(5):
+        photons.publish(photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=k), sensor, "spad"))
+    node.says("waiting for a subscriber on")
+    graph.reports("sketcher", "frames_in", 5)
+    assert graph.report("sketcher")["under_way"] == "5"
+    assert node.end(signal.SIGTERM) == 0
+    last = graph.reports("sketcher", "state", "finalized")
+    expected = {"frames_in": 5, "frames_out": 0, "dropped.shutdown": 5, "dropped": 5, "under_way": 0,
+                "photons_dropped.shutdown": 5 * events.photons, "photons_under_way": 0, "errors": 0}
+    assert {key: int(last[key]) for key in expected} == expected
+
+
+def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph, sensor, events):
+    n, sent = events.photons, 0
+    sketches, told = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
+    node = graph.start("sketcher", frame_period_s=0.1, use_sim_time=True, sketch_size=20).ready()
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    gates = graph.matched(graph.publisher(Image, "gates"))
+    clock, seconds = graph.matched(graph.publisher(Clock, "/clock")), itertools.count(1)
+
+    def send(*stamps_ms):
+        nonlocal sent
+        for stamp in stamps_ms:
+            frame = dataclasses.replace(events, stamp_ns=S + stamp * 1_000_000)
+            photons.publish(photons_message.encode_cdr(frame, sensor, "spad"))
+        sent += len(stamps_ms)
+
+    def tick():
+        """Another second passes."""
+        clock.publish(Clock(clock=Time(sec=next(seconds))))
+        return True
+
+    def send_gates(*stamps_ms):
+        for stamp in stamps_ms:
+            cycles = PhotonGates.from_events(dataclasses.replace(events, stamp_ns=S + stamp * 1_000_000), sensor)
+            gates.publish(gates_message.encode_cdr(cycles, sensor, "spad"))
+
+    send(0, 1)                                                  # nobody knows the sensor
+    graph.reports("sketcher", "dropped.no_sensor", 2)
+    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    described.publish(sensor_message.encode(sensor))
+    graph.reports("sketcher", "num_bins", sensor.num_bins)
+    send(0, 50, 50, 100, 20, 200)                               # one is double, one is late
+    strangers = PhotonEvents(np.zeros(9, np.uint32), np.full(9, 700, np.uint16))
+    photons.publish(photons_message.encode_cdr(strangers, sensor.replace(num_bins=1000), "spad"))
+    photons.publish(photons_message.encode_cdr(events, sensor, "spad")[:-1000])     # fewer bytes than it says
+    graph.reports("sketcher", "dropped.malformed", 2)
+    graph.wait(lambda: len(sketches) == 2, "two frames")
+    assert graph.call(Trigger, "sketcher/reset", Trigger.Request()).success
+    send(300)
+    graph.reports("sketcher", "packets_open", 1)
+    described.publish(sensor_message.encode(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)))    # for m = 20
+    graph.reports("sketcher", "last_error", "sketch_size is 20: expected 1 to 9 for T = 20 bins")
+    for _ in range(10):                                         # silence, but nothing to end the frame with
+        assert tick()
+        time.sleep(0.02)
+    described.publish(sensor_message.encode(sensor))
+    graph.wait(lambda: len(told) == 2, "the sketch of the sensor")
+    send_gates(1000)
+    graph.reports("sketcher", "packets_open", 1)
+    graph.wait(lambda: tick() and len(sketches) == 3, "the frame that silence ends")
+    send_gates(1000)                                            # late, and counted as it is read
+    graph.reports("sketcher", "dropped.late", 2)
+    assert node.end(signal.SIGINT) == 0
+    last = graph.reports("sketcher", "state", "finalized")
+    causes = {"no_sensor": (2, 2 * n), "duplicate": (1, n), "late": (2, 2 * n), "malformed": (2, 9),
+              "incomplete": (2, 2 * n)}
+    assert {key: (int(last[f"dropped.{key}"]), int(last[f"photons_dropped.{key}"])) for key in causes} == causes
+    totals = {"frames_in": sent + 4, "packets": 4, "photons_in": (sent + 2) * n + 9, "photons": 4 * n, "frames_out": 3,
+              "under_way": 0, "photons_under_way": 0, "errors": 1}       # one error: the description
+    assert {key: int(last[key]) for key in totals} == totals
