@@ -63,10 +63,9 @@ class FrameLog:
         for path, style in plot_styles().items():
             stream.log(path, style, static=True)
         for name, facts in self._properties.items():
-            if facts:
-                stream.send_property(name, layout.property_values(facts))
+            layout.tell(stream, name, facts)
         if self._sensor is not None:
-            stream.send_property(layout.SENSOR, layout.property_values(layout.sensor_properties(self._sensor)))
+            layout.tell(stream, layout.SENSOR, layout.sensor_properties(self._sensor))
         if self._eye is not None:
             self._send_look(stream)
         self.streams.append(stream)
@@ -83,7 +82,7 @@ class FrameLog:
         """Set facts of one of the recording's properties, here and in all files that follow."""
         self._properties.setdefault(name, {}).update(facts)
         for stream in self.streams:
-            stream.send_property(name, layout.property_values(facts))
+            layout.tell(stream, name, facts)
 
     def cloud(self, stamp_ns: int, frame_index: int, columns: Mapping[str, np.ndarray]) -> None:
         """Log a cloud; columns as for layout.points, in arrays that nobody changes any more."""

@@ -116,11 +116,16 @@ def view_coordinates(sensor: SensorModel | None) -> rr.ViewCoordinates:
     return rr.ViewCoordinates.FLU if forward[0] else rr.ViewCoordinates.RDF
 
 
-def property_values(facts: dict) -> rr.AnyValues:
-    """Facts as the values of a property: numbers, texts and lists as they are, None left out, the rest as text."""
+def tell(stream: rr.RecordingStream, name: str, facts: Mapping) -> None:
+    """Set facts of one of a recording's properties: numbers, texts and lists as they are, the rest as text.
+
+    None and empty lists are left out: rerun cannot tell their types, and warns where nothing else is told.
+    """
     kept = (bool, int, float, str, list, tuple, np.generic, np.ndarray)
-    return rr.AnyValues(**{name: value if isinstance(value, kept) else str(value)
-                           for name, value in facts.items() if value is not None})
+    values = {name: value if isinstance(value, kept) else str(value) for name, value in facts.items()
+              if value is not None and np.size(value)}
+    if values:
+        stream.send_property(name, rr.AnyValues(**values))
 
 
 def sensor_properties(sensor: SensorModel) -> dict:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -379,6 +380,18 @@ def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
     assert properties["sensor"]["projection"] == "pinhole" and properties["sensor"]["fx"] == sensor.projection.fx
     assert properties["sensor"]["distortion"].tolist() == [-0.05, 0, 0, 0.01, 0]
     assert np.array_equal(properties["sensor"]["irf"].astype(np.float32), sensor.irf)
+
+
+@pytest.mark.parametrize("facts", [{}, {"unset": None}, {"none": []}, {"none": ()}])
+def test_nothing_told_of_a_property_is_no_property_and_no_warning(tmp_path, facts):
+    """As of a node that is ended while it is asked for its parameters."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        with RecordingWriter(tmp_path / "a.rrd", None, properties={"versions": facts}) as writer:
+            writer.tell("parameters", facts)
+            assert writer.flush()
+    assert not [str(warning.message) for warning in seen]
+    assert not {"versions", "parameters"} & RecordingReader(tmp_path / "a.rrd").properties().keys()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads have a priority of their own on Linux only")

@@ -40,7 +40,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
     """Write by rerun itself what docs/recording.md says."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
-    stream.send_property("sensor", layout.property_values(layout.sensor_properties(sensor)))
+    layout.tell(stream, "sensor", layout.sensor_properties(sensor))
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
     stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
     stream.send_property("parameters", rr.AnyValues(**{"sketcher.sketch_size": 10}))
