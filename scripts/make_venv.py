@@ -17,7 +17,7 @@ EXTRAS = "ros,record,review,demo,mat,test"
 # The version that the project is tested with, by exact number: the newest may exist as gigabytes of CUDA only.
 TORCH = "torch==2.13.0"
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
-# What torch (lower bound) and colcon (upper bound) both accept.
+# What torch (lower bound) and colcon (upper bound) both accept; pyproject.toml says the same.
 SETUPTOOLS = "setuptools>=77.0.3,<80"
 
 
@@ -51,7 +51,7 @@ def main():
 
 def fingerprint(venv):
     """A hash of all that an environment is made from: it is current while this stays the same."""
-    files = [ROOT / "setup.py", ROOT / "package.xml", Path(__file__)]
+    files = [ROOT / "setup.py", ROOT / "pyproject.toml", ROOT / "package.xml", Path(__file__)]
     for folder in ("scripts/nodes", "msg_schemas", "launch", "config"):
         files += sorted(path for path in (ROOT / folder).glob("*") if path.is_file())
     made_from = [str(venv).encode(), str(ROOT).encode(), sys.version.encode(), *(path.read_bytes() for path in files)]
@@ -69,6 +69,7 @@ def usable(venv, python):
 
 def install(python):
     """Fill the environment: torch first, because which build of it is right depends on the machine."""
+    build_in(python.parent.parent / "srt3d-build")
     pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--progress-bar", "off"]
     if has_nvidia_gpu():
         step("installing torch for CUDA, as there is an NVIDIA GPU (2 to 4 GB, minutes)", [*pip, TORCH])
@@ -80,6 +81,14 @@ def install(python):
     # An editable install leaves data files out, yet `ros2 run` and ament_index look for them.
     step("placing the nodes' executables",
          [python, "setup.py", "--quiet", "install_data", "--install-dir", python.parent.parent])
+
+
+def build_in(folder):
+    """Let setuptools, as a child of this process, write there and not in the source tree, which may be read-only."""
+    folder.mkdir(exist_ok=True)
+    config, place = folder / "setup.cfg", str(folder).replace("%", "%%")
+    config.write_text(f"[egg_info]\negg_base = {place}\n[build]\nbuild_base = {place}\n", encoding="utf-8")
+    os.environ["DIST_EXTRA_CONFIG"] = str(config)
 
 
 def has_nvidia_gpu():

@@ -43,6 +43,19 @@ def test_a_step_that_works_shows_only_what_it_is_for(make_venv, capfd):
     assert capfd.readouterr() == ("[venv] telling it\n", "")
 
 
+def test_a_build_leaves_the_source_tree_as_it_was(make_venv, monkeypatch, tmp_path):
+    """It may be read-only."""
+    tree, environment = tmp_path / "tree", tmp_path / "straße 100 %"
+    tree.mkdir(), environment.mkdir()
+    (tree / "setup.py").write_text("from setuptools import setup\nsetup(name='tiny', py_modules=['tiny'])\n")
+    (tree / "tiny.py").touch()
+    monkeypatch.setenv("DIST_EXTRA_CONFIG", "")
+    make_venv.build_in(environment / "build")
+    monkeypatch.setattr(make_venv, "ROOT", tree)
+    make_venv.step("building", [sys.executable, "-B", "setup.py", "egg_info", "build"])
+    assert sorted(path.name for path in tree.iterdir()) == ["setup.py", "tiny.py"]
+
+
 def test_nothing_is_done_while_the_environment_is_current(make_venv, monkeypatch, tmp_path, capfd):
     monkeypatch.setattr(make_venv, "install", lambda python: pytest.fail("installed again"))
     monkeypatch.setattr(sys, "argv", ["make_venv.py", str(tmp_path)])

@@ -1,0 +1,82 @@
+"""Every dependency has a lower bound, below which nothing was tried, and an upper one, above which nobody knows."""
+
+import importlib.metadata
+import importlib.util
+import re
+import tomllib
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.version import Version
+
+import srt3d_ros
+
+WHEEL = {"ros2launch": None, "launch": None, "launch_ros": None, "python3-numpy": "numpy", "python3-tqdm": "tqdm"}
+
+
+def bounded(requirement: Requirement) -> bool:
+    """True for an exact version, and for a range with both ends."""
+    operators = {specifier.operator for specifier in requirement.specifier}
+    return "==" in operators or {">=", "<"} <= operators
+
+
+@pytest.fixture(scope="module")
+def requirements() -> dict[str, Requirement]:
+    """Those of the installed package, its extras' too, as setup.py gave them."""
+    return {text: Requirement(text) for text in importlib.metadata.requires(srt3d_ros.__name__)}
+
+
+@pytest.fixture(scope="module")
+def make_venv(repository):
+    spec = importlib.util.spec_from_file_location("make_venv", repository / "scripts" / "make_venv.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("text, good", [
+    ("a", False), ("a>=1", False), ("a<2", False), ("a!=1", False), ("a>=1,<2", True), ("a==1", True),
+    ("a[b]>=1,<2; python_version > '3'", True)])
+def test_both_bounds_are_asked_for(text, good):
+    assert bounded(Requirement(text)) == good
+
+
+def test_all_that_pip_installs_is_bounded(requirements, make_venv, repository):
+    build = tomllib.loads((repository / "pyproject.toml").read_text())["build-system"]["requires"]
+    assert build == [make_venv.SETUPTOOLS]
+    assert len(requirements) > 15
+    loose = [text for text in [*requirements, make_venv.TORCH, *build] if not bounded(Requirement(text))]
+    assert not loose
+
+
+def test_what_is_installed_first_is_what_the_package_wants(requirements, make_venv):
+    torch = next(wanted for wanted in requirements.values() if wanted.name == "torch")
+    (exact,) = Requirement(make_venv.TORCH).specifier
+    assert exact.version in torch.specifier
+
+
+def test_all_that_rosdep_installs_to_run_is_bounded_and_what_wheels_bring_lies_within(repository):
+    package = ElementTree.parse(repository / "package.xml").getroot()
+    wanted = {node.text: node.attrib for node in package.iter("exec_depend")}
+    assert len(wanted) > 10
+    for name, bounds in wanted.items():
+        assert {"version_gte", "version_lt"} == set(bounds), name
+        wheel = WHEEL.get(name, f"ros-{name}".replace("_", "-"))
+        try:
+            version = wheel and importlib.metadata.version(wheel)
+        except importlib.metadata.PackageNotFoundError:
+            continue        # ROS 2 from elsewhere
+        if version:
+            within = SpecifierSet(f">={bounds['version_gte']},<{bounds['version_lt']}")
+            assert Version(version) in within, f"{name} {version}"
+
+
+def test_rosdep_and_pip_agree_on_what_both_install(requirements, repository):
+    package = ElementTree.parse(repository / "package.xml").getroot()
+    bounds = {node.text: node.attrib for node in package.iter("exec_depend")}
+    for key, name in (("python3-numpy", "numpy"), ("python3-tqdm", "tqdm"), ("rclpy", "ros-jazzy-rclpy"),
+                      ("sensor_msgs", "ros-jazzy-common-interfaces")):
+        by_pip = next(wanted for text, wanted in requirements.items() if re.match(rf"{name}\b", text))
+        assert by_pip.specifier == SpecifierSet(f">={bounds[key]['version_gte']},<{bounds[key]['version_lt']}"), name
