@@ -28,7 +28,9 @@ QUICK = ("tests/messages tests/core/test_sensor.py tests/cli tests/test_new_file
 KEEP = ("http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY", "SSL_CERT_FILE",
         "SSL_CERT_DIR", "REQUESTS_CA_BUNDLE")
 TIMEOUT_S = 3600
-TRACING = "lttng-ust-wait"      # one page for each user, kept by the tracing library that rclpy loads
+# What others keep there by design: the tracing library one page for each user, Fast DDS its ports for the next process,
+# pytest the last three runs.
+KEPT = ("lttng-ust-wait-", "fastrtps_port", "sem.fastrtps_port", "pytest-of-")
 TAIL = 25
 
 
@@ -228,11 +230,10 @@ class Attempt:
         time.sleep(1)
         found = [str(Path("/tmp", path.name)) for path in (self.place / "tmp").iterdir()]
         if self.uid is not None:
-            found += [str(path) for path in Path("/dev/shm").iterdir()
-                      if path.lstat().st_uid == self.uid and not path.name.startswith(TRACING)]
+            found += [str(path) for path in Path("/dev/shm").iterdir() if path.lstat().st_uid == self.uid]
             running = subprocess.run(["ps", "-o", "pid=,args=", "-u", str(self.uid)], capture_output=True, text=True)
             found += [f"process {line.strip()}" for line in running.stdout.splitlines()]
-        return sorted(found)
+        return sorted(name for name in found if not Path(name).name.startswith(KEPT))
 
 
 def interpreter(wanted: str, given: list[str]) -> str | None:

@@ -1,6 +1,5 @@
 """`srt3d view`: the viewer where there is a screen, else words that lead to one; and what recorders and it serve."""
 
-import getpass
 import os
 import re
 import signal
@@ -140,13 +139,13 @@ def test_a_user_without_an_account_gets_directions(monkeypatch, tmp_path, capsys
 
 
 def test_without_a_screen_a_recorder_at_work_is_told_with_the_line_for_ssh(monkeypatch, tmp_path, capsys, port):
+    monkeypatch.setenv("LOGNAME", "robin")
     with record(tmp_path / "a.rrd", live=(port, 16)):
         assert main.main(["view", "--connect", f"127.0.0.1:{port}"]) == 0
-        here = f"{getpass.getuser()}@{socket.gethostname()}"
-        assert f"  ssh -L {port}:127.0.0.1:{port} {here}\n" in capsys.readouterr().out
+        assert f"  ssh -L {port}:127.0.0.1:{port} robin@{socket.gethostname()}\n" in capsys.readouterr().out
         monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 10.0.0.7 22")      # from a laptop, to this machine
         main.main(["view", "--connect", f"127.0.0.1:{port}"])
-        assert f"{getpass.getuser()}@10.0.0.7\n" in capsys.readouterr().out
+        assert "robin@10.0.0.7\n" in capsys.readouterr().out
 
 
 def test_without_a_screen_recordings_are_served_on_the_loopback_interface(tmp_path):
