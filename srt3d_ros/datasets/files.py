@@ -1,15 +1,19 @@
 """Reading files nobody vouches for: what they hold is known and bounded before any of it is loaded."""
 
+import math
 import zipfile
-import zlib
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
 
-MAX_ARRAY_BYTES = 2**32     # of one array in a file
+MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
 MAX_MEMBERS = 1000
+COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)     # what NumPy writes; others unpack without bounds
+MAX_SIDES = 8
+FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 def require_file(path: Path, field: str) -> None:
@@ -25,32 +29,59 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[st
     """Arrays of an .npz file, those of `names` that it has, or all; no pickles, sizes checked against the headers.
 
     Raises:
-        InvalidInput: not a zip file, truncated, an array of objects, or one above MAX_ARRAY_BYTES.
+        InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
             require(len(members) <= MAX_MEMBERS, f"{path.name} members", len(members), f"at most {MAX_MEMBERS}")
             wanted = [info for info in members if names is None or info.filename[:-4] in names]
-            return {info.filename[:-4]: _read_member(archive, info, path.name) for info in wanted}
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, zlib.error) as error:
+            size = sum(_member_bytes(archive, info, f"{path.name} {info.filename[:-4]}") for info in wanted)
+            require(size <= MAX_BYTES, f"{path.name} size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
+            return {info.filename[:-4]: _read_member(archive, info) for info in wanted}
+    except InvalidInput:
+        raise
+    except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
         raise InvalidInput(path.name, f"unreadable ({error})", "a complete .npz file (a zip of arrays)") from None
 
 
-def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, file_name: str) -> np.ndarray:
-    field = f"{file_name} {info.filename[:-4]}"
+def map_npy(path: Path, field: str) -> np.ndarray:
+    """The array of an .npy file, mapped into memory; InvalidInput if it is none."""
+    with path.open("rb") as stream:
+        size = _check_header(stream, field)
+        _check_size(field, size, path.stat().st_size - stream.tell())
+    require(size > 0, field, "empty", "an array with something in it")
+    return np.load(path, mmap_mode="r", allow_pickle=False)
+
+
+def _member_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo, field: str) -> int:
+    """The size of an array, on which its header and the archive agree."""
+    require(info.compress_type in COMPRESSIONS, field, f"packed by method {info.compress_type}",
+            "an array stored or deflated, as NumPy writes it")
     with archive.open(info) as stream:
-        try:
-            version = np.lib.format.read_magic(stream)
-            read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-            shape, _, dtype = read_header[version](stream)
-        except (ValueError, KeyError) as error:
-            raise InvalidInput(field, f"unreadable ({error})", "an array as NumPy writes it") from None
-        header_bytes = stream.tell()
-    require(not dtype.hasobject, f"{field} dtype", str(dtype), "numbers or text, not Python objects")
-    size = int(np.prod(shape, dtype=object)) * dtype.itemsize
-    require(size <= MAX_ARRAY_BYTES, f"{field} size", f"{size} bytes", f"at most {MAX_ARRAY_BYTES} bytes")
-    require(size == info.file_size - header_bytes, f"{field} size", f"{info.file_size - header_bytes} bytes",
-            f"{size} bytes, as its header says")
+        size = _check_header(stream, field)
+        _check_size(field, size, info.file_size - stream.tell())
+    return size
+
+
+def _check_header(stream: BinaryIO, field: str) -> int:
+    """The bytes of the array that follow its header, by its shape and type; InvalidInput if there is no such array."""
+    try:
+        shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
+    except Exception as error:      # a header is a Python literal, which can be wrong in many ways
+        raise InvalidInput(field, f"unreadable ({error})", "an array as NumPy writes it") from None
+    require(dtype.kind in "biufcSU", f"{field} dtype", str(dtype), "numbers or text, not Python objects")
+    fits = len(shape) <= MAX_SIDES and all(0 <= side < 2**63 for side in shape)
+    require(fits, f"{field} shape", shape, f"at most {MAX_SIDES} sizes from 0 to 2⁶³")
+    size = math.prod(shape) * dtype.itemsize
+    require(size <= MAX_BYTES, f"{field} size", f"{size} bytes", f"at most {MAX_BYTES} bytes")
+    return size
+
+
+def _check_size(field: str, size: int, stored: int) -> None:
+    require(size == stored, f"{field} size", f"{stored} bytes", f"{size} bytes, as its header says")
+
+
+def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(info) as stream:
         return np.lib.format.read_array(stream, allow_pickle=False)

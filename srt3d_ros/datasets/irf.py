@@ -1,14 +1,15 @@
 """Instrument responses: drawn by a formula or read from a file."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import read_npz_arrays, require_file
+from srt3d_ros.datasets.files import map_npy, read_npz_arrays, require_file
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_LENGTH = 65_535
-MAX_FILE_BYTES = 2**30
+MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest response
 TEXT_SUFFIXES = (".csv", ".txt")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES)
 
@@ -74,11 +75,13 @@ def _read_file(path: Path, key: str | None) -> np.ndarray:
             key = numeric[0]
         require((key or "irf") in arrays, f"{path.name} array", key, f"one of {', '.join(arrays)}")
         return arrays[key or "irf"]
-    require(path.stat().st_size <= MAX_FILE_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
-            f"at most {MAX_FILE_BYTES} bytes")
+    if path.suffix.lower() == ".npy":
+        return map_npy(path, f"irf file {path.name}")
+    require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
+            f"at most {MAX_TEXT_BYTES} bytes of text")
     try:
-        if path.suffix.lower() == ".npy":
-            return np.load(path, mmap_mode="r", allow_pickle=False)     # mapped: a lying header allocates nothing
-        return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
+        with warnings.catch_warnings():     # of a file without numbers, which the caller refuses
+            warnings.simplefilter("ignore")
+            return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
     except (OSError, ValueError, EOFError) as error:
         raise InvalidInput(f"irf file {path.name}", str(error), "numbers") from None

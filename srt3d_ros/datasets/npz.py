@@ -1,5 +1,6 @@
 """The npz photon file (docs/photon-file.md): photons of one frame, their sensor and, if known, the true depths."""
 
+import sys
 from dataclasses import astuple, replace
 from pathlib import Path
 
@@ -190,4 +191,6 @@ def _numbers(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
 def _text(arrays: dict[str, np.ndarray], name: str) -> str:
     text = arrays[name]
     require(text.dtype.kind == "U" and text.size == 1, f"{name} dtype", str(text.dtype), "one text")
+    codes = text.reshape(1).astype(text.dtype.newbyteorder("=")).view(np.uint32)
+    require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
     return str(text.item())

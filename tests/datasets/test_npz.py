@@ -1,6 +1,8 @@
 """The npz photon file: what is written comes back, and what cannot be used is named in one line."""
 
 import io
+import struct
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -10,7 +12,7 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.datasets import files, npz, open_photons
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([0.25, 0.5, 0.25], np.float32)
@@ -176,6 +178,66 @@ def test_a_member_that_is_no_array_is_refused(tmp_path):
         archive.writestr("toa.npy", b"hello")
     with pytest.raises(InvalidInput, match="toa is unreadable"):
         open_photons(path)
+
+
+def with_member(path, content: bytes, method: int = zipfile.ZIP_STORED):
+    """The file with this toa.npy added."""
+    with zipfile.ZipFile(path, "a", method) as archive:
+        archive.writestr("toa.npy", content)
+    return path
+
+
+def literal(text: str) -> bytes:
+    """An .npy header of this text."""
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1")
+
+
+SHAPED = "{{'descr': '<u2', 'fortran_order': False, 'shape': {}}}"
+HEADERS = {
+    "a bracket that does not close": literal("{'descr': '<u2', ("), "brackets alone": literal("[" * 9000),
+    "unhashable": literal("{{}: 1}"), "keys of two types": literal("{1: 2, 'a': 3}"),
+    "negative": literal(SHAPED.format("(-2, -2)")), "not a number": literal(SHAPED.format("('a',)")),
+    "4000 digits": literal(SHAPED.format("(" + "9" * 4000 + ",)")),
+    "a product of 20000 digits": literal(SHAPED.format("(" + f"{10**18}, " * 400 + ")")),
+    "records": literal("{'descr': [('a', '<u2')], 'fortran_order': False, 'shape': (1,)}"),
+    "rows in each": literal("{'descr': '(3,)<u2', 'fortran_order': False, 'shape': (1,)}"),
+    "empty texts": literal("{'descr': '|S0', 'fortran_order': False, 'shape': (2, 3)}"),
+    "version 9": b"\x93NUMPY\x09\x00",
+}
+
+
+@pytest.mark.parametrize("header", HEADERS.values(), ids=HEADERS)
+def test_headers_that_no_array_has_are_one_line(tmp_path, header):
+    with pytest.raises(InvalidInput, match="^photons.npz toa") as caught:
+        open_photons(with_member(write(tmp_path, toa=None), header + b"\x01\0" * 4))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_packing_without_bounds_is_refused(tmp_path, method):
+    content = _header((4,), "<u2", bytes(8))
+    with pytest.raises(InvalidInput, match=f"toa is packed by method {method}: expected an array stored or deflated"):
+        open_photons(with_member(write(tmp_path, toa=None), content, method))
+
+
+def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_path, monkeypatch):
+    path = write(tmp_path)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("gain", "mask", "delay_bins"):
+            archive.writestr(f"{name}.npy", _header((4, 2**20), "|u1", bytes(4 * 2**20)))
+    monkeypatch.setattr(files, "MAX_BYTES", 10**7)
+    tracemalloc.start()
+    with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 10000000 bytes of arrays"):
+        open_photons(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1_000_000
+
+
+def test_text_of_what_is_no_character_is_refused(tmp_path):
+    broken = np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")
+    with pytest.raises(InvalidInput, match="^photons.npz frame_id is not text in places"):
+        open_photons(write(tmp_path, frame_id=broken))
 
 
 @pytest.mark.parametrize("damage", [
