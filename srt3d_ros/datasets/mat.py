@@ -12,7 +12,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
 from srt3d_ros.datasets.files import require_file
 from srt3d_ros.datasets.irf_estimation import estimate
-from srt3d_ros.datasets.mat_container import check_container
+from srt3d_ros.datasets.mat_container import unpacked
 from srt3d_ros.datasets.options import apply_to, number
 from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, gate_events
 from srt3d_ros.errors import InvalidInput, require
@@ -109,13 +109,13 @@ def _load(path: Path) -> tuple[Layout, dict[str, np.ndarray]]:
     """The layout of a file and its variables."""
     from scipy.io import loadmat, whosmat
 
-    check_container(path)
+    content = unpacked(path)
     try:
-        present = {name: (shape, kind) for name, shape, kind in whosmat(path)}
+        present = {name: (shape, kind) for name, shape, kind in whosmat(content)}
         layout = next((one for one in LAYOUTS if _fits(one, present)), None)
         if layout is not None:
             wanted = [layout.variable, *(layout.window or ()), *([layout.reference] if layout.reference else ())]
-            return layout, loadmat(path, variable_names=wanted)
+            return layout, loadmat(content, variable_names=wanted)
     except Exception as error:                  # a damaged file makes scipy raise nearly anything
         raise InvalidInput(path.name, f"damaged ({error})", "a MATLAB 5 .mat file (save -v7)") from None
     found = ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, (shape, kind) in present.items())

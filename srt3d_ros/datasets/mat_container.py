@@ -1,10 +1,12 @@
-"""The container of a MATLAB 5 .mat file, checked before scipy unpacks it.
+"""The container of a MATLAB 5 .mat file, unpacked and checked before scipy reads it.
 
-scipy's reader trusts the file: sizes are allocated as declared, and unknown type codes crash the process. So declared
-sizes are bounded here, and the structure of variables that no checksum protects (uncompressed ones) is walked through.
+scipy's reader trusts the file: sizes are allocated as declared, and unknown type codes crash the process. So sizes are
+bounded here, and the structure of every variable is walked through; scipy gets the bytes that were looked at.
 Format: MATLAB's "MAT-File Format", level 5.
 """
 
+import io
+import math
 import struct
 import zlib
 from collections.abc import Iterator
@@ -14,66 +16,91 @@ from srt3d_ros.errors import InvalidInput, require
 
 MAX_UNPACKED_BYTES = 2**30
 HEADER_BYTES = 128
-FIRST_BYTES = 4096          # enough compressed data for the first 8 unpacked bytes
+TAG_BYTES = 8
 HDF5 = b"\x89HDF"
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 INT8, INT32, UINT32, MATRIX, COMPRESSED = 1, 5, 6, 14, 15                           # type codes of elements
 NUMBER_BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 TEXT_TYPES = (1, 2, 4, 16, 17, 18)
 CELL, CHAR, NUMBERS, COMPLEX = 1, 4, range(6, 16), 0x0800                           # classes and flags of matrices
+READ = (CELL, CHAR, *NUMBERS)
 MAX_DEPTH = 8
 
 
-def check_container(path: Path) -> None:
-    """Raise InvalidInput unless `path` is a whole MATLAB 5 file that unpacks to at most MAX_UNPACKED_BYTES."""
-    size = path.stat().st_size
+def unpacked(path: Path) -> io.BytesIO:
+    """The file with its variables uncompressed.
+
+    Raises:
+        InvalidInput: `path` is not a whole MATLAB 5 file that unpacks to at most MAX_UNPACKED_BYTES.
+    """
+    size, out = path.stat().st_size, io.BytesIO()
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES)
         require(HDF5 not in header and b"MATLAB 7.3" not in header, path.name, "a MATLAB 7.3 (HDF5) file",
                 f"{EXPECTED}: load it in MATLAB and save it with -v7")
         require(header[126:128] in (b"IM", b"MI"), path.name, "not a .mat file", EXPECTED)
         order = "<" if header[126:128] == b"IM" else ">"
-        at, unpacked = HEADER_BYTES, 0
-        while at < size:
-            file.seek(at)
-            tag = file.read(8)
-            kind, length = struct.unpack(order + "II", tag) if len(tag) == 8 else (0, size)
-            at += 8 + length
-            require(at <= size, path.name, "truncated", EXPECTED)
+        out.write(header)
+        while tag := file.read(TAG_BYTES):
+            kind, length = struct.unpack(order + "II", tag) if len(tag) == TAG_BYTES else (0, size)
+            require(file.tell() + length <= size, path.name, "truncated", EXPECTED)
+            element = tag + file.read(length)
             try:
-                if kind == COMPRESSED:
-                    unpacked += _unpacked_length(file.read(min(length, FIRST_BYTES)), order)
-                else:
-                    unpacked += length
-                    require(kind == MATRIX and unpacked <= MAX_UNPACKED_BYTES, "", kind, "a variable of bounded size")
-                    _check_matrix(memoryview(file.read(length)), order)
+                size_unpacked = out.tell() + _unpacked_length(element, order)
+                if size_unpacked <= MAX_UNPACKED_BYTES:
+                    out.write(_checked(element, order))
             except (zlib.error, struct.error, InvalidInput):
                 raise InvalidInput(path.name, "damaged", EXPECTED) from None
-            require(unpacked <= MAX_UNPACKED_BYTES, f"{path.name} size", f"{unpacked} bytes unpacked",
+            require(size_unpacked <= MAX_UNPACKED_BYTES, f"{path.name} size", f"{size_unpacked} bytes unpacked",
                     f"at most {MAX_UNPACKED_BYTES} bytes")
+    out.seek(0)
+    return out
 
 
-def _unpacked_length(start: bytes, order: str) -> int:
-    return struct.unpack(order + "II", zlib.decompressobj().decompress(start, 8))[1]
+def _unpacked_length(element: bytes, order: str) -> int:
+    """What an element says of itself: with its tag, uncompressed."""
+    if struct.unpack_from(order + "I", element)[0] == COMPRESSED:
+        element = zlib.decompressobj().decompress(memoryview(element)[TAG_BYTES:], TAG_BYTES)
+    return TAG_BYTES + struct.unpack_from(order + "4xI", element)[0]
 
 
-def _check_matrix(data: memoryview, order: str, depth: int = 0) -> None:
-    """Raise InvalidInput or struct.error unless `data` is a matrix as its class and dimensions say."""
-    if depth and not len(data):
+def _checked(element: bytes, order: str) -> bytes:
+    """The element, uncompressed; nothing of structures and such, which are not read.
+
+    Raises:
+        InvalidInput, struct.error, zlib.error: it is no matrix from its beginning to its end.
+    """
+    if struct.unpack_from(order + "I", element)[0] == COMPRESSED:
+        length, inflater = _unpacked_length(element, order), zlib.decompressobj()
+        element = inflater.decompress(memoryview(element)[TAG_BYTES:], length + 1)
+        require(len(element) == length and inflater.eof, "length", len(element), f"{length}")
+    kind = struct.unpack_from(order + "I", element)[0]
+    require(kind == MATRIX, "type", kind, "a matrix")
+    matrix = memoryview(element)[TAG_BYTES:]
+    if _flags(matrix, order) & 0xFF not in READ:
+        return b""
+    _check_matrix(matrix, order)
+    return element
+
+
+def _flags(matrix: memoryview, order: str) -> int:
+    kind, content = next(_elements(matrix, order), (0, b""))
+    require(kind == UINT32 and len(content) == 8, "flags", kind, "class and flags of a matrix")
+    return struct.unpack_from(order + "I", content)[0]
+
+
+def _check_matrix(matrix: memoryview, order: str, depth: int = 0) -> None:
+    """Raise InvalidInput or struct.error unless it is a matrix as its class and dimensions say."""
+    if depth and not len(matrix):
         return                                              # an empty cell
-    elements = _elements(data, order)
-    flags, dimensions, name = (next(elements, (0, b"")) for _ in range(3))
-    types = (flags[0], dimensions[0], name[0])
-    require(types == (UINT32, INT32, INT8) and len(flags[1]) == 8 and depth < MAX_DEPTH, "header", types, "a matrix")
-    word = struct.unpack(order + "I", flags[1][:4])[0]
-    count = 1
-    for length in struct.unpack(f"{order}{len(dimensions[1]) // 4}i", dimensions[1]):
-        require(length >= 0, "dimension", length, "0 or more")
-        count *= length
-    matrix_class, parts = word & 0xFF, 0
-    if matrix_class != CELL and matrix_class != CHAR and matrix_class not in NUMBERS:
-        require(depth == 0, "class", matrix_class, "numbers in cells")
-        return                                              # structures and such: not read either
+    flags, elements = _flags(matrix, order), _elements(matrix, order)
+    matrix_class = flags & 0xFF
+    _, dimensions, name = (next(elements, (0, b"")) for _ in range(3))
+    require((dimensions[0], name[0]) == (INT32, INT8) and depth < MAX_DEPTH, "header", depth, "a matrix")
+    require(matrix_class in READ, "class", matrix_class, "cells, text or numbers")
+    lengths = struct.unpack(f"{order}{len(dimensions[1]) // 4}i", dimensions[1])
+    require(len(lengths) >= 2 and min(lengths) >= 0, "dimensions", lengths, "0 or more")
+    count, parts = math.prod(lengths), 0
     for kind, content in elements:
         parts += 1
         if matrix_class == CELL:
@@ -84,7 +111,7 @@ def _check_matrix(data: memoryview, order: str, depth: int = 0) -> None:
         else:
             fits = kind in NUMBER_BYTES and NUMBER_BYTES[kind] * count == len(content)
             require(fits, "numbers", len(content), "one per place")
-    wanted = count if matrix_class == CELL else 2 if word & COMPLEX else 1
+    wanted = count if matrix_class == CELL else 2 if flags & COMPLEX else 1
     require(parts == wanted or (matrix_class == CHAR and parts <= 1), "parts", parts, f"{wanted}")
 
 

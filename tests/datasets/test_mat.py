@@ -1,6 +1,7 @@
 """Published .mat layouts, on small files written here; the real ones are in test_published.py."""
 
 import struct
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -183,8 +184,50 @@ def test_a_compressed_bomb_is_refused_before_it_unpacks(tmp_path):
     body = zlib.compress(struct.pack("<II", 14, 2**31) + bytes(2**20))
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     path.write_bytes(header + struct.pack("<II", 15, len(body)) + body)
-    with pytest.raises(InvalidInput, match="2147483648 bytes unpacked"):
+    with pytest.raises(InvalidInput, match="2147483784 bytes unpacked"):
         open_photons(path)
+
+
+def of_cells(dimensions: tuple[int, int], content: bytes = b"", kind: int = 1) -> bytes:
+    """A variable Ts, as it stands in a file."""
+    parts = [(6, struct.pack("<II", kind, 0)), (5, struct.pack("<ii", *dimensions)), (1, b"Ts")]
+    body = b"".join(struct.pack("<II", code, len(part)) + part.ljust(-(-len(part) // 8) * 8, b"\0")
+                    for code, part in parts) + content
+    return struct.pack("<II", 14, len(body)) + body
+
+
+def written(path, variable: bytes, compressed: bool):
+    packed = zlib.compress(variable)
+    element = struct.pack("<II", 15, len(packed)) + packed if compressed else variable
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element)
+    return path
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+@pytest.mark.parametrize("dimensions", [(2**12, 2**14), (2**31 - 1, 2**31 - 1), (2**31 - 1, 0), (-1, -1)])
+def test_cells_that_are_not_there_take_no_room(tmp_path, compressed, dimensions):
+    path = written(tmp_path / "a.mat", of_cells(dimensions), compressed)
+    tracemalloc.start()
+    with pytest.raises(InvalidInput, match="^a.mat "):
+        open_photons(path, irf=IRF)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 5_000_000
+
+
+@pytest.mark.parametrize("code", [0, 8, 10, 11, 19, 99])
+def test_a_checksum_does_not_vouch_for_what_is_compressed(tmp_path, code):
+    number = of_cells((1, 1), struct.pack("<II8s", code, 2, b"\x0c"), kind=11)
+    path = written(tmp_path / "a.mat", of_cells((1, 1), number), True)
+    with pytest.raises(InvalidInput, match="^a.mat is damaged"):
+        open_photons(path, irf=IRF)
+
+
+def test_structures_beside_the_photons_are_never_shown_to_the_reader(tmp_path):
+    good = of_cells((1, 1), of_cells((1, 1), struct.pack("<II8s", 4, 2, b"\x0c"), kind=11))
+    path = written(tmp_path / "a.mat", good, True)
+    path.write_bytes(path.read_bytes() + of_cells((2**31 - 1, 2**31 - 1), kind=17))     # an opaque object
+    assert open_photons(path, irf=IRF, num_bins=20).frame.toa.tolist() == [12]
 
 
 def test_photons_of_one_pixel_keep_their_values_whatever_the_type(tmp_path):
