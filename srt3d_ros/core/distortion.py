@@ -9,7 +9,7 @@ from srt3d_ros.errors import InvalidInput, require
 STEPS = 4                   # from the middle of the image to the pixel, so that no other solution is run into
 ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
-BLOCK = 2**16               # pixels at a time, whose numbers stay in the cache
+BLOCK = 2**16               # places looked at together, whose numbers stay in the cache
 SAMPLES = 64                # between the middle and a pixel, where the model must not fold
 
 
@@ -68,13 +68,14 @@ class PlumbBob:
         Past the radius at which the model turns back, as polynomials do outside the image they were fitted to, two
         rays are seen at the same place and Newton's method may find either.
         """
-        at_x, at_y = self.undistorted(x, y)
-        share = np.linspace(0, 1, SAMPLES)[:, None]
-        with np.errstate(all="ignore"):
-            xx, xy, yy = self._slopes(at_x * share, at_y * share)
-            folded = ~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)
-        if folded.any():
-            self._refuse(x[folded][0], y[folded][0])
+        share, step = np.linspace(0, 1, SAMPLES)[:, None], BLOCK // SAMPLES
+        for part in (slice(begin, begin + step) for begin in range(0, len(x), step)):
+            at_x, at_y = self.undistorted(x[part], y[part])
+            with np.errstate(all="ignore"):
+                xx, xy, yy = self._slopes(at_x * share, at_y * share)
+                folded = ~((xx * yy > xy * xy) & (xx + yy > 0)).all(axis=0)
+            if folded.any():
+                self._refuse(x[part][folded][0], y[part][folded][0])
 
     def _undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         at_x, at_y = np.zeros_like(x), np.zeros_like(y)

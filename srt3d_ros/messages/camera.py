@@ -7,7 +7,7 @@ from sensor_msgs.msg import CameraInfo
 
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import MAX_SIDE, SensorModel
+from srt3d_ros.core.sensor import MAX_PIXELS, MAX_SIDE, SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import typed
 from srt3d_ros.messages.header import Header
@@ -49,6 +49,7 @@ def decode_camera_info(message: CameraInfo) -> tuple[int, int, Pinhole]:
     top, rows, step_y = _side(message, "height", message.roi.y_offset, message.binning_y)
     lens = Pinhole(fx / step_x, fy / step_y, (cx - left - (step_x - 1) / 2) / step_x,
                    (cy - top - (step_y - 1) / 2) / step_y, _distortion(message))
+    require(rows * cols <= MAX_PIXELS, "camera_info.width × height", f"{cols} × {rows}", f"at most {MAX_PIXELS} pixels")
     lens.check(rows, cols)
     return rows, cols, lens
 

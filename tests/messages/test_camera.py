@@ -1,5 +1,7 @@
 """CameraInfo: where a point of the sensor is seen, regions and binned pixels, and cameras that cannot be used."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,6 +106,7 @@ def test_a_binning_of_0_or_1_is_none():
     ({"distortion_model": ""}, "distortion_model", "empty"),
     ({"d": [0.1] * 3}, "d", "3 coefficients"), ({"d": [0.1] * 8}, "d", "8 coefficients"),
     ({"width": 0}, "width", "0"), ({"height": 0}, "height", "0"), ({"width": 2**32 - 1}, "width", "4294967295"),
+    ({"width": 65_536, "height": 65_536}, "width × height", "65536 × 65536: expected at most 16777216 pixels"),
     ({"roi": region(10, 0, 7, 12)}, "roi.width", "7 from pixel 10 on"),
     ({"roi": region(0, 13, 4, 1)}, "roi.height", "1 from pixel 13 on"),
     ({"roi": region(1, 0, 0, 0)}, "roi.width", "0 from"),
@@ -113,6 +116,14 @@ def test_a_camera_that_cannot_be_used_is_named_in_one_line(changes, field, says)
         camera.decode_camera_info(calibrated(**changes))
     assert caught.value.field == f"camera_info.{field}" and says in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_the_border_of_a_wide_camera_takes_little_room():
+    tracemalloc.start()
+    camera.decode_camera_info(calibrated(width=65_536, height=256, k=k(fx=40_000, fy=40_000, cx=32_768, cy=128)))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30_000_000
 
 
 @pytest.mark.parametrize(("d", "field"), [([NAN, 0, 0, 0, 0], "projection.distortion.k1"),
