@@ -51,6 +51,7 @@ class PipelineNode(ManagedNode):
 
     interface: Interface
     drains = False          # whether frames that wait are still worked on when the node is deactivated
+    queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
     finish_s = 5.0          # how long the frame in hand, or what drains, may take then
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
@@ -118,7 +119,8 @@ class PipelineNode(ManagedNode):
                 self.diagnostics.received(photons)
                 self.worker.offer(work, raw, info["source_timestamp"], photons=photons)
 
-        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else QUEUE_DEPTH
+        queued = QUEUE_DEPTH if self.lossless else self.queue_depth
+        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else queued
         depth = min(depth, QUEUE_DEPTH)
         subscription = self.listen_counting(topic, received, depth, self.diagnostics.lost)
         self.diagnostics.expect(subscription.topic_name, self.interface.topic(topic).type_name)
@@ -139,8 +141,12 @@ class PipelineNode(ManagedNode):
         subscription = self._listen(topic, received, depth, raw=True, lost=told)
         return subscription
 
-    def follow(self, topic: str, handle: Callable[[object], None]) -> None:
-        """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped."""
+    def follow(self, topic: str, handle: Callable[[object], None], qos: QoSProfile | None = None) -> None:
+        """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped.
+
+        Args:
+            qos: other than the topic's own; the user may override both.
+        """
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
@@ -151,7 +157,7 @@ class PipelineNode(ManagedNode):
                 raise
 
         self._listen(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
-                     FOLLOW_DEPTH)
+                     FOLLOW_DEPTH, qos=qos)
 
     def drop_older(self) -> None:
         """Called for a description that replaces another: drop the frames that its sender had sent before it."""
@@ -161,9 +167,10 @@ class PipelineNode(ManagedNode):
         """Have the executor call `handle` with the CDR bytes on an input; for what must not wait for the worker."""
         return self._listen(topic, handle, QUEUE_DEPTH, raw=True)
 
-    def _listen(self, topic: str, callback: Callable, depth: int, raw: bool = False, lost=None) -> Subscription:
+    def _listen(self, topic: str, callback: Callable, depth: int, raw: bool = False, lost=None,
+                qos: QoSProfile | None = None) -> Subscription:
         declared = self.interface.topic(topic)
-        qos = LATCHED if declared.latched else QoSProfile(depth=depth)
+        qos = qos or (LATCHED if declared.latched else QoSProfile(depth=depth))
         options = {"raw": raw, "qos_overriding_options": OVERRIDABLE}
         events = SubscriptionEventCallbacks(message_lost=lost)
         make = partial(self._make, self.create_subscription, declared, callback, qos)

@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr
 
 CLOUDS_DEPTH = 64       # the monitor shares its machine with the pipeline: let clouds wait rather than be lost
@@ -37,12 +38,16 @@ class Monitor:
 
     Args:
         keep_every: of so many clouds, the bytes of one are kept in `kept`.
+
+    Attributes:
+        malformed: messages on `points` that are no clouds.
     """
 
     def __init__(self, keep_every: int):
         self._keep_every = keep_every
         self.arrivals: list[Arrival] = []
         self.kept: list[bytes] = []
+        self.malformed = 0
         self.statuses: dict[str, dict[str, str]] = {}
 
     def __enter__(self) -> "Monitor":
@@ -88,7 +93,11 @@ class Monitor:
 
     def _on_cloud(self, raw: bytes) -> None:
         received_ns = time.time_ns()
-        cloud = cdr.read_cloud(raw)
+        try:
+            cloud = cdr.read_cloud(raw)
+        except InvalidInput:        # somebody else's: whoever watches survives what the nodes survive
+            self.malformed += 1
+            return
         if len(self.arrivals) % self._keep_every == 0:
             self.kept.append(raw)
         self.arrivals.append(Arrival(cloud.header.stamp_ns, received_ns, cloud.height * cloud.width))
