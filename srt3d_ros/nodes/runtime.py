@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -65,7 +66,7 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
     try:
         _init(args)
         for make_node in make_nodes:
-            nodes.append(make_node())
+            nodes.append(_make(make_node))
         for node in nodes:
             _start(node)
         stop.starting = False
@@ -91,6 +92,16 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
             node.close()
         rclpy.try_shutdown()
     return max((node.exit_code for node in nodes), default=0)
+
+
+def _make(make_node: Callable[[], PipelineNode]) -> PipelineNode:
+    try:
+        return make_node()
+    except rclpy_implementation.RCLError as error:
+        if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+            raise
+        raise InvalidInput("ROS_SECURITY_ENABLE", "true", "a middleware with DDS security and a keystore that it "
+                           f"accepts, see docs/security.md ({' '.join(str(error).split())})") from None
 
 
 def _start(node: PipelineNode) -> None:

@@ -133,6 +133,20 @@ def test_arguments_that_ros_cannot_parse_are_exit_code_2(start, argument):
     assert probe.lines[-1].startswith("command line is ") and "Traceback" not in probe.text
 
 
+def test_security_that_cannot_be_had_is_one_line_and_no_node_without_it(graph, monkeypatch, tmp_path):
+    for name in ("identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s",
+                 "permissions.p7s"):
+        path = tmp_path / "enclaves" / name
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    for name, value in (("ENABLE", "true"), ("STRATEGY", "Enforce"), ("KEYSTORE", tmp_path)):
+        monkeypatch.setenv(f"ROS_SECURITY_{name}", str(value))
+    process = graph.start("sketcher")
+    assert process.code() == 2
+    assert "ROS_SECURITY_ENABLE is true: expected a middleware with DDS security and a keystore" in process.lines[-1]
+    assert "Traceback" not in process.text
+
+
 def test_arguments_without_ros_args_before_them_are_refused_and_not_ignored(graph, start):
     process = Process([sys.executable, "-m", "srt3d_ros.cli.main", "node", "sketcher", "-p", "sketch_size:=5"])
     graph.processes.append(process)
