@@ -1,4 +1,5 @@
-"""The interfaces of all nodes, and what is made from them: config/srt3d.yaml, docs/nodes/*.md, the graph as a picture.
+"""The interfaces of all nodes, and what is made from them: config/srt3d.yaml, config/srt3d.policy.xml, docs/nodes/*.md
+and the graph as a picture.
 
     python -m srt3d_ros.nodes.tables        # in the source tree; after every change of a table
 """
@@ -8,6 +9,7 @@ from pathlib import Path
 from srt3d_ros.nodes import bag_recorder, player, reconstructor, recorder, sketcher
 from srt3d_ros.nodes.pages import page
 from srt3d_ros.nodes.parameters import as_yaml
+from srt3d_ros.nodes.policy import policy
 from srt3d_ros.pictures.graph import draw
 
 INTERFACES = {interface.name: interface for interface in (
@@ -26,6 +28,7 @@ def generated() -> dict[str, str]:
     parameters = as_yaml({name: interface.table for name, interface in INTERFACES.items()})
     return {"config/srt3d.yaml": HEADING + parameters,
             **{f"docs/nodes/{name}.md": page(interface) for name, interface in INTERFACES.items()},
+            "config/srt3d.policy.xml": policy(INTERFACES.values()),
             "docs/images/graph.svg": draw(INTERFACES.values())}
 
 

@@ -1,0 +1,77 @@
+"""Who may say what to whom: the policy for SROS 2 (DDS security), made from the nodes' interfaces.
+
+`ros2 security` makes the signed permissions of each enclave from it: docs/security.md.
+"""
+
+from collections.abc import Iterable
+
+from srt3d_ros.nodes.interface import Interface
+
+# What rclpy gives to every managed node, under the node's own name.
+LIFECYCLE = ("change_state", "get_state", "get_available_states", "get_available_transitions", "get_transition_graph")
+READ_PARAMETERS = ("get_parameters", "list_parameters")
+PARAMETERS = ("describe_parameters", "get_parameter_types", *READ_PARAMETERS, "set_parameters",
+              "set_parameters_atomically")
+SERVED = (*LIFECYCLE, *PARAMETERS, "get_type_description")
+TOLD = ("/diagnostics", "/rosout", "/parameter_events", "~/transition_event")
+HEARD = ("/clock", "/parameter_events")
+WATCHES_OTHERS = "recorder"     # asks the others for their parameters
+EVERYONE, OPERATOR = "all", "operator"
+
+
+def policy(interfaces: Iterable[Interface]) -> str:
+    """The policy as XML: enclaves /srt3d/NAME for each node, for all nodes in one process and for an operator.
+
+    The operator, somebody who types `ros2 …`, may hear everything and use all services; nobody else may set a
+    parameter, change a state or call a service.
+    """
+    interfaces = list(interfaces)
+    enclaves = [(interface.name, [_profile(interface, interfaces)]) for interface in interfaces]
+    enclaves.append((EVERYONE, [_profile(interface, interfaces) for interface in interfaces]))
+    enclaves.append((OPERATOR, [_operator(interfaces)]))
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>',
+             "<!-- Made by python -m srt3d_ros.nodes.tables; docs/security.md says how it is used. -->",
+             '<policy version="0.2.0">', "  <enclaves>"]
+    for name, profiles in enclaves:
+        rules = [f"        {line}" for profile in profiles for line in profile]
+        lines += [f'    <enclave path="/srt3d/{name}">', "      <profiles>", *rules, "      </profiles>",
+                  "    </enclave>"]
+    return "\n".join([*lines, "  </enclaves>", "</policy>"]) + "\n"
+
+
+def _profile(interface: Interface, interfaces: list[Interface]) -> list[str]:
+    """What one node may do."""
+    asked = [f"{other.name}/{service}" for other in interfaces for service in READ_PARAMETERS
+             if interface.name == WATCHES_OTHERS]
+    return _in_profile(interface.name, [
+        *_rules("topic", "subscribe", [*(topic.name for topic in interface.inputs), *HEARD]),
+        *_rules("topic", "publish", [*(topic.name for topic in interface.outputs), *TOLD]),
+        *_rules("service", "reply", [f"~/{service}" for service in _services(interface)]),
+        *_rules("service", "request", asked)])
+
+
+def _operator(interfaces: list[Interface]) -> list[str]:
+    """What the command line may do: hear all topics, use all services."""
+    heard = [topic.name for interface in interfaces for topic in (*interface.inputs, *interface.outputs)]
+    events = [f"{interface.name}/transition_event" for interface in interfaces]
+    return _in_profile("*", [
+        *_rules("topic", "subscribe", [*heard, *events, *HEARD, "/diagnostics", "/rosout"]),
+        *_rules("topic", "publish", ["/rosout", "/parameter_events"]),
+        *_rules("service", "reply", [f"*/{service}" for service in (*PARAMETERS, "get_type_description")]),
+        *_rules("service", "request",
+                [f"{interface.name}/{service}" for interface in interfaces for service in _services(interface)])])
+
+
+def _services(interface: Interface) -> list[str]:
+    return [*SERVED, *(service.name for service in interface.services)]
+
+
+def _in_profile(node: str, rules: list[str]) -> list[str]:
+    return [f'<profile ns="/" node="{node}">', *(f"  {rule}" for rule in rules), "</profile>"]
+
+
+def _rules(kind: str, verb: str, names: Iterable[str]) -> list[str]:
+    names = sorted(set(names))
+    if not names:
+        return []
+    return [f'<{kind}s {verb}="ALLOW">', *(f"  <{kind}>{name}</{kind}>" for name in names), f"</{kind}s>"]
