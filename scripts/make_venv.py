@@ -19,6 +19,8 @@ TORCH = "torch==2.13.0"
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 # What torch (lower bound) and colcon (upper bound) both accept; pyproject.toml says the same.
 SETUPTOOLS = "setuptools>=77.0.3,<80"
+# Python brings its own; older ones have a known advisory (PYSEC-2023-228).
+PIP = "pip>=23.3,<27"
 
 
 class StepFailed(Exception):
@@ -75,7 +77,7 @@ def install(python):
         step("installing torch for CUDA, as there is an NVIDIA GPU (2 to 4 GB, minutes)", [*pip, TORCH])
     else:
         install_cpu_torch(pip)
-    step("installing setuptools", [*pip, SETUPTOOLS])
+    step("installing pip and setuptools", [*pip, PIP, SETUPTOOLS])
     step("installing ROS 2 Jazzy, numba, rerun and the rest (about 500 MB, one or two minutes)",
          [*pip, "--no-build-isolation", "--editable", f".[{EXTRAS}]"])
     # An editable install leaves data files out, yet `ros2 run` and ament_index look for them.
