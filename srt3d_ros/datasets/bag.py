@@ -9,7 +9,7 @@ from typing import NamedTuple
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
-MAX_METADATA_BYTES = 16 * 2**20
+MAX_METADATA_BYTES = 2**19     # of a thousand files; its parser takes a second for 150 kB
 EXPECTED = "a complete rosbag2 bag (docs/bags.md tells what to do about one that was cut off)"
 
 
@@ -58,11 +58,15 @@ class Bag:
     def __init__(self, path: str | Path):
         from rosbags.rosbag2 import Reader  # here: only bags need rosbags
 
+        from srt3d_ros.datasets import bag_bounds
+
         self.path = Path(path)
         self._check_path()
-        self._open = ExitStack()
+        self._open, self._unpack = ExitStack(), None
         with self._one_error():
-            self._readers = self._open_readers(Reader)
+            bag_bounds.bound_chunks()
+            bag_bounds.check(self.path)
+            self._readers = self._open_readers(Reader, bag_bounds.message)
             counts: dict[tuple[str, str], int] = {}
             for connection in (connection for reader in self._readers for connection in reader.connections):
                 key = connection.topic, connection.msgtype
@@ -90,7 +94,7 @@ class Bag:
                 for connection, time_ns, raw in reader.messages(connections, start_ns):
                     if type(time_ns) is not int or type(raw) is not bytes:      # SQLite keeps anything anywhere
                         raise TypeError(f"a message on {connection.topic} is not bytes with a time")
-                    yield Message(connection.topic, time_ns, raw)
+                    yield Message(connection.topic, time_ns, self._unpack(raw) if self._unpack else raw)
 
     def content(self) -> str:
         """The bag's topics in words, for messages."""
@@ -101,17 +105,18 @@ class Bag:
         """Give back the files."""
         self._open.close()
 
-    def _open_readers(self, reader: Callable) -> list:
+    def _open_readers(self, reader: Callable, unpack: Callable[[bytes], bytes]) -> list:
         """A reader for each storage file, the earliest first, or one for all.
 
         The reader of a folder finds no messages on topics whose QoS is written differently in metadata.yaml and in the
-        files; only where messages or files are compressed does it know more than the files.
+        files, and unpacks messages without bounds; only where files are compressed does it know more than the files.
         """
         whole = reader(self.path)
         if not self.path.is_dir():
             return [self._open.enter_context(whole)]
         with whole:
-            if not whole.compression_mode:
+            if whole.compression_mode != "file":
+                self._unpack = unpack if whole.compression_mode == "message" else None
                 files = [reader(storage.path) for storage in whole.storage.storages]
                 return sorted((self._open.enter_context(file) for file in files), key=lambda file: file.start_time)
         return [self._open.enter_context(whole)]

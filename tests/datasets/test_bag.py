@@ -1,8 +1,12 @@
 """Bags as they are written and read: what is in them, what the stock tools find in them, and bags that are broken."""
 
 import random
+import sqlite3
+import struct
 import subprocess
 import sys
+import tracemalloc
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +15,7 @@ from ruamel.yaml import YAML
 
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import bag_bounds, open_photons
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_photons import find_photons
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
@@ -137,19 +141,79 @@ def test_a_bag_of_several_files_is_read_in_the_order_of_their_times(bag, tmp_pat
     assert [open_photons(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
 
 
-@pytest.mark.parametrize("storage, mode", [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"),
-                                           ("mcap", "STORAGE")])
-def test_compressed_bags_are_read(tmp_path, storage, mode):
+def write_compressed(path: Path, storage: str, mode: str, messages: list[tuple[str, str, bytes]]) -> Path:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin[storage.upper()])
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
     writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
     with writer:
-        for k, (topic, message_type, raw) in enumerate(RECORDED[:2]):
+        for k, (topic, message_type, raw) in enumerate(messages):
             types = get_typestore(Stores.ROS2_JAZZY)
             writer.write(writer.add_connection(topic, message_type, typestore=types), START_NS + k, raw)
-    assert open_photons(tmp_path / "bag").frame.toa.tolist() == [0, 7, 9]
+    return path
+
+
+COMPRESSED = [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"), ("mcap", "STORAGE")]
+
+
+@pytest.mark.parametrize("storage, mode", COMPRESSED)
+def test_compressed_bags_are_read(tmp_path, storage, mode):
+    assert open_photons(write_compressed(tmp_path / "bag", storage, mode, RECORDED[:2])).frame.toa.tolist() == [0, 7, 9]
+
+
+@pytest.fixture
+def small_bounds(monkeypatch):
+    monkeypatch.setattr(bag_bounds, "MAX_BYTES", 2**22)
+
+
+@pytest.mark.parametrize("storage, mode", COMPRESSED)
+def test_a_bag_that_unpacks_to_far_too_much_is_refused_before_it_is_unpacked(tmp_path, storage, mode, small_bounds):
+    bag = write_compressed(tmp_path / "bag", storage, mode, [("/sensor", TEXT, bytes(2**26))])
+    assert peak_of_refusal(bag, "unpacked") < 2**24
+
+
+def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_where_it_does(tmp_path):
+    path = storage_file(write_compressed(tmp_path / "bag", "mcap", "STORAGE", [("/sensor", TEXT, bytes(2**26))]))
+    data = path.read_bytes()
+    at = data.index(b"zstd")            # of the chunk: start, end, size unpacked, checksum, compression
+    size = data[at - 16:at - 8]
+    assert int.from_bytes(size, "little") > 2**26
+    path.write_bytes(data.replace(size, struct.pack("<Q", 1000)))
+    assert peak_of_refusal(path, "more than 1000 bytes unpacked") < 2**24
+
+
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT "
+COMPUTED = {
+    "endless messages": ["ALTER TABLE messages RENAME TO m",
+                         f"CREATE VIEW messages AS {ENDLESS} i AS id, 1 AS topic_id, i AS timestamp, 0 AS data FROM n"],
+    "endless topics": ["ALTER TABLE topics RENAME TO t", "CREATE VIEW topics AS SELECT t.* FROM t, "
+                       f"({ENDLESS} i FROM n)"],
+    "a column of 1 GB": ["ALTER TABLE messages ADD COLUMN more BLOB GENERATED ALWAYS AS (zeroblob(1000000000))"],
+}
+
+
+@pytest.mark.parametrize("statements", COMPUTED.values(), ids=COMPUTED)
+@pytest.mark.parametrize("named", [lambda bag: bag, storage_file], ids=["folder", "file"])
+def test_a_database_that_computes_its_rows_is_refused(tmp_path, statements, named):
+    bag = write(tmp_path / "bag", RECORDED, "sqlite3")
+    with closing(sqlite3.connect(storage_file(bag))) as database:
+        for statement in statements:
+            database.execute(statement)
+        database.commit()
+    with pytest.raises(InvalidInput, match="is computed, not stored"):
+        open_photons(named(bag))
+
+
+def peak_of_refusal(bag: Path, why: str) -> int:
+    """The most memory that was taken until the bag was refused, bytes."""
+    tracemalloc.start()
+    with pytest.raises(InvalidInput, match=why):
+        with Bag(bag) as opened:
+            list(opened.messages(opened.topics))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
 
 
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
