@@ -26,6 +26,13 @@ def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **ov
         InvalidInput: one line that names the file and field that cannot be used.
     """
     path = Path(path)
+    try:
+        return _open(path, frame, photons_topic, overrides)
+    except OSError as error:
+        raise InvalidInput("photon file", str(path), f"a file that can be read ({error.strerror or error})") from None
+
+
+def _open(path: Path, frame: int, photons_topic: str, overrides: dict) -> Photons:
     suffix = path.suffix.lower()
     is_file = suffix in (".npz", ".mat")
     require(is_file or is_bag(path), "photon file", str(path), "a file that ends in .npz or .mat, or a bag")

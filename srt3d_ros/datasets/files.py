@@ -18,8 +18,8 @@ FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.re
 
 def require_file(path: Path, field: str) -> None:
     """Raise InvalidInput unless `path` is a file that can be opened."""
-    require(path.is_file(), field, str(path), "a file that exists")
-    try:
+    try:        # a name too long is not absent, nor what lies in a folder that may not be entered
+        require(path.is_file(), field, str(path), "a file that exists")
         path.open("rb").close()
     except OSError as error:
         raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror})") from None

@@ -58,7 +58,7 @@ def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> 
         values = source
     try:
         irf = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput("irf", source, "numbers") from None
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
     require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= MAX_LENGTH, "irf shape", irf.shape,

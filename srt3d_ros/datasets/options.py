@@ -1,6 +1,5 @@
 """What the user says about a photon file: options, or a sidecar file beside it."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import json_text
 
 NAMES = ("num_bins", "bin_width_s", "irf", "irf_ref", "toa_offset_bins", "range_offset_m", "gate", "fov_deg",
          "rows", "cols")
@@ -61,7 +61,7 @@ def number(field: str, value: object, expected: str) -> float:
     """`value` as a finite float, or InvalidInput."""
     try:
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(field, value, expected) from None
     require(np.isfinite(result), field, value, expected)
     return result
@@ -69,13 +69,11 @@ def number(field: str, value: object, expected: str) -> float:
 
 def _read_sidecar(path: Path) -> dict:
     try:
-        require(path.stat().st_size <= MAX_SIDECAR_BYTES, f"{path.name} size", path.stat().st_size,
-                f"at most {MAX_SIDECAR_BYTES} bytes")
-        options = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        size = path.stat().st_size
+        require(size <= MAX_SIDECAR_BYTES, f"{path.name} size", size, f"at most {MAX_SIDECAR_BYTES} bytes")
+        return json_text.parse(path.read_text(encoding="utf-8"), path.name)
+    except (OSError, UnicodeDecodeError) as error:
         raise InvalidInput(path.name, f"unreadable ({error})", "a JSON object of options") from None
-    require(isinstance(options, dict), path.name, f"a JSON {type(options).__name__}", "a JSON object of options")
-    return options
 
 
 def _check_names(options: dict, where: str) -> None:

@@ -9,6 +9,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.datasets.sensor_file import open_sensor
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([1, 2, 1], np.float32) / 4
@@ -87,6 +88,10 @@ def test_unusable_options_are_named(path, field, options):
 @pytest.mark.parametrize(("text", "field"), [
     ("{", "a.npz.json"), ("[1]", "a.npz.json"), ("[" * 100_000, "a.npz.json"), ('"text"', "a.npz.json"),
     ({"bins": 3}, "a.npz.json name"), ({"num_bins": "many"}, "num_bins"), ({"bin_width_s": None}, "bin_width_s"),
+    ('{"num_bins": 1' + "0" * 5000 + "}", "a.npz.json"), ('{"fov_deg": 1' + "0" * 400 + "}", "fov_deg"),
+    ('{"gate": [1' + "0" * 400 + ", 2]}", "gate"), ('{"irf": [1' + "0" * 400 + "]}", "irf"),
+    ('{"bin_width_s": NaN}', "JSON"), ('{"rows": 2, "rows": 2}', "repeated key"),
+    ({"irf": "a" * 300 + ".npy"}, "irf"),
     ({"irf": {}}, "irf"), ({"irf": "absent.npy"}, "irf"), ({"gate": 3}, "gate"), ({"gate": [1, 2, 3]}, "gate"),
 ])
 def test_unusable_sidecars_are_named(path, text, field):
@@ -94,6 +99,12 @@ def test_unusable_sidecars_are_named(path, text, field):
     with pytest.raises(InvalidInput) as caught:
         open_photons(path)
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize("name", ["a" * 300 + ".npz", "a" * 300, "a" * 300 + ".mcap", "a" * 300 + ".json"])
+def test_a_name_that_no_file_can_have_is_one_line(tmp_path, name):
+    with pytest.raises(InvalidInput, match="name too long"):
+        open_sensor(tmp_path / name)
 
 
 def test_a_sidecar_that_is_no_text_is_named(path):
