@@ -167,7 +167,10 @@ class SketcherNode(PipelineNode):
                 return
         elif self._from_file is not None:
             self.get_logger().info("the description on sensor is used instead of sensor_file")
-        self._described = sensor_message.decode(message)
+        described = sensor_message.decode(message)
+        if self._described is not None and not described.same_as(self._described):
+            self.drop_older()
+        self._described = described
         self._look()
 
     def _hear_camera_info(self, raw: bytes) -> None:

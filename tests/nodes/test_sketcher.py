@@ -1,6 +1,7 @@
 """The sketcher alone: what it publishes, what it survives, what it follows, what it refuses."""
 
 import dataclasses
+import signal
 
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
@@ -88,6 +89,26 @@ def test_a_driver_that_restarts_with_another_sensor_is_followed(graph, sensor, e
     assert [(message.height, message.width) for message in sketches] == [(16, 12), (4, 5)]
     assert sketch_message.decode(sketches[-1], frequencies, wide)[1].photons[3, 4] == 1
     assert graph.report("sketcher")["errors"] == "0"
+
+
+def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, events):
+    """The same array with wider bins: read with the new description, the plane would be at another range."""
+    sketches = graph.collect(PointCloud2, "sketch")
+    process = graph.start("sketcher").ready()
+    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    described.publish(sensor_message.encode(sensor))
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    graph.reports("sketcher", "num_bins", sensor.num_bins)
+    process.send(signal.SIGSTOP)
+    for k in range(3):
+        photons.publish(photons_at(events, sensor, STAMP_NS + k))
+    wider = sensor.replace(num_bins=128, bin_width_s=2 * sensor.bin_width_s)
+    described.publish(sensor_message.encode(wider))
+    process.send(signal.SIGCONT)
+    graph.reports("sketcher", "num_bins", 128)
+    assert graph.reports("sketcher", "dropped.outdated", 3)["frames_out"] == "0"
+    photons.publish(photons_at(events, wider, STAMP_NS + 3))
+    graph.wait(lambda: sketches, "the sketch of photons sent after it")
 
 
 def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
