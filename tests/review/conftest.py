@@ -36,8 +36,9 @@ def write_recording():
     return _write
 
 
-def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0):
-    """Write by rerun itself what docs/recording.md says."""
+def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0,
+           more=lambda stream: None):
+    """Write by rerun itself what docs/recording.md says, and at the end what `more` does."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
     layout.tell(stream, "sensor", layout.sensor_properties(sensor))
@@ -65,4 +66,5 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
                 stream.log(f"/metrics/{name}", rr.Scalars(float(value)))
         frame += 1
     stream.log("/log", rr.TextLog("sketcher: <script>alert(1)</script>", level="WARN"))
+    more(stream)
     stream.disconnect()
