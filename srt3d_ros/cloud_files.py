@@ -9,7 +9,7 @@ import numpy as np
 from srt3d_ros.colours import CLOUD_MAP, colour_table, intensity_levels, percentile_range
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.new_files import appearing_whole
 
 _SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
@@ -58,7 +58,7 @@ def _save_ply(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
     points = _records(cloud, _FLOATS + _BYTES)
     level = intensity_levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1))
     points["red"], points["green"], points["blue"] = colour_table(CLOUD_MAP)[level].T
-    header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {sensor.frame_id}",
+    header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {printable(sensor.frame_id)}",
               f"element vertex {len(points)}"]
     header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]
     _write(path, [*header, "end_header"], points)

@@ -65,6 +65,13 @@ def test_npz_holds_every_field_with_its_type(saved, ball):
         assert (file["toa_offset_bins"], file["stamp_ns"]) == (100, 1_234_567_890)
 
 
+@pytest.mark.parametrize("frame_id", ["rig\nelement vertex 1\nend_header", "rig\rend_header\n", "rig\ud800"])
+def test_a_frame_that_a_message_names_cannot_end_the_header(ball, tmp_path, frame_id):
+    cloud, sensor = ball
+    cloud_files.save(cloud, tmp_path / "cloud.ply", frequencies=FREQUENCIES, sensor=sensor.replace(frame_id=frame_id))
+    assert len(read_ply(tmp_path / "cloud.ply")) == len(cloud)
+
+
 def test_ply_holds_the_points_and_their_colours(saved, ball):
     points = read_ply(saved("cloud.PLY"))
     assert points.dtype.names == ("x", "y", "z", "intensity", "red", "green", "blue")

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if summary:
         (args.out / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
         print(_table(summary))
-        print(f"\n{args.out}/  {PICTURE}  {RECORDING} (to open with `rerun`)  {SUMMARY}  logs/")
+        print(f"\n{args.out}/  {PICTURE}  {RECORDING} (to open with `srt3d view`)  {SUMMARY}  logs/")
     for problem in problems:
         print(f"srt3d demo: {problem}", flush=True)
     return 1 if problems else 0

@@ -1,0 +1,14 @@
+"""What the network may ask of a node names no file: paths are set by who starts the node, services take no words."""
+
+import pytest
+
+from srt3d_ros.nodes.tables import INTERFACES
+
+WORDS = {"frequencies", "frame_id"}     # live texts that are not one of some choices; neither is ever a path
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_no_parameter_that_can_be_set_over_the_network_names_a_file(name):
+    for parameter in INTERFACES[name].table:
+        if parameter.live and isinstance(parameter.default, str) and not parameter.choices:
+            assert parameter.name in WORDS and "path" not in parameter.form and "folder" not in parameter.form
