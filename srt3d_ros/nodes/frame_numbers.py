@@ -3,18 +3,29 @@
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 STAMPS_KEPT = 256
 RATE_FRAMES = 10        # over which the rate is taken
 
 
 @dataclass
 class Frame:
-    """A frame: its number in the order in which stamps were first seen, and when its sketch came."""
+    """A frame: its number in the order in which stamps were first seen, and what has come of it.
+
+    Args:
+        kept: whether its cloud and images are recorded.
+        sketch_ns: when its sketch came.
+        has_cloud: whether its cloud came.
+        counts: its photons, as long as they wait for the cloud; uint32 [rows, cols].
+    """
 
     stamp_ns: int
     number: int
     kept: bool
     sketch_ns: int | None = None
+    has_cloud: bool = False
+    counts: np.ndarray | None = None
 
 
 class FrameNumbers:

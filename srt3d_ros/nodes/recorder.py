@@ -21,7 +21,7 @@ from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.frame_numbers import Frame, FrameNumbers
+from srt3d_ros.nodes.frame_numbers import STAMPS_KEPT, Frame, FrameNumbers
 from srt3d_ros.nodes.interface import Interface, Service
 from srt3d_ros.nodes.neighbours import Drops, ParameterWatch, own_name, reports
 from srt3d_ros.nodes.parameters import Value
@@ -34,7 +34,10 @@ from srt3d_ros.recording.versions import versions
 from srt3d_ros.recording.writer import RecordingWriter
 
 QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
+QUEUE_DEPTH = 32        # and of each topic in the middleware: sketches of 2 MB, half a dozen topics
+COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
+# As its publishers offer it: with the last 10 s of a node that is only now seen.
 LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
@@ -52,6 +55,8 @@ INTERFACE = Interface(
             "`recording_dropped`; scalars are kept.",
             "When the disk is full, what comes is not recorded (dropped as `not_recorded`), and once there is room "
             "again the recording goes on in a new file.",
+            "Until a file is finished rerun keeps its index in memory, some 5 MB for each minute: where it records for "
+            "hours, let `split_period_s` or `split_size_mb` begin new files.",
             "Whoever can open a connection to the machine's loopback interface can watch `live_port`."),
 )
 
@@ -63,6 +68,7 @@ class RecorderNode(PipelineNode):
     drains = True           # what has arrived is written
     niceness = 0            # of the writing thread
     finish_s = 35.0         # longer than a writer takes to give up
+    queue_depth = QUEUE_DEPTH
 
     def __init__(self):
         super().__init__(QUEUE)
@@ -92,18 +98,20 @@ class RecorderNode(PipelineNode):
         self._path = self._names.next()
         self._sensor: SensorModel | None = None
         self._frames = FrameNumbers(self.parameters["max_rate_hz"])
+        self._counted: deque[Frame] = deque()       # frames whose photon counts wait for their cloud
         self._drops, self._lines = Drops(), deque(maxlen=LINES_KEPT)
         self._watched: dict[str, Value] = {}
         self._watch = ParameterWatch(self, lambda values: self.worker.call(self._on_parameters, values))
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("points", self._on_points)
+        self._points_topic = self.resolve_topic_name("points")
         for topic in topics.IMAGES:
             if f"/{topic.name}" in self._settings.images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.subscribe("sketch", self._on_sketch)
         self.follow("/diagnostics", self._on_diagnostics)
-        self._follow_log()
+        self.follow("/rosout", self._on_line, LOG_QOS)
         self.follow("/parameter_events", self._watch.hear)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"
@@ -175,6 +183,8 @@ class RecorderNode(PipelineNode):
             kept = {name: columns[name][::every] for name in ("xyz", "intensity", *layout.OF_FULL_CLOUDS)
                     if name in columns}
             self._writer.log_cloud(frame.stamp_ns, frame.number, **kept)
+        frame.has_cloud = True
+        self._log_counts(frame)
         self.diagnostics.count(clouds=1, points=number_of_points)
         self._logged(frame)
 
@@ -194,9 +204,23 @@ class RecorderNode(PipelineNode):
                   "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
         if layout.PHOTONS in self._settings.images:
-            self._log_image(layout.PHOTONS, frame, counts)
+            self._keep_counts(frame, counts)
         self.diagnostics.count(photons=photons)
         self._logged(frame)
+
+    def _keep_counts(self, frame: Frame, counts: np.ndarray) -> None:
+        """Log a frame's photon counts with its cloud, or now if there will be none."""
+        frame.counts = np.array(counts)
+        self._counted.append(frame)
+        if len(self._counted) > (STAMPS_KEPT if self.lossless else COUNTS_KEPT):
+            self._counted.popleft().counts = None
+        if frame.has_cloud or not self.count_publishers(self._points_topic):
+            self._log_counts(frame)
+
+    def _log_counts(self, frame: Frame) -> None:
+        if frame.counts is not None:
+            self._log_image(layout.PHOTONS, frame, frame.counts)
+            frame.counts = None
 
     def _log_image(self, path: str, frame: Frame, image: np.ndarray) -> None:
         if not frame.kept:
@@ -233,13 +257,6 @@ class RecorderNode(PipelineNode):
             self._watch.ask(f"/{status.name}")
         if self._writer is not None and (newest := self._frames.newest):
             self._writer.log_scalars(newest.stamp_ns, {"drops": self._drops.total}, newest.number)
-
-    def _follow_log(self) -> None:
-        """Follow /rosout as its publishers offer it: with the last 10 s of a node that is only now seen."""
-        def heard(line: Log) -> None:
-            self.worker.call(self._on_line, line)
-
-        self._listening.append(self.create_subscription(Log, "/rosout", heard, LOG_QOS))
 
     def _on_line(self, line: Log) -> None:
         if (name := own_name(line, self.get_namespace())) is not None:

@@ -137,18 +137,37 @@ class Speaker:
     def describe(self, sensor) -> None:
         self._described.publish(sketch_message.encode_sensor(sensor, self.frequencies, 1))
 
+    def stop_clouds(self) -> None:
+        self.graph.node.destroy_publisher(self._points)
+
     def ready(self) -> "Speaker":
         self.graph.matched(self._points)
         self.graph.matched(self._sketches)
         return self
 
+    @property
+    def stamp_ns(self) -> int:
+        """Of the next frame, 10 ms after the last."""
+        return 10**18 + self.sent * 10**7
+
+    def sketch(self) -> None:
+        """Send the next frame's sketch."""
+        counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
+        z = np.zeros((*counts.shape, 2), np.complex64)
+        self._sketches.publish(sketch_message.encode(Sketch(self.frequencies, z, counts, self.stamp_ns), "spad"))
+
+    def sketch_only(self) -> int:
+        """Send the next frame, which gets no cloud; its stamp."""
+        stamp_ns = self.stamp_ns
+        self.sketch()
+        self.sent += 1
+        return stamp_ns
+
     def cloud(self, points: int = 50, sketch: bool = False) -> int:
-        """Send the next frame, 10 ms after the last; its stamp."""
-        stamp_ns = 10**18 + self.sent * 10**7
+        """Send the next frame; its stamp."""
+        stamp_ns = self.stamp_ns
         if sketch:
-            counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
-            z = np.zeros((*counts.shape, 2), np.complex64)
-            self._sketches.publish(sketch_message.encode(Sketch(self.frequencies, z, counts, stamp_ns), "spad"))
+            self.sketch()
         rng = np.random.default_rng(self.sent)
         cloud = np.zeros(points, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
         for name in cloud.dtype.names:
@@ -186,6 +205,27 @@ def test_decimated_thinned_and_slowed_down_clouds_with_time_series_of_every_fram
     for name in ("latency_ms", "latency_sketch_ms"):
         assert series[name].stamp_ns.tolist() == stamps
     assert not list(reader.images("/photons"))
+
+
+def test_photon_counts_are_of_frames_with_clouds_and_of_all_where_nobody_makes_clouds(graph, speaker, tmp_path):
+    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
+    speaker.ready()
+    stamps = []
+    for _ in range(3):
+        speaker.sketch_only()       # the reconstructor drops this one
+        stamps.append(speaker.cloud(sketch=True))
+    graph.reports("recorder", "frames_out", 9)
+    speaker.stop_clouds()
+    graph.wait(lambda: not graph.node.count_publishers("points"), "an end of the clouds")
+    graph.reports("recorder", "frames_out", 9)
+    stamps += [speaker.sketch_only() for _ in range(3)]
+    graph.reports("recorder", "frames_out", 12)
+    assert recorder.end(signal.SIGTERM) == 0
+    reader = RecordingReader(tmp_path / "a.rrd")
+    images = {stamp: image for stamp, _, image in reader.images("/photons")}
+    assert sorted(images) == stamps
+    assert all((image == (stamp - 10**18) // 10**7).all() for stamp, image in images.items())
+    assert reader.series()["photons"].values.tolist() == [192 * k for k in range(9)]
 
 
 def test_parts_have_every_frame_and_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_path):
