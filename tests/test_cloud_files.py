@@ -35,7 +35,7 @@ def no_points(ball):
 
 
 def read_ply(path):
-    head, _, body = path.read_bytes().partition(b"end_header\n")
+    head, _, body = path.read_bytes().partition(b"\nend_header\n")
     lines = head.decode("ascii").splitlines()
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
     (count,) = [int(line.split()[2]) for line in lines if line.startswith("element vertex ")]
