@@ -194,8 +194,11 @@ class ReconstructorNode(PipelineNode):
         data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], frame.sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=frame.photons)
-        self._publish_images(cloud, frame.sensor, frame.frame_id)
         self._newest = cloud, frame
+        try:
+            self._publish_images(cloud, frame.sensor, frame.frame_id)
+        except Exception as problem:    # not the frame's: it has gone out
+            self._failed(problem)
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
         draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),
