@@ -13,6 +13,7 @@ standard input is a JSON object with settings to change, and is answered with on
 
 import json
 import random
+import signal
 import sys
 import threading
 import time
@@ -24,6 +25,7 @@ from srt3d_ros.nodes import transport  # first: it prepares the process for big 
 # isort: split
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
@@ -56,6 +58,7 @@ class Driver:
         self.settings |= settings
         if (name := self.settings["sensor"]) not in ("", was):
             self._description.publish(String(data=(self._folder / name / "sensor.json").read_text()))
+            self._held.clear()
             self._packets = [path.read_bytes() for path in sorted((self._folder / name).glob("*.cdr"))]
 
     def frame(self, begins_ns: int, wait_until) -> None:
@@ -67,7 +70,7 @@ class Driver:
             self.done["shuffled"] += 1
         for place, k in enumerate(order):
             wait_until(begins_ns + (len(packets) if shuffled else place + 1) * period_ns)
-            if not self.settings["sensor"]:
+            if not self.settings["sensor"] or packets is not self._packets:     # the rest of it is never sent
                 return
             self._packet(cdr.restamp(packets[k], begins_ns + k * period_ns + round(self.settings["shift_s"] * 1e9)))
 
@@ -99,7 +102,8 @@ class Driver:
 def main() -> None:
     assert transport
     folder, = sys.argv[1:]
-    rclpy.init(args=[])
+    signal.signal(signal.SIGINT, signal.SIG_DFL)        # any signal ends it, there and then
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     driver, turn = Driver(Path(folder)), threading.Lock()
 
     def obey() -> None:

@@ -24,6 +24,7 @@ from srt3d_ros.nodes.monitor import Monitor
 READY_S = 180.0             # the first start on a machine compiles
 BALANCE_S = 20.0            # until all that was under way has arrived and is reported; a node reports once a second
 PIPELINE = ("reconstructor", "sketcher")        # who listens, before who speaks
+UNSETTLED = ("unaccounted_frames", "unaccounted_photons", "under_way", "photons_under_way")
 Values = dict[str, str]
 
 
@@ -68,16 +69,9 @@ def counts(values: Values) -> Counter[str]:
     return Counter({key: int(value) for key, value in values.items() if value.isdecimal()})
 
 
-def under_way(name: str, values: Values) -> int:
-    """Frames that came into a node and that its report does not account for; 0 when all is well and nothing waits.
-
-    A report that has `unaccounted` says it itself; otherwise: what came in is out, in a frame, or dropped for a cause.
-    """
-    if "unaccounted" in values:
-        return int(values["unaccounted"])
-    had = counts(values)
-    out = had["packets"] + had["packets_open"] if name == "sketcher" else had["frames_out"]
-    return had["frames_in"] - out - had["dropped"]
+def under_way(values: Values) -> int:
+    """What a report does not account for, or what still waits: 0 when nothing more comes and all is well."""
+    return sum(abs(int(values[key])) for key in UNSETTLED if key in values)
 
 
 class Stack:
@@ -141,7 +135,7 @@ class Stack:
         self.processes[name] = Process([sys.executable, *command], controlled)
         return self.processes[name]
 
-    def forget(self, name: str) -> None:
+    def leave(self, name: str) -> None:
         """A process that is to be there no more."""
         self.ended.append((name, self.processes.pop(name)))
 
@@ -174,7 +168,7 @@ class Stack:
     def unbalanced(self, names: list[str]) -> dict[str, int]:
         """Nodes whose books do not add up just now."""
         return {name: amount for name in names
-                if (amount := under_way(name, self.books.latest[name]) if name in self.books.latest else -1)}
+                if (amount := under_way(self.books.latest[name]) if name in self.books.latest else -1)}
 
     def settle(self, names: list[str], timeout_s: float = BALANCE_S) -> dict[str, int]:
         """Wait, with nothing more coming in, until the books of these nodes balance; those that do not."""
