@@ -63,10 +63,6 @@ class Processes:
         """What the node prints."""
         return self._folder / f"{name}.log"
 
-    def pid(self, name: str) -> int:
-        """Of the node that was started."""
-        return self._running[name].pid
-
     def ended(self, name: str) -> bool:
         """True if the node was started and is no longer running."""
         return name in self._running and self._running[name].poll() is not None
