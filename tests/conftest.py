@@ -2,6 +2,7 @@
 
 import os
 import random
+import resource
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,15 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no photon data: the folder shared/data beside the repository is absent")
     return folder
+
+
+@pytest.fixture
+def full_disk():
+    """No file takes more than 1000 bytes, as on a disk with so much room; the error is "File too large"."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.fixture(scope="session")
