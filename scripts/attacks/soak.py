@@ -3,9 +3,10 @@
     .venv/bin/python scripts/attacks/soak.py
 
 The simulator's moving head at 10 Hz, 141 × 141 pixels, 15 photons per pixel, through player, sketcher, reconstructor
-and recorder, each a process of its own with its default parameters (the recorder begins a new file every six minutes),
-to this script, which subscribes. Once a second it reads what each process holds. After the warm-up, the last minute is
-held against the first:
+and recorder, each a process of its own with its default parameters, to this script, which subscribes. The recorder
+begins a new file every five minutes or so: until a file is finished rerun keeps its index in memory, and the last
+minute sees it at the same age as the first. Once a second the script reads what each process holds. After the warm-up,
+the last minute is held against the first:
 
     memory      resident, of no process more than 3 % more (the private part, `uss`, is told as well)
     files, threads, /dev/shm    no more than in the first minute
@@ -16,7 +17,6 @@ Exit code 0 if all of that holds, 1 if not.
 """
 
 import argparse
-import json
 import os
 import shutil
 import sys
@@ -25,17 +25,21 @@ from pathlib import Path
 
 import numpy as np
 from soak_samples import Samples
+from stack import Stack, write_json
 from tqdm import tqdm
 
-from srt3d_ros.cli.processes import Processes, join_private_network
+from srt3d_ros.cli.processes import join_private_network
 from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.recording.reader import RecordingReader
 
 LISTENERS = ("recorder", "reconstructor", "sketcher")       # started before the player
 NODES = (*LISTENERS, "player")
 PPP, SBR = 15.0, 1.0
-LAST_CLOUDS_S = 5.0
+FIRST_CLOUD_S, LAST_CLOUDS_S = 60.0, 5.0
 LATENCY_PERCENT, LATENCY_PERCENTILE = 10.0, 95
 COUNTED = ("fds", "threads")
+BOOKS = ("dropped", "message_lost", "errors", "recording_dropped", "unaccounted_frames", "unaccounted_photons")
+LEAST_SPLIT_MIN = 5.0
 DOMAIN = "ROS_DOMAIN_ID"
 
 
@@ -45,20 +49,26 @@ def main() -> int:
     parser.add_argument("--warm-up-minutes", type=float, help="default: 3, at most a fifth")
     parser.add_argument("--rate-hz", type=float, default=10.0, help="default: %(default)g")
     parser.add_argument("--input", default="simulator", help="photon file instead of the simulated head")
-    parser.add_argument("--split-minutes", type=float, default=6.0, help="of a recorded file; default: %(default)g")
+    parser.add_argument("--split-minutes", type=float, help="of a recorded file; default: 5 or more, so that the last "
+                        "minute sees it at the same age as the first")
     parser.add_argument("--growth-percent", type=float, default=3.0, help="allowed of the memory; default: %(default)g")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/attacks/soak.json"), help="default: %(default)s")
     parser.add_argument("--picture", type=Path, help="where to draw what was seen (.png)")
     parser.add_argument("--keep", action="store_true", help="keep all recordings, not only the first file")
     args = parser.parse_args()
+    args.windows_s = windows_s(60 * args.minutes, args.warm_up_minutes)
+    if args.split_minutes is None:
+        apart_min = (args.windows_s[1][0] - args.windows_s[0][0]) / 60
+        args.split_minutes = apart_min / max(apart_min // LEAST_SPLIT_MIN, 1)
     given = os.environ.get(DOMAIN)
     join_private_network()
     os.environ[DOMAIN] = given or os.environ[DOMAIN]
     folder = args.out.parent / "soak"
     shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     result = judge(args, *soak(args, folder), folder)
-    args.out.write_text(json.dumps(result, indent=1) + "\n")
+    write_json(args.out, result)
     if args.picture:
         from soak_picture import draw
         draw(result, args.picture)
@@ -72,43 +82,39 @@ def main() -> int:
 
 
 def soak(args: argparse.Namespace, folder: Path) -> tuple[Samples, dict, dict[str, dict[str, str]], list[str]]:
-    """Run it: the samples, latencies in ms by the second of their arrival, the nodes' last reports, what went wrong."""
-    from srt3d_ros.nodes.monitor import Monitor
-    seconds = 60 * args.minutes
-    frames = round(seconds * args.rate_hz)
-    with Monitor(keep_every=10**9) as monitor, Processes(folder, monitor.spin_until) as nodes:
-        nodes.start("recorder", path=str(folder / "soak.rrd"), split_period_s=60 * args.split_minutes)
-        nodes.start("reconstructor")
-        nodes.start("sketcher")
-        problems = nodes.not_ready(LISTENERS, monitor.statuses)
-        if problems:
-            raise SystemExit("; ".join(problems))
-        nodes.start("player", input=args.input, ppp=PPP, sbr=SBR, seed=args.seed, rate_hz=args.rate_hz, frames=frames)
-        if not monitor.spin_until(lambda: len(monitor.arrivals) > 0, 60):
-            raise SystemExit(f"no cloud came: see {folder}")
+    """Run it: the samples, when clouds arrived and how late in ms, the nodes' last reports, who ended too early."""
+    frames = round(60 * args.minutes * args.rate_hz)
+    recorder = {"path": str(folder / "soak.rrd"), "split_period_s": 60 * args.split_minutes}
+    with Stack({"recorder": recorder}) as stack:
+        arrivals = stack.monitor.arrivals
+        stack.start("player", input=args.input, ppp=PPP, sbr=SBR, seed=args.seed, rate_hz=args.rate_hz, frames=frames)
+        stack.wait(lambda: arrivals, "a cloud", FIRST_CLOUD_S)
         begun_s, begun_ns = time.monotonic(), time.time_ns()
-        samples = Samples({name: nodes.pid(name) for name in NODES})
-        for second in tqdm(range(int(seconds) - 1), unit="s", mininterval=1 if sys.stderr.isatty() else 30):
+        samples = Samples({name: process.pid for name, process in stack.processes.items()})
+        for second in tqdm(range(int(60 * args.minutes) - 1), unit="s", mininterval=1 if sys.stderr.isatty() else 30):
             samples.take(time.monotonic() - begun_s)
-            monitor.spin_until(lambda due=begun_s + second + 1: time.monotonic() >= due, 2)
-            if nodes.ended("player") or nodes.failed():
+            stack.spin(max(begun_s + second + 1 - time.monotonic(), 0))
+            if stack.dead():
                 break
-        monitor.spin_until(lambda: nodes.ended("player"), LAST_CLOUDS_S)
-        monitor.spin_until(lambda: len(monitor.arrivals) >= frames, LAST_CLOUDS_S)
-        problems = nodes.failed()
-        nodes.stop()
-        latencies = {"arrived_s": [(one.received_ns - begun_ns) * 1e-9 for one in monitor.arrivals],
-                     "ms": [one.latency_ms for one in monitor.arrivals]}
-        return samples, latencies, monitor.statuses, problems or nodes.failed()
+        stack.wait(lambda: not stack.processes["player"].running, "", LAST_CLOUDS_S, must=False)
+        ended = [line for line in stack.dead() if not line.startswith("player ended with 0")]
+        stack.wait(lambda: len(arrivals) >= frames, "", LAST_CLOUDS_S, must=False)
+        stack.settle(LISTENERS)
+        latencies = {"arrived_s": [(one.received_ns - begun_ns) * 1e-9 for one in arrivals],
+                     "ms": [one.latency_ms for one in arrivals]}
+        return samples, latencies, stack.books.latest, ended
+
+
+def windows_s(seconds: float, warm_up_minutes: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The first and the last minute that are held against each other; less than minutes where there are not six."""
+    begin = min(180.0, seconds / 5) if warm_up_minutes is None else 60 * warm_up_minutes
+    length, end = min(60.0, (seconds - begin) / 3), seconds - 1
+    return (begin, begin + length), (end - length, end)
 
 
 def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list[str], folder: Path) -> dict:
     """All that was seen, and what to say of it."""
-    seconds = samples.time_s[-1]
-    warm_up_s = min(180.0, 60 * args.minutes / 5) if args.warm_up_minutes is None else 60 * args.warm_up_minutes
-    window_s = min(60.0, (seconds - warm_up_s) / 3)
-    windows = (warm_up_s, warm_up_s + window_s), (seconds - window_s, seconds)
-    time_s = np.array(samples.time_s)
+    windows, time_s = args.windows_s, np.array(samples.time_s)
     first, last = ((begin <= time_s) & (time_s <= end) for begin, end in windows)
     verdicts = [verdict("ended before it was asked to", "; ".join(problems) or "none", "none", not problems)]
     for name in NODES:
@@ -128,10 +134,11 @@ def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list
     verdicts.append(verdict(f"latency, {LATENCY_PERCENTILE} %", f"{after:.1f} ms, {100 * (after / before - 1):+.1f} %",
                             f"{before:.1f} ms + {LATENCY_PERCENT:g} %", after <= before * (1 + LATENCY_PERCENT / 100)))
     verdicts += judge_frames(args, len(ms), reports, folder)
-    return {"what": "soak", "command": " ".join(sys.argv), "seed": args.seed, **machine(),
+    return {"what": "soak", "seed": args.seed, "on": machine(),
             "holds": all(line["holds"] for line in verdicts), "verdicts": verdicts,
             "figures": {"minutes": args.minutes, "rate_hz": args.rate_hz, "windows_s": windows,
-                        "growth_percent": args.growth_percent, "latency_percent": LATENCY_PERCENT, "reports": reports},
+                        "growth_percent": args.growth_percent,
+                        "latency_limit_ms": round(before * (1 + LATENCY_PERCENT / 100), 1), "reports": reports},
             "samples": {"time_s": np.round(samples.time_s, 2).tolist(), "shm_entries": samples.shm_entries,
                         "shm_mb": np.round(samples.shm_mb, 2).tolist(),
                         **{name: {kind: np.round(values, 2).tolist() for kind, values in held.items()}
@@ -141,12 +148,11 @@ def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list
 
 def judge_frames(args, clouds: int, reports: dict, folder: Path) -> list[dict]:
     """Whether every frame became a cloud and was recorded, and nothing was dropped or lost on the way."""
-    from srt3d_ros.recording.reader import RecordingReader
     sent = int(reports["player"]["frames_sent"])
     parts = sorted(folder.glob("*.rrd"))
     recorded = sum(len(RecordingReader(part).cloud_index()) for part in parts)
     books = {f"{name} {key}": int(value) for name, values in reports.items() for key, value in values.items()
-             if key in ("dropped", "message_lost", "errors", "recording_dropped")}
+             if key in BOOKS}
     wrong = [f"{what} {count}" for what, count in books.items() if count]
     size_gb = sum(part.stat().st_size for part in parts) * 1e-9
     return [verdict("frames sent", str(sent), str(round(60 * args.minutes * args.rate_hz)),
