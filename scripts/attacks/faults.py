@@ -46,7 +46,7 @@ OF_MACHINE = (faults_machine.disk_full, faults_machine.disk_read_only, faults_ma
               faults_machine.shared_memory_leaked)
 FAULTS = {fault.__name__: fault for fault in (*OF_NODES, *OF_DATA, *OF_MACHINE)}
 BOOKKEEPERS = ("sketcher", "reconstructor", "recorder", "bag_recorder")
-PATIENCE_S = 30.0               # for which clouds are waited that have to be back after BACK_S
+PATIENCE_S = 30.0               # at least, for which clouds are waited that have to be back earlier
 CLEAR_S = 30.0
 RESULT = REPOSITORY / "build" / "attacks" / "faults.json"
 
@@ -70,10 +70,13 @@ class Campaign:
     Args:
         faults: names of those to pick from.
         folder: for logs of rounds that fail, and for all that the nodes write.
+        own_mounts: whether disks and shared memory of its own can be had.
+        back_s: by when clouds have to be back.
     """
 
-    def __init__(self, seed: int, faults: list[str], folder: Path, own_mounts: bool):
+    def __init__(self, seed: int, faults: list[str], folder: Path, own_mounts: bool, back_s: float):
         self._seed, self._faults, self._folder, self._own_mounts = seed, faults, folder, own_mounts
+        self._back_s = back_s
         self._stack: FaultyStack | None = None
         self._looks: list[tuple[Round, str, Path, bool, Process]] = []
 
@@ -108,8 +111,8 @@ class Campaign:
         stack.wait_for_cloud(CLEAR_S)
         played.evidence = FAULTS[played.fault](stack, choice)
         intact = played.evidence.pop("intact", False)
-        played.recovery_s = round(stack.wait_for_cloud(PATIENCE_S), 3)
-        if played.recovery_s > faults_picture.BACK_S:
+        played.recovery_s = round(stack.wait_for_cloud(max(PATIENCE_S, self._back_s)), 3)
+        if played.recovery_s > self._back_s:
             played.problems.append(f"clouds were back after {played.recovery_s:.1f} s")
         for name in {name for name, _ in stack.ended} & RECORDERS.keys():
             stack.wait(lambda: stack.value(name, "frames_out") not in ("", "0"), f"{name} to record")
@@ -195,6 +198,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="number of the first round, to repeat one")
     parser.add_argument("--only", nargs="+", choices=FAULTS, help="the faults to pick from")
+    parser.add_argument("--back-s", type=float, default=faults_picture.BACK_S, help="by when clouds have to be back")
     parser.add_argument("--out", type=Path, default=RESULT)
     parser.add_argument("--picture", type=Path, help="recovery times, such as docs/images/faults.svg")
     args = parser.parse_args()
@@ -205,7 +209,8 @@ def main() -> int:
     faults = [name for name in args.only or FAULTS if name not in left_out]
     if left_out:
         print(f"left out: {', '.join(left_out)}, as {why_not}", file=sys.stderr)
-    campaign, rounds, began = Campaign(args.seed, faults, args.out.parent / "faults", not why_not), [], time.monotonic()
+    campaign = Campaign(args.seed, faults, args.out.parent / "faults", not why_not, args.back_s)
+    rounds, began = [], time.monotonic()
     try:
         for number in tqdm(range(args.first, args.first + args.rounds), unit="round"):
             rounds.append(campaign.play(number))
