@@ -40,8 +40,8 @@ def test_an_advisory_in_a_database_is_found_and_named(repository, tmp_path):
     for name, more in (("a.json", {}), ("withdrawn.json", {"id": "A-2", "withdrawn": "2026-01-01T00:00:00Z"})):
         told = advisory({"introduced": "0"}, name="pytest") | {"summary": "bad"} | more
         (tmp_path / name).write_text(json.dumps(told))
-    command = [sys.executable, repository / "scripts" / "attacks" / "advisories.py", "--offline", "--database", tmp_path,
-               "--json", tmp_path / "out" / "result.json"]
+    script = repository / "scripts" / "attacks" / "advisories.py"
+    command = [sys.executable, script, "--offline", "--database", tmp_path, "--json", tmp_path / "out" / "result.json"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and "A-1: bad" in done.stdout and "A-2" not in done.stdout
     assert [one["id"] for one in json.loads((tmp_path / "out" / "result.json").read_text())["advisories"]] == ["A-1"]
