@@ -1,13 +1,14 @@
 """What recording costs, and what a recording weighs, with real nodes in real processes; one JSON line for each case.
 
-    PYTHONPATH=. python benchmarks/recording.py [--seconds 60] [--case small large kill] [--out FILE]
+    PYTHONPATH=. python benchmarks/recording.py [--seconds 60] [--case small large kill review] [--out FILE]
 
 small: 141 × 141 pixels at 30 Hz through sketcher and reconstructor, some 20,000 points a cloud. large: clouds of
 500,000 points at 5 Hz with their images and sketches, from a stand-in for a reconstructor on a GPU, which reconstructs
 141 × 141 pixels on the CPU for each of them. Both run with the recorder at rest and recording in turn, five times each:
 the latency, of the reconstruction and from the stamp to a cloud's arrival here, is the median with over the median
 without. Then `--seconds` are recorded, and the recording is read back. kill: a recorder of the small case is killed at
-20 random moments; how much is lost, and that all of it opens after repair.
+20 random moments; how much is lost, and that all of it opens after repair. review: how long `srt3d review` takes to
+make a report of a recording (`--recording FILE`), such as the five minutes that scripts/attacks/soak.py leaves.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 from live import tell, write_messages
+from tqdm import trange
 
 from srt3d_ros.benchmark.frames import sensor_of
 from srt3d_ros.cli.node import parameter_arguments
@@ -173,7 +175,7 @@ def kill(folder: Path, times: int) -> dict:
     from srt3d_ros.recording.repair import examine, repair
     lost_s, rng, path = [], random.Random(1), folder / "killed.rrd"
     with Pipeline("small", folder) as pipeline:
-        for _ in range(times):
+        for _ in trange(times, unit="kill"):
             stop(pipeline.running["recorder"])
             pipeline.start("recorder", node("recorder", path=str(path)))
             while not (path.exists() and path.stat().st_size > WELL_BEGUN):
@@ -187,6 +189,20 @@ def kill(folder: Path, times: int) -> dict:
             path.unlink()
     return {"case": "kill", "kills": times, "opened": len(lost_s), "lost_s": {
         "median": round(float(np.median(lost_s)), 3), "most": round(max(lost_s), 3)}, "cores": os.cpu_count()}
+
+
+def review(path: Path, folder: Path) -> dict:
+    """Time a report."""
+    from srt3d_ros.recording.reader import RecordingReader
+    clouds = RecordingReader(path).cloud_index()
+    minutes = (int(clouds.stamp_ns[-1]) - int(clouds.stamp_ns[0])) / 60e9
+    load, began_s = os.getloadavg()[0], time.monotonic()
+    subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", "review", str(path), "-o",
+                    str(folder / "report.html")], check=True, stdout=subprocess.DEVNULL)
+    return {"case": "review", "took_s": round(time.monotonic() - began_s, 2), "minutes": round(minutes, 2),
+            "clouds": len(clouds), "file_mb": round(path.stat().st_size / MB, 1),
+            "report_mb": round((folder / "report.html").stat().st_size / MB, 2), "load_before": round(load, 2),
+            "cores": os.cpu_count()}
 
 
 def stop(process: subprocess.Popen) -> None:
@@ -209,14 +225,20 @@ def main() -> None:
     """Run what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", nargs="+", choices=(*CASES, "kill"), default=[*CASES, "kill"])
+    parser.add_argument("--case", nargs="+", choices=(*CASES, "kill", "review"), default=[*CASES, "kill"])
     parser.add_argument("--kills", type=int, default=KILLS)
+    parser.add_argument("--recording", type=Path, help="to review")
     parser.add_argument("--out", type=Path, help="append the lines to this file, too")
     args = parser.parse_args()
+    if "review" in args.case and args.recording is None:
+        parser.error("the case review needs --recording FILE")
     join_private_network()
     for case in args.case:
         folder = Path(tempfile.mkdtemp(prefix="srt3d-recording-"))
-        line = kill(folder, args.kills) if case == "kill" else measure(case, args.seconds, folder)
+        if case == "review":
+            line = review(args.recording, folder)
+        else:
+            line = kill(folder, args.kills) if case == "kill" else measure(case, args.seconds, folder)
         shutil.rmtree(folder)
         tell(line, args.out)
 
