@@ -30,10 +30,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.messages import cdr
+from srt3d_ros.nodes.diagnostics import all_acknowledged
 
 FRAME_S = 0.1
 LATE_S = 0.35           # three frames
 BEHIND_S = 0.5          # further behind than this, as after a stop, and what was missed is not sent
+DESCRIBED_S = 5.0       # nobody may be there to hear it
 CALM = {"lose": 0.0, "double": 0.0, "late": 0.0, "shuffle": False, "shift_s": 0.0}
 
 
@@ -59,7 +61,15 @@ class Driver:
         if (name := self.settings["sensor"]) not in ("", was):
             self._description.publish(String(data=(self._folder / name / "sensor.json").read_text()))
             self._held.clear()
+            self._wait_until_described()
             self._packets = [path.read_bytes() for path in sorted((self._folder / name).glob("*.cdr"))]
+
+    def _wait_until_described(self) -> None:
+        """Photons that overtake the description of their sensor would be read with that of the sensor before."""
+        end = time.monotonic() + DESCRIBED_S
+        heard = self._description.get_subscription_count
+        while time.monotonic() < end and not (heard() and all_acknowledged(self._description)):
+            time.sleep(0.01)
 
     def frame(self, begins_ns: int, wait_until) -> None:
         """The packets of one frame, each when its acquisition has ended."""
