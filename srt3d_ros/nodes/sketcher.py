@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
@@ -182,7 +183,7 @@ class SketcherNode(PipelineNode):
     def _on_camera_info(self, raw: bytes) -> None:
         self._lens = None
         try:
-            self._lens = decode_camera_info(deserialize_message(raw, CameraInfo))
+            self._lens = decode_camera_info(_read_camera_info(raw))
         except InvalidInput as problem:
             self._refuse_lens(str(problem))
         self._look()
@@ -313,6 +314,13 @@ def frequencies_for(sensor: SensorModel, values: dict[str, Value]) -> tuple[int,
     """What the parameters mean for a sensor; InvalidInput if it cannot be sketched so."""
     spec = values["frequencies"]
     return choose(spec, sensor, values["sketch_size"] if spec in RULES else None)
+
+
+def _read_camera_info(raw: bytes) -> CameraInfo:
+    try:
+        return deserialize_message(raw, CameraInfo)
+    except rclpy_implementation.RMWError:
+        raise InvalidInput("message", f"{len(raw)} bytes", "a serialised CameraInfo") from None
 
 
 def warm_up() -> None:

@@ -194,6 +194,9 @@ def test_the_sensor_may_come_from_a_file_and_its_lens_from_a_camera_info(graph, 
         cameras.publish(camera_info(wrong, stamp_ns, "spad"))
     graph.wait(lambda: len(described) == 3, "the sensor without a lens that does not fit")
     graph.reports("sketcher", "camera_info_refused", 1)
+    cameras.publish(b"\0\1\0\0\5\0")
+    assert graph.reports("sketcher", "camera_info_refused", 2)["last_error"] == (
+        "message is 8 bytes: expected a serialised CameraInfo")
     assert "its pixels are 8 × 12: expected 16 × 12" in process.text
     assert [sketch_message.decode_sensor(message)[0].projection for message in described[1:]] == [
         lens, sensor.projection]
