@@ -76,7 +76,7 @@ def test_a_killed_reconstructor_comes_back_and_nobody_else_notices(graph, pipeli
     for name, number in zip((*NODES, "player"), (signal.SIGTERM, signal.SIGINT, signal.SIGTERM, signal.SIGINT)):
         assert nodes[name].end(number) == 0, nodes[name].text       # under load: the player goes on until the last
         assert "Traceback" not in nodes[name].text
-    recorded = int(graph.report("recorder")["clouds"])
+    recorded = int(graph.reports("recorder", "state", "finalized")["clouds"])
     assert recorded > 20
     assert rows_of(tmp_path / "out.rrd", "/points", "Points3D:positions") == recorded
 
