@@ -97,7 +97,8 @@ def _viewer(width: int, height: int, folder: Path) -> Iterator[ViewerClient]:
                "--port", str(port), "--window-size", f"{width}x{height}", "--hide-welcome-screen"]
     with open(folder / "viewer.log", "wb") as log:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                   env=os.environ | {"RUST_LOG": "error", "XDG_RUNTIME_DIR": str(folder)})
+                                   env=os.environ | {"RUST_LOG": "error", "XDG_RUNTIME_DIR": str(folder),
+                                                     "TMPDIR": str(folder)})       # where it leaves a folder
     try:
         yield _connected(process, port, folder / "viewer.log")
     finally:

@@ -1,5 +1,7 @@
 """Pictures by the rerun viewer: what is seen from the eye asked for, in the size asked for."""
 
+import tempfile
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,17 @@ BACKGROUND = (13, 16, 21)
 
 
 @pytest.fixture(scope="module")
-def pictures():
+def temporary(tmp_path_factory):
+    """The folder for temporary files, of this process and of the viewer."""
+    folder = tmp_path_factory.mktemp("temporary")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(folder))
+        patch.setattr(tempfile, "tempdir", None)        # read again
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def pictures(temporary):
     """Two clouds seen along z: a red square in the upper left quarter, and a green one in the lower right."""
     if not screenshot.is_possible():
         pytest.skip("no Vulkan driver: the rerun viewer cannot run without a screen")
@@ -29,6 +41,10 @@ def test_pictures_have_the_size_asked_for_and_nothing_of_the_viewer(pictures):
         assert picture.shape == (HEIGHT, WIDTH, 3)
         others = np.delete(picture, channel, axis=2)
         assert others[8:-8, 8:-8].max() < 60         # no words, buttons or notes: they are grey
+
+
+def test_the_viewer_leaves_nothing_behind(pictures, temporary):
+    assert not list(temporary.iterdir())
 
 
 @pytest.mark.parametrize("k, channel", [(0, 0), (1, 1)])
