@@ -64,10 +64,11 @@ def _check(args: argparse.Namespace) -> None:
 
 def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
     """The recording itself, or a repaired copy and what to say of it."""
-    from srt3d_ros.recording.repair import examine, repair
+    from srt3d_ros.recording.repair import check_chunks, examine, repair
 
     state = examine(path)
     if state.is_finished:
+        check_chunks(path)
         return path, ()
     copy = repair(state, progress=True)
     lost = f"{state.lost_bytes:,} bytes of a last chunk are lost" if state.lost_bytes else "nothing is lost"
