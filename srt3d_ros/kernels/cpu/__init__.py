@@ -1,7 +1,8 @@
 """The CPU kernels, in numba: compiled at first use, cached on disk.
 
 Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector registers. The cost of a frame does not
-depend on its photons, and results do not depend on the number of threads: no sum runs across threads.
+depend on its photons, and results do not depend on the number of threads: no sum runs across threads
+(`arithmetic.total_of`).
 """
 
 from srt3d_ros.kernels.cpu.apss import apss

@@ -68,6 +68,15 @@ def aligned(size):
     return memory[first:first + size]
 
 
+@line
+def total_of(values):
+    """Σ values, float32, one after the other: in a kernel `values.sum()` would be split over however many threads."""
+    total = ZERO
+    for value in values:
+        total += value
+    return total
+
+
 @inline
 def wrap(difference, period):
     """The difference of two depths on a circle, in [−period/2, period/2]."""

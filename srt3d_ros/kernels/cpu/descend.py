@@ -9,7 +9,7 @@ from numba import prange
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import FIT_RADIUS, FITS, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, inline, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, inline, parallel, sincos, total_of
 from srt3d_ros.kernels.cpu.explain import explain
 from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW, B, U
 from srt3d_ros.kernels.cpu.pool import (
@@ -232,8 +232,8 @@ def _descend(sketches, noise, exposure, energy, cycles, num_bins, moments, gate,
     """The maps come flat, their `shape` is [rows', K, FIELDS, cols']."""
     tall, surfaces, fields, wide = shape
     m, radius = len(energy), len(widths) - 1
-    period, total = F32(num_bins), energy.sum()
-    curvature = (energy * cycles * cycles).sum() * F32(4 * np.pi**2)
+    period, total = F32(num_bins), total_of(energy)
+    curvature = total_of(energy * cycles * cycles) * F32(4 * np.pi**2)
     maps = (state, sketches, noise, exposure)
     for row in prange(tall - 2 * MARGIN):
         i = row + MARGIN

@@ -5,7 +5,7 @@ from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos, total_of
 
 DEAD, LEFT = F32(constants.DEAD), F32(constants.LEFT)
 LIKENESS, SHARING = F32(constants.LIKENESS), F32(constants.SHARING)
@@ -59,7 +59,7 @@ def own_response(matched, exposure, energy, cycles, state, i, k, response):
 @parallel
 def _evidence(matched, noise, exposure, energy, cycles, greatest, worth, moments, state, out):
     tall, surfaces, _, wide = state.shape
-    total = energy.sum()
+    total = total_of(energy)
     for i in prange(tall):
         response = np.empty(wide, np.float32)
         for k in range(surfaces):

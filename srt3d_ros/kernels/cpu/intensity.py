@@ -4,14 +4,14 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import INTENSITY
-from srt3d_ros.kernels.cpu.arithmetic import TINY, ZERO, parallel
+from srt3d_ros.kernels.cpu.arithmetic import TINY, ZERO, parallel, total_of
 from srt3d_ros.kernels.cpu.evidence import own_response
 
 
 @parallel
 def _own_intensity(matched, exposure, energy, cycles, state, out):
     tall, surfaces, _, wide = state.shape
-    total = energy.sum()
+    total = total_of(energy)
     for i in prange(tall):
         response = np.empty(wide, np.float32)
         for k in range(surfaces):

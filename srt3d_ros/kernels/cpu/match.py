@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import BLOCK
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, inline, line, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, inline, line, parallel, sincos, total_of
 from srt3d_ros.kernels.cpu.fields import B, U
 
 GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together
@@ -135,7 +135,7 @@ def load(z, matched, i, j, width):
 @parallel
 def _match(matched, energy, cycles, cos, sin, odd, cells, num_bins, depth, intensity):
     rows, surfaces, cols = depth.shape
-    m, total = len(energy), energy.sum()
+    m, total = len(energy), total_of(energy)
     for i in prange(rows):
         scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
         place, height = aligned(BLOCK), aligned(BLOCK)

@@ -6,7 +6,7 @@ from numba import get_num_threads, prange
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import ENOUGH, REACH, RESOLVED, VOTE_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, fair_order, inline, parallel, sincos, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, fair_order, inline, parallel, sincos, total_of, wrap
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
 from srt3d_ros.kernels.cpu.fields import B, U
 from srt3d_ros.kernels.cpu.match import response_at
@@ -163,7 +163,7 @@ def _explain(rest, at, photons, energy, cycles):
 def _propose(matched, noise, exposure, energy, cycles, num_bins, greatest, worth, moments, gate, blur2, window, fill,
              before, own_before, after, own_after, order):
     tall, surfaces, fields, wide = before.shape
-    period, total = F32(num_bins), energy.sum()
+    period, total = F32(num_bins), total_of(energy)
     most, astray = (2 * REACH + 1)**2 * surfaces, F32(ASTRAY) * period
     flat = before.reshape(-1)
     for turn in prange(tall - 2 * MARGIN):

@@ -5,7 +5,7 @@ from numba import prange
 
 from srt3d_ros.core.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST, STAY
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, inline, parallel, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, inline, parallel, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool
 from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
@@ -70,7 +70,7 @@ def _measure(state, a, layer, b, intensity, std, sigma, score):
 def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, energy, curvature, greatest, worth,
             moments, clutter, cycles, cos, sin, odd, cells, num_bins, is_open, layer, carried, confirmed, state):
     rows, cols = is_open.shape
-    m, total, period = len(energy), energy.sum(), F32(num_bins)
+    m, total, period = len(energy), total_of(energy), F32(num_bins)
     apart, warm, rarest = APART * np.sqrt(total / curvature), carried.shape[0] > 0, worth.max()
     for i in prange(-(-rows // step)):
         scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
