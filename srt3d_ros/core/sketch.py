@@ -7,6 +7,7 @@ import numpy as np
 from srt3d_ros.errors import require
 
 MAX_SKETCH_SIZE = 64
+MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many with the same mean
 
 
 def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
@@ -34,7 +35,7 @@ class Sketch:
     Args:
         frequencies: the integers k_l.
         sums: complex64 [rows, cols, m]; may lie on a device, as a tensor, like the photons.
-        photons: uint32 [rows, cols], n.
+        photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons.
     """
 
@@ -66,8 +67,8 @@ class Sketch:
                 f"the same as {self.frequencies}")
         require(self.photons.shape == other.photons.shape, "sketch size", other.photons.shape,
                 f"the same as {self.photons.shape}")
-        return replace(self, sums=self.sums + other.sums, photons=self.photons + other.photons,
-                       stamp_ns=min(self.stamp_ns, other.stamp_ns))
+        sums, photons = _counted(self.sums + other.sums, self.photons.astype(np.uint64) + other.photons)
+        return replace(self, sums=sums, photons=photons, stamp_ns=min(self.stamp_ns, other.stamp_ns))
 
     def merge_pixels(self, factor: int) -> "Sketch":
         """The sketch of an array of `factor` × `factor` larger pixels."""
@@ -75,8 +76,16 @@ class Sketch:
         require(factor >= 1 and rows % factor == 0 and cols % factor == 0, "factor", factor,
                 f"a divisor of {rows} rows and {cols} columns")
         blocks = (rows // factor, factor, cols // factor, factor)
-        return replace(self, sums=self.sums.reshape(*blocks, m).sum(axis=(1, 3)),
-                       photons=self.photons.reshape(blocks).sum(axis=(1, 3), dtype=np.uint32))
+        sums, photons = _counted(self.sums.reshape(*blocks, m).sum(axis=(1, 3)),
+                                 self.photons.reshape(blocks).sum(axis=(1, 3), dtype=np.uint64))
+        return replace(self, sums=sums, photons=photons)
+
+
+def _counted(sums: np.ndarray, photons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The sums and numbers of a Sketch, of numbers that may exceed MAX_PHOTONS."""
+    if photons.max(initial=0) > MAX_PHOTONS:
+        sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
+    return sums, np.minimum(photons, MAX_PHOTONS).astype(np.uint32)
 
 
 def _numpy(values) -> np.ndarray:

@@ -8,6 +8,7 @@ that no two threads add to one pixel. Per photon of a sorted frame the kernels r
 import numpy as np
 from numba import njit, prange
 
+from srt3d_ros.core.sketch import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32, inline, parallel
 from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, fixed_rows, lanes
 
@@ -34,13 +35,18 @@ def new_sums(pixels, values):
 @parallel
 def _read_sums(sums, photons, out, numbers):
     for i in prange(len(out)):
-        numbers[i] = photons[i]
+        number = max(photons[i], 1)
+        numbers[i] = min(photons[i], MAX_PHOTONS)
+        scale = min(MAX_PHOTONS / number, 1.0) / UNIT
         for c in range(out.shape[1]):
-            out[i, c] = F32(sums[i, c] * (1 / UNIT))
+            out[i, c] = F32(sums[i, c] * scale)
 
 
 def read_sums(sums, photons, values):
-    """The sums as complex64 [pixels, values / 2] and the numbers of photons as uint32 [pixels]."""
+    """The sums as complex64 [pixels, values / 2] and the numbers of photons as uint32 [pixels].
+
+    A pixel with more than MAX_PHOTONS counts as so many with the same mean.
+    """
     out, numbers = np.empty((len(sums), values), np.float32), np.empty(len(sums), np.uint32)
     _read_sums(sums, photons, out, numbers)
     return out.view(np.complex64), numbers

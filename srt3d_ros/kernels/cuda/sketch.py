@@ -17,6 +17,7 @@ import torch
 import triton
 import triton.language as tl
 
+from srt3d_ros.core.sketch import MAX_PHOTONS
 from srt3d_ros.kernels.cuda.arithmetic import axis, sincos
 from srt3d_ros.kernels.cuda.device import DEVICE
 
@@ -46,9 +47,13 @@ def new_sums(pixels, values):
 
 
 def read_sums(sums, photons, values):
-    """The sums as complex64 [pixels, values / 2] and the numbers of photons as uint32 [pixels]."""
-    scaled = sums.to(torch.float32) / UNIT
-    return torch.view_as_complex(scaled.view(-1, values // 2, 2)), photons.to(torch.uint32)
+    """The sums as complex64 [pixels, values / 2] and the numbers of photons as uint32 [pixels].
+
+    A pixel with more than MAX_PHOTONS counts as so many with the same mean.
+    """
+    share = MAX_PHOTONS / photons.clamp(min=MAX_PHOTONS).to(torch.float64)
+    scaled = sums.to(torch.float32) / UNIT * share.to(torch.float32)[:, None]
+    return torch.view_as_complex(scaled.view(-1, values // 2, 2)), photons.clamp(max=MAX_PHOTONS).to(torch.uint32)
 
 
 # ---- Checks
