@@ -227,11 +227,11 @@ class RecordingWriter:
 
     def _try_again(self) -> None:
         """Begin a new file, if there is room for more than its beginning."""
-        if self.path.exists():
-            self.path = self._names.next()
         room = os.statvfs(self.path.parent)
         if room.f_bavail * room.f_frsize < ROOM_BYTES:
             raise OSError("the disk is still full")
+        if self.path.exists():
+            self.path = self._names.next()
         self._begin_part()
         try:
             self._part.flush()

@@ -327,6 +327,19 @@ print(writer.error)
     assert done.stderr == ""
 
 
+def test_the_newest_file_is_the_one_that_there_is_as_long_as_the_disk_is_full(monkeypatch):
+    monkeypatch.setattr(writer_module, "RETRY_S", 0.01)
+    tries = []
+    monkeypatch.setattr(RecordingWriter, "_try_again", lambda self, again=RecordingWriter._try_again:
+                        (tries.append(self), again(self)))
+    monkeypatch.setattr(writer_module, "ROOM_BYTES", 1 << 62)
+    with RecordingWriter("/dev/full", None) as writer:
+        while len(tries) < 2:
+            writer.log_cloud(0, 0, np.ones((10_000, 3)), np.ones(10_000))
+            time.sleep(0.01)
+        assert writer.error and writer.path == Path("/dev/full")
+
+
 def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
     script = """
 import sys
