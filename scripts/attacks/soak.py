@@ -129,8 +129,8 @@ def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list
         before, after = (int(np.max(np.array(counts)[window])) for window in (first, last))
         verdicts.append(verdict(what, str(after), str(before), after <= before))
     arrived_s, ms = np.array(latencies["arrived_s"]), np.array(latencies["ms"])
-    before, after = (np.percentile(ms[(begin <= arrived_s) & (arrived_s <= end)], LATENCY_PERCENTILE)
-                     for begin, end in windows)
+    before, after = (np.percentile(seen, LATENCY_PERCENTILE) if len(seen) else np.nan for begin, end in windows
+                     for seen in [ms[(begin <= arrived_s) & (arrived_s <= end)]])
     verdicts.append(verdict(f"latency, {LATENCY_PERCENTILE} %", f"{after:.1f} ms, {100 * (after / before - 1):+.1f} %",
                             f"{before:.1f} ms + {LATENCY_PERCENT:g} %", after <= before * (1 + LATENCY_PERCENT / 100)))
     verdicts += judge_frames(args, len(ms), reports, folder)
