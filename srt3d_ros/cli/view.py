@@ -3,7 +3,9 @@
 import argparse
 import getpass
 import os
+import signal
 import socket
+import subprocess
 import sys
 from pathlib import Path
 from typing import NoReturn
@@ -34,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         require(path.is_file(), "recording", str(path), "an .rrd file that exists")
     import rerun  # noqa: F401  (says how to get it if it is not there)
     if args.connect is None:
-        _open(*map(str, args.recording)) if has_screen() else _serve(args.recording)
+        return _open(*map(str, args.recording)) if has_screen() else _serve(args.recording)
     host, port = _checked_address(args.connect)
     if has_screen():
         _open(f"rerun+http://{host}:{port}/proxy")
@@ -77,19 +79,31 @@ def _checked_address(text: str) -> tuple[str, int]:
 
 
 def _open(*arguments: str) -> NoReturn:
-    """Become the viewer, so that signals reach it: rerun's own script starts it as a child, which would outlive it.
-
-    Every viewer is a server, too, which unless told otherwise listens to the whole network.
-    """
-    import rerun_cli
-    viewer = str(Path(rerun_cli.__file__).with_name("rerun"))
-    os.execv(viewer, [viewer, "--bind", LOOPBACK, *arguments])
+    """Become the viewer, so that signals reach it: rerun's own script starts it as a child, which would outlive it."""
+    command = _viewer(*arguments)
+    os.execv(command[0], command)
 
 
-def _serve(recordings: list[Path]) -> NoReturn:
-    """Serve the recordings on the loopback interface until Ctrl-C."""
+def _serve(recordings: list[Path]) -> int:
+    """Serve the recordings on the loopback interface until Ctrl-C, which rerun's server alone would not heed."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         port = probe.getsockname()[1]
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.default_int_handler)
     print(directions(LOOPBACK, port) + "\n\nServing until Ctrl-C.", flush=True)
-    _open("--serve-grpc", "--port", str(port), "--server-memory-limit", SERVER_MEMORY, *map(str, recordings))
+    server = subprocess.Popen(_viewer("--serve-grpc", "--port", str(port), "--server-memory-limit", SERVER_MEMORY,
+                                      *map(str, recordings)))
+    try:
+        return server.wait()
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def _viewer(*arguments: str) -> list[str]:
+    """The command of the viewer, which is a server, too, and listens to the whole network unless told otherwise."""
+    import rerun_cli
+    return [str(Path(rerun_cli.__file__).with_name("rerun")), "--bind", LOOPBACK, *arguments]

@@ -68,7 +68,8 @@ def fetch(port: int, path: Path, wanted) -> None:
         assert time.monotonic() < end, "what is served did not come"
         command = [str(Path(sys.executable).with_name("rerun")), f"rerun+http://127.0.0.1:{port}/proxy", "--bind",
                    "127.0.0.1", "--port", str(free_port()), "--save", str(path)]
-        viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+        viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+                                  env=os.environ | {"TMPDIR": str(path.parent)})     # where it leaves a folder
         try:
             give_up = time.monotonic() + VIEWER_S
             while time.monotonic() < give_up and not (path.exists() and wanted(path)):
@@ -118,7 +119,8 @@ def test_the_viewer_can_be_reached_from_this_machine_alone(monkeypatch, tmp_path
     with pytest.raises(SystemExit):
         main.main(["view", str(tmp_path / "a.rrd")])
     viewer = subprocess.Popen([*opened, "--headless", "--window-size", "300x200", "--port", str(port)],
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                              env=os.environ | {"TMPDIR": str(tmp_path)})
     try:
         end = time.monotonic() + TIMEOUT_S
         while not (addresses := listening_at(port)) and time.monotonic() < end:
@@ -159,6 +161,8 @@ def test_without_a_screen_recordings_are_served_on_the_loopback_interface(tmp_pa
         served = next(int(match[1]) for line in lines if (match := re.search(r"ssh -L (\d+):127.0.0.1:\1 ", line)))
         fetch(served, tmp_path / "seen.rrd", lambda path: frames_in(path) == 40)
         assert listening_at(served) == {"127.0.0.1"}
+        serving.send_signal(signal.SIGINT)
+        assert serving.wait(10) == 0 and not listening_at(served)
     finally:
         serving.terminate()
         serving.wait(10)
