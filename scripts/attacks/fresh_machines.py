@@ -2,7 +2,7 @@
 
 Every case gets a clone of the committed state (or an sdist of it) in a folder of its own, an empty HOME and no
 environment but PATH, HOME and the way to the package index (PIP_*, proxies, certificates). Where this script is root it
-also gets a user without an account, an empty /tmp and a file system on which all but its folder, /tmp and /dev/shm is
+also gets a user without an account, an empty /tmp and /dev/shm and a file system on which all else but its folder is
 read-only, with the home of whoever runs the script hidden. What a case leaves running or in /tmp and /dev/shm is told.
 """
 
@@ -140,6 +140,8 @@ class Attempt:
                 self.commands()
                 self.result.left_behind = self.left_behind()
             finally:
+                if os.geteuid() == 0:
+                    subprocess.run(["umount", self.place / "shm"], check=True)
                 if not self.args.keep:
                     shutil.rmtree(self.place, ignore_errors=True)
         return self.result
@@ -147,8 +149,10 @@ class Attempt:
     def prepare(self) -> None:
         """Lay out the folder: the checkout, empty home and /tmp; all but a read-only checkout is the user's."""
         self.checkout = self.place / self.case.folder
-        for folder in ("home", "tmp"):
+        for folder in ("home", "tmp", "shm"):
             (self.place / folder).mkdir()
+        if os.geteuid() == 0:
+            subprocess.run(["mount", "-t", "tmpfs", "-o", "mode=1777,size=1g", "tmpfs", self.place / "shm"], check=True)
         subprocess.run(["git", "clone", "--quiet", f"file://{ROOT}", self.checkout], check=True)
         if self.case.sdist:
             self.unpack_sdist()
@@ -214,7 +218,7 @@ class Attempt:
         lines = ["ip link set lo up"] if offline else []
         writable = [self.place, *([self.args.pip_cache.resolve()] if self.args.pip_cache else [])]
         lines += [f"mount --bind '{path}' '{path}'" for path in writable]
-        lines.append(f"mount --bind '{self.place}/tmp' /tmp")
+        lines += [f"mount --bind '{self.place}/tmp' /tmp", f"mount --bind '{self.place}/shm' /dev/shm"]
         if prefix.is_relative_to(home):
             lines += ["mkdir -p /tmp/.python", f"mount --bind '{prefix}' /tmp/.python"]
         lines.append(f"mount -t tmpfs -o mode=755 tmpfs '{home}'")
@@ -226,11 +230,11 @@ class Attempt:
         return "\n".join([*lines, "mount -o remount,bind,ro /", f"cd '{self.checkout}'", 'exec "$@"'])
 
     def left_behind(self) -> list[str]:
-        """Processes of the case's user, and files in its /tmp and in /dev/shm, a second after its last command."""
+        """Processes of the case's user, and files in its /tmp and /dev/shm, a second after its last command."""
         time.sleep(1)
-        found = [str(Path("/tmp", path.name)) for path in (self.place / "tmp").iterdir()]
+        found = [str(Path(place, path.name)) for place, own in (("/tmp", "tmp"), ("/dev/shm", "shm"))
+                 for path in (self.place / own).iterdir()]
         if self.uid is not None:
-            found += [str(path) for path in Path("/dev/shm").iterdir() if path.lstat().st_uid == self.uid]
             running = subprocess.run(["ps", "-o", "pid=,args=", "-u", str(self.uid)], capture_output=True, text=True)
             found += [f"process {line.strip()}" for line in running.stdout.splitlines()]
         return sorted(name for name in found if not Path(name).name.startswith(KEPT))
