@@ -1,0 +1,53 @@
+"""The sketcher's parameters: what they are, what they mean for a sensor, and the kernels that have to be there."""
+
+import numpy as np
+
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
+from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
+from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
+from srt3d_ros.core.window import WindowSketcher
+from srt3d_ros.nodes.interface import LOSSLESS
+from srt3d_ros.nodes.parameters import Parameter, Value
+
+PARAMETERS = (
+    Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, or "
+              "a photon file.", form="a path"),
+    Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
+              "them.", low=1, high=MAX_SKETCH_SIZE, live=True),
+    Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
+              "IRF, spread to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
+              form="auto, spread, consecutive or integers such as 1,2,5", live=True),
+    Parameter("packets_per_frame", 1, "Messages that make one frame; with frame_period_s, 1 is for as many as come.",
+              low=1, high=100_000, live=True),
+    Parameter("frame_period_s", 0.0, "Frames by stamp: each holds the stamps of one period and ends with the first "
+              "packet of a later one, or with packets_per_frame if all come. Where the packets of a frame share its "
+              "stamp, anything up to the time between frames. 0: frames by number only.", "s", 0, 1000, live=True),
+    Parameter("silence_s", 0.5, "With frame_period_s: a frame also ends after so long without a packet.", "s", 0.05,
+              1000, live=True),
+    Parameter("gap_s", 1.0, "Stamps that fall back or leap ahead by more say that driver, bag or clock began again: "
+              "frame and window begin anew. More than the time between packets.", "s", 1e-3, 10_000, live=True),
+    Parameter("window_frames", 1, "Frames that each sketch covers, the newest and those before it: a sliding window.",
+              low=1, high=1000, live=True),
+    Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
+              choices=("float32", "int16"), live=True),
+    Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
+    LOSSLESS,
+)
+ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
+
+
+def frequencies_for(sensor: SensorModel, values: dict[str, Value]) -> tuple[int, ...]:
+    """What the parameters mean for a sensor; InvalidInput if it cannot be sketched so."""
+    spec = values["frequencies"]
+    return choose(spec, sensor, values["sketch_size"] if spec in RULES else None)
+
+
+def warm_up() -> None:
+    """Sketch photons in every form in which they may arrive, so that nothing is compiled while frames wait."""
+    sketcher = WindowSketcher(ANY_SENSOR, (1,))
+    sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
+    for toa_dtype in TOA_DTYPES:
+        for pixels in ([0, 1], [1, 0]):         # sorted and not
+            sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, toa_dtype)))
+    sketcher.sketch()
