@@ -10,10 +10,12 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.device import on_device
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
 from srt3d_ros.errors import require
 
+MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
 RARITY_STEPS = 256
+TOGETHER = 2**22            # numbers that are computed at once
 BLIND = 0.01                # |ĥ| below which a frequency says nothing of the depth
 WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
 
@@ -149,11 +151,15 @@ class Matcher:
         return lambda matched, noise: Frame(matched, noise, **constants)
 
     def check(self, sketch: Sketch) -> None:
-        """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies."""
+        """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""
         shape = (self.sensor.rows, self.sensor.cols)
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
+        if isinstance(sketch.sums, np.ndarray):         # those on a device have been added up there
+            parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
+            longest = float(max(parts.max(), -parts.min()))             # NaN if one is
+            require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
 
     def matched(self, sums: np.ndarray) -> np.ndarray:
         """`Frame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
@@ -205,13 +211,17 @@ def _rarity(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, 
         distribution, for large u far less: few photons that chance to agree are no rarity, though their response is
         many standard deviations.
     """
-    turns = np.arange(16 * max(frequencies)) / (16 * max(frequencies))
-    response = (np.exp(2j * np.pi * np.outer(turns, frequencies)) @ np.conj(spectrum)).real
+    cells = 16 * max(frequencies)
+    coefficients = np.zeros(cells // 2 + 1, complex)
+    coefficients[list(frequencies)] = np.conj(spectrum) / 2
+    response = np.fft.irfft(coefficients, cells) * cells        # Re Σ conj(ĥ_l) exp(i ω_l b) over all bins
     greatest = response.max()
-    tilt = np.geomspace(1e-3, 100, 200)[:, None] / greatest
-    weights = np.exp(tilt * (response - greatest))
-    mean = weights @ response / weights.sum(axis=1)
-    nats = tilt[:, 0] * (mean - greatest) - np.log(weights.mean(axis=1))
-    known, worth = np.insert([mean, np.sqrt(2 * nats)], 0, 0, axis=1)
+    tilts = np.geomspace(1e-3, 100, 200) / greatest
+    known, worth = [0.0], [0.0]
+    for tilt in np.array_split(tilts, 1 + len(tilts) * len(response) // TOGETHER):
+        weights = np.exp(tilt[:, None] * (response - greatest))
+        mean = weights @ response / weights.sum(axis=1)
+        nats = tilt * (mean - greatest) - np.log(weights.mean(axis=1))
+        known, worth = np.append(known, mean), np.append(worth, np.sqrt(2 * nats))
     worth = np.interp(np.linspace(0, greatest, RARITY_STEPS + 1), known, worth)
     return float(greatest), worth.astype(np.float32)

@@ -9,6 +9,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 DEFAULT_SKETCH_SIZE = 10
 PASSBAND = 0.35
+TOGETHER = 2**22        # numbers of IRFs whose spectra are computed at once
 
 
 def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
@@ -41,15 +42,21 @@ def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     is meant. Where the spectrum leaves fewer than m frequencies this is `consecutive`.
     """
     most = max((sensor.num_bins - 1) // 2, 1)
-    spectrum = np.abs(irf_spectrum(sensor, np.arange(1, most + 1)))
-    if spectrum.ndim == 2:
-        spectrum = spectrum.mean(axis=0)
-    below = np.flatnonzero(spectrum < PASSBAND)
+    below = np.flatnonzero(_passed(sensor)[1:most + 1] < PASSBAND)
     top = int(below[0]) if len(below) else most
     chosen: list[int] = []
     for wanted in np.geomspace(1, max(top, 1), sketch_size):
         chosen.append(max(round(wanted), chosen[-1] + 1 if chosen else 1))
     return tuple(chosen)
+
+
+def _passed(sensor: SensorModel) -> np.ndarray:
+    """Mean over the pixels of |ĥ(ω_k)| for k = 0 … T / 2; the memory is that of TOGETHER numbers."""
+    irfs, total = np.atleast_2d(sensor.irf), np.zeros(sensor.num_bins // 2 + 1)
+    several = max(TOGETHER // sensor.num_bins, 1)
+    for first in range(0, len(irfs), several):
+        total += np.abs(np.fft.rfft(irfs[first:first + several], sensor.num_bins)).sum(axis=0)
+    return total / len(irfs)
 
 
 RULES = {"auto": design, "spread": spread, "consecutive": lambda sensor, sketch_size: consecutive(sketch_size)}

@@ -90,7 +90,7 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
     alike = _on_grid(np.conj(response * np.conj(np.fft.rfft(share * q))))       # Σ h(x) q(x) q(x − d)
     apart = _on_grid(np.conj(np.fft.rfft(q * q) / cells * irf))                 # Σ h(x) q(x − d)²
     half = slice(1, cells // 2 + 1)
-    drop = energy.sum() - _on_grid(gain)[half]
+    drop = np.maximum(energy.sum() - _on_grid(gain)[half], 0)       # rounding may leave less
     scatter = np.maximum(apart[0] - 2 * alike[half] + apart[half], 0)
     s, b = np.asarray(signal, np.float64)[:, None], np.asarray(background, np.float64)[:, None]
     sigma = np.sqrt(np.maximum(s * (share * score**2).sum() + b * curvature / 2, 1e-12)) / (s * curvature)

@@ -8,6 +8,9 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import require
 
 DEFAULT_FOV_DEG = 30.0
+FOCAL_LENGTHS = 1e-6, 1e100     # pixels; with the next one, squares of what a ray is made of stay numbers
+MAX_CENTRE = 1e9                # pixels
+MAX_ANGLE_RAD = 1e6
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,8 @@ class Pinhole:
     def __post_init__(self):
         for name in ("fx", "fy", "cx", "cy"):
             value = getattr(self, name)
-            require(np.isfinite(value), f"projection.{name}", value, "a finite number of pixels")
-            require(name[0] == "c" or value > 0, f"projection.{name}", value, "a focal length above 0 pixels")
+            least, most = (-MAX_CENTRE, MAX_CENTRE) if name[0] == "c" else FOCAL_LENGTHS
+            require(least <= value <= most, f"projection.{name}", value, f"{least:g} to {most:g} pixels")
 
     @classmethod
     def from_fov(cls, rows: int, cols: int, fov_deg: float = DEFAULT_FOV_DEG) -> "Pinhole":
@@ -84,7 +87,7 @@ class AngularScan:
     def __post_init__(self):
         for name in ("azimuth_start_rad", "azimuth_step_rad", "elevation_start_rad", "elevation_step_rad"):
             value = getattr(self, name)
-            require(np.isfinite(value), f"projection.{name}", value, "a finite angle in radians")
+            require(abs(value) <= MAX_ANGLE_RAD, f"projection.{name}", value, f"radians, at most {MAX_ANGLE_RAD:g}")
 
     def rays(self, rows: int, cols: int) -> np.ndarray:
         """Unit rays, float32 [rows, cols, 3]."""

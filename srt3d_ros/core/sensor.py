@@ -13,6 +13,10 @@ MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
 MAX_BINS = 65_535
 MAX_UPSAMPLING = 4
+BIN_WIDTHS_S = 1e-18, 1.0
+MAX_RANGE_M = 1e12          # float32 holds its square
+GAINS = 1e-4, 1e4
+MAX_DELAY_BINS = 1e6        # float32 still tells an eighth of a bin
 
 
 @dataclass(frozen=True)
@@ -38,14 +42,14 @@ class SensorModel:
     Args:
         rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
         num_bins: T, bins of one laser period (or of the gate that wraps like one).
-        bin_width_s: seconds.
+        bin_width_s: seconds, 1e-18 … 1.
         irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, non-negative, not all zero;
             normalised to sum 1 here.
         irf_ref: index into `irf` that marks the depth; the peak unless given.
         toa_offset_bins: bins between the laser pulse and bin 0.
-        range_offset_m: metres added to every range.
-        gain: float32 [rows, cols], relative detection efficiency; 1 if absent.
-        delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late; 0 if absent.
+        range_offset_m: metres added to every range. No range of bins 0 … T may exceed ±1e12 m.
+        gain: float32 [rows, cols], relative detection efficiency, 1e-4 … 1e4; 1 if absent.
+        delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late, at most ±1e6; 0 if absent.
         mask: bool [rows, cols], False where a pixel must not be used (hot, dead); all True if absent.
         background_shape: float32 [T], how background photons spread over the bins of a pixel without delay;
             non-negative, not all zero, normalised to sum 1 here; evenly if absent.
@@ -83,7 +87,9 @@ class SensorModel:
                 f"at most {MAX_PIXELS} pixels")
         for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
             object.__setattr__(self, name, _finite(name, getattr(self, name)))
-        require(self.bin_width_s > 0, "bin_width_s", self.bin_width_s, "seconds, above 0")
+        least, most = BIN_WIDTHS_S
+        require(least <= self.bin_width_s <= most, "bin_width_s", self.bin_width_s, f"seconds, {least:g} to {most:g}")
+        self._check_range()
         object.__setattr__(self, "irf", self._checked_irf())
         peak = int(np.argmax(self.irf if self.irf.ndim == 1 else self.irf.sum(axis=0)))
         ref = peak if self.irf_ref is None else _integer("irf_ref", self.irf_ref)
@@ -110,6 +116,12 @@ class SensorModel:
         require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape, f"({self.num_bins},), num_bins")
         return _normalised("background_shape", shape, "finite float32 values of 0 or more", "some background")
 
+    def _check_range(self) -> None:
+        with np.errstate(over="ignore"):
+            farthest = float(np.abs(self.range_m([0, self.num_bins])).max())
+        require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
+                "bin_width_s and range_offset_m")
+
     def _check_maps(self) -> None:
         shape = (self.rows, self.cols)
         for name, dtype in (("gain", np.float32), ("delay_bins", np.float32), ("mask", np.bool_)):
@@ -121,8 +133,11 @@ class SensorModel:
             require(bool(np.isfinite(value).all()), name, "not finite in places",
                     "finite values (use mask for bad pixels)")
             object.__setattr__(self, name, value)
-        require(self.gain is None or bool((self.gain > 0).all()), "gain", "0 or less in places",
-                "values above 0 (use mask for dead pixels)")
+        least, most = GAINS
+        require(self.gain is None or bool(((self.gain >= least) & (self.gain <= most)).all()), "gain",
+                f"below {least:g} or above {most:g} in places", f"{least:g} to {most:g} (use mask for dead pixels)")
+        require(self.delay_bins is None or bool((np.abs(self.delay_bins) <= MAX_DELAY_BINS).all()), "delay_bins",
+                f"above {MAX_DELAY_BINS:g} in places", f"at most {MAX_DELAY_BINS:g} bins either way")
 
     @property
     def pixels(self) -> int:
@@ -214,6 +229,7 @@ def _finite(name: str, value) -> float:
 
 def _array(name: str, value, dtype) -> np.ndarray:
     try:
-        return np.ascontiguousarray(value, dtype=dtype)
+        with np.errstate(over="ignore"):        # what float32 does not hold becomes infinite, and is refused
+            return np.ascontiguousarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(name, value, f"an array of {np.dtype(dtype).name}") from None

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros.core.device import check_cuda
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, word_wanted
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
@@ -81,13 +81,11 @@ class Sketcher:
         self._note(events.stamp_ns)
 
     def _add_gates(self, gates: PhotonGates, words) -> None:
-        form, shape = self.sensor.gates, (self.sensor.rows, self.sensor.cols)
-        require(gates.words.shape[1:] == shape, "gates shape", gates.words.shape, f"[cycles, rows, cols] with {shape}")
-        require(form is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
+        gates.check(self.sensor)
+        form = self.sensor.gates
         if gates.words.size > 0:
             stray = self._kernels.find_stray(words, form.first_word, form.no_detection, self.sensor.num_bins)
-            last = form.first_word + self.sensor.num_bins - 1
-            require(stray < 0, "gates word", stray, f"{form.first_word} … {last}, or {form.no_detection} for no photon")
+            require(stray < 0, "gates word", stray, word_wanted(self.sensor))
             self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
         self._note(gates.stamp_ns)
 

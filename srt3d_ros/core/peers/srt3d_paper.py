@@ -14,12 +14,10 @@ from functools import partial
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame
 from srt3d_ros.core.peers.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.peers.sketched import SketchedPeer, matched_filter
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
 
 STEPS_BEFORE = 5
 
@@ -30,20 +28,13 @@ class SRT3DPaper(SketchedPeer):
     Args:
         sensor, frequencies, surfaces, device: as of SketchedPeer.
         weighting: W of the data term, "identity" or "precision".
-        upsampling: u, 1 … 4: it works on u × u finer pixels in the place of each, those of `self.sensor`, every one
-            with an equal share of the pixel's photons.
     """
 
     name = "srt3d-paper"
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "identity",
-                 device: str = "auto", upsampling: int = 1):
-        super().__init__(sensor.upsampled(upsampling), frequencies, surfaces, weighting, None, device)
-        self.upsampling = upsampling
-
-    def __call__(self, sketch: Sketch) -> PointCloud:
-        """The point cloud of one frame's sketch."""
-        return super().__call__(sketch if self.upsampling == 1 else sketch.on_host().split_pixels(self.upsampling))
+                 device: str = "auto"):
+        super().__init__(sensor, frequencies, surfaces, weighting, None, device)
 
     def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
         """Depths and intensities, [rows, K, cols]."""

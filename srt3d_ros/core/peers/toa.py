@@ -6,7 +6,6 @@ import numpy as np
 
 from srt3d_ros.core.photons import PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import require
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +35,6 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PixelToa:
         InvalidInput: if a photon lies outside the sensor's pixels or bins, or the sensor does not say what words mean.
     """
     if isinstance(frame, PhotonGates):
-        require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
-        require(frame.words.shape[1:] == (sensor.rows, sensor.cols), "gates shape", frame.words.shape,
-                f"[cycles, rows, cols] with {(sensor.rows, sensor.cols)}")
         frame = frame.to_events(sensor)
     frame.check(sensor)
     pixel, toa = frame.pixel, frame.toa

@@ -42,7 +42,8 @@ def _settle(photons, exposure, clutter, enough, num_bins, state, own, around, be
             first, seen = ZERO, ZERO
             for k in range(surfaces):
                 pooled, here = state[a, k, INTENSITY, b], int(np.rint(state[a, k, DEPTH, b])) % len(clutter)
-                differ = max(around[i, k, j] - around[i, surfaces + k, j], ZERO) / max(around[i, k, j], TINY)
+                # Not a quotient of squares: fast mathematics would multiply by one before it divides by the other.
+                differ = ONE - min(around[i, surfaces + k, j] / max(around[i, k, j], TINY), ONE)
                 value = max(pooled + (own[a, k, b] - pooled) * differ, F32(LEAST_SHARE) * pooled)
                 kept = state[a, k, SCORE, b] / clutter[here] > enough and pooled > ZERO
                 intensity[i, k, j] = value if kept else ZERO
