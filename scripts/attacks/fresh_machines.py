@@ -27,6 +27,7 @@ QUICK = ("tests/messages tests/core/test_sensor.py tests/cli tests/test_new_file
          "tests/test_install.py tests/nodes/test_pipeline.py tests/recording/test_parts.py")
 KEEP = ("http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY", "SSL_CERT_FILE",
         "SSL_CERT_DIR", "REQUESTS_CA_BUNDLE")
+OWN = {"tmp": "/tmp", "shm": "/dev/shm"}        # folders of the case, and where it sees them
 TIMEOUT_S = 3600
 # What others keep there by design: the tracing library one page for each user, Fast DDS its ports for the next process,
 # pytest the last three runs.
@@ -141,7 +142,7 @@ class Attempt:
                 self.result.left_behind = self.left_behind()
             finally:
                 if os.geteuid() == 0:
-                    subprocess.run(["umount", self.place / "shm"], check=True)
+                    subprocess.run(["umount", self.place / "shm"], check=False)
                 if not self.args.keep:
                     shutil.rmtree(self.place, ignore_errors=True)
         return self.result
@@ -149,7 +150,7 @@ class Attempt:
     def prepare(self) -> None:
         """Lay out the folder: the checkout, empty home and /tmp; all but a read-only checkout is the user's."""
         self.checkout = self.place / self.case.folder
-        for folder in ("home", "tmp", "shm"):
+        for folder in ("home", *OWN):
             (self.place / folder).mkdir()
         if os.geteuid() == 0:
             subprocess.run(["mount", "-t", "tmpfs", "-o", "mode=1777,size=1g", "tmpfs", self.place / "shm"], check=True)
@@ -217,8 +218,8 @@ class Attempt:
         prefix, home = Path(ask(self.python, "import sys; print(sys.base_prefix)")), Path.home()
         lines = ["ip link set lo up"] if offline else []
         writable = [self.place, *([self.args.pip_cache.resolve()] if self.args.pip_cache else [])]
+        lines += [f"mount --bind '{self.place}/{own}' {place}" for own, place in OWN.items()]
         lines += [f"mount --bind '{path}' '{path}'" for path in writable]
-        lines += [f"mount --bind '{self.place}/tmp' /tmp", f"mount --bind '{self.place}/shm' /dev/shm"]
         if prefix.is_relative_to(home):
             lines += ["mkdir -p /tmp/.python", f"mount --bind '{prefix}' /tmp/.python"]
         lines.append(f"mount -t tmpfs -o mode=755 tmpfs '{home}'")
@@ -232,8 +233,7 @@ class Attempt:
     def left_behind(self) -> list[str]:
         """Processes of the case's user, and files in its /tmp and /dev/shm, a second after its last command."""
         time.sleep(1)
-        found = [str(Path(place, path.name)) for place, own in (("/tmp", "tmp"), ("/dev/shm", "shm"))
-                 for path in (self.place / own).iterdir()]
+        found = [str(Path(place, path.name)) for own, place in OWN.items() for path in (self.place / own).iterdir()]
         if self.uid is not None:
             running = subprocess.run(["ps", "-o", "pid=,args=", "-u", str(self.uid)], capture_output=True, text=True)
             found += [f"process {line.strip()}" for line in running.stdout.splitlines()]
