@@ -11,7 +11,7 @@ import numpy as np
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_BYTES = 64 * 2**20
-MAX_VALUES = 2**22              # in plain lists: a parsed number takes 32 bytes, one in base64 takes 4
+MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
 EXTENSION_PREFIX = "x_"
 ARRAY_KEYS = ["base64", "dtype", "shape"]
 
@@ -25,7 +25,7 @@ def parse(text: str, what: str) -> dict:
     """The object in a JSON text.
 
     Args:
-        text: at most 64 MiB, at most 4 million values (arrays in base64 count as one).
+        text: at most 64 MiB, at most a million values (arrays in base64 count as one).
         what: whose text it is, for messages.
 
     Raises:
