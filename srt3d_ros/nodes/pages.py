@@ -28,9 +28,9 @@ In every report, the last one included, which a node publishes as `finalized` wh
 
 {equations}
 
-What is under way waits or is in hand{open}. Whenever nothing is in hand, the node counts what really waits; what has
-gone astray in spite of all is unaccounted for: 0, or a mistake of this package. What was lost on the way here
-(`message_lost`) never came in: from the first message on, what the sender sent = `frames_in` + `message_lost`."""
+What is under way {where}. Whenever nothing is in hand, the node counts what
+really waits; what has gone astray in spite of all is unaccounted for: 0, or a mistake of this package. What was lost on
+the way here (`message_lost`) never came in: from the first message on, the sender sent `frames_in` + `message_lost`."""
 
 
 def page(interface: Interface) -> str:
@@ -75,7 +75,7 @@ def _parameters(table: Iterable[Parameter]) -> str:
 def _books(interface: Interface) -> str:
     books = tuple(interface.books)
     return BOOKS.format(equations="\n".join(f"    {balance}" for balance in books),
-                        open="" if books == (FRAMES,) else ", or in the open frame")
+                        where="waits or is in hand" if books == (FRAMES,) else "waits, is in hand or in the open frame")
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
