@@ -216,6 +216,8 @@ def main() -> int:
             rounds.append(campaign.play(number))
             for problem in rounds[-1].problems:
                 tqdm.write(f"round {number}, {rounds[-1].fault} {rounds[-1].evidence}: {problem}")
+    except KeyboardInterrupt:
+        print(f"stopped after {len(rounds)} of {args.rounds} rounds", file=sys.stderr)
     finally:
         campaign.end()
     failed = [played for played in rounds if played.problems]
@@ -229,7 +231,7 @@ def main() -> int:
         print(f"to repeat: faults.py --seed {args.seed} --first {played.number} --rounds 1{only}; "
               f"logs: {args.out.parent / 'faults' / f'round_{played.number:03}'}")
     print(f"{len(rounds) - len(failed)} of {len(rounds)} rounds passed in {time.monotonic() - began:.0f} s")
-    return bool(failed)
+    return bool(failed) or len(rounds) < args.rounds
 
 
 if __name__ == "__main__":

@@ -124,8 +124,8 @@ def _state(pid: int) -> str:
 
 
 def lifecycle(stack: FaultyStack, choice: random.Random) -> dict:
-    """Transitions there and back, and such as are not possible; a recorder begins anew with a start."""
-    name = choice.choice(("sketcher", "reconstructor"))
+    """Transitions there and back, and such as are not possible. (A bag recorder would need another path.)"""
+    name = choice.choice(("sketcher", "reconstructor", "recorder"))
     journey, state = choice.choice(JOURNEYS), "active"
     for step in journey:
         goes = step in STATES[state]

@@ -32,6 +32,7 @@ ENOUGH = 0.9                # of the pixels have a point
 FRAME_S, GAP_S = 0.1, 1.0
 RECORDERS = {"recorder": "rrd", "bag_recorder": "bag"}
 USUAL = "usual"
+ACQUAINTED_S, ANSWER_S = 0.5, 40.0      # a recorder finishes its file before it answers
 DISK_MB, SHARED_MEMORY_MB = 256, 320
 
 
@@ -72,6 +73,7 @@ class FaultyStack(Stack):
         self.recorded: list[tuple[str, Path, bool]] = []        # to be looked at: which node's, where, whether whole
         self._paths: dict[str, Path] = {}
         self._made = Counter()
+        self._clients: dict[str, tuple] = {}        # and the process that knows each
         shutil.rmtree(folder, ignore_errors=True)
         self.disk_folder = folder / "disk"
         self.disk_folder.mkdir(parents=True)
@@ -177,15 +179,18 @@ class FaultyStack(Stack):
     # ---- Services
 
     def call(self, service_type: type, service: str, request):
-        """The answer of a service."""
-        client = self.monitor.node.create_client(service_type, service)
-        try:
-            self.wait(client.service_is_ready, f"the service {service}")
-            future = client.call_async(request)
-            self.wait(future.done, f"an answer of {service}")
-            return future.result()
-        finally:
-            self.monitor.node.destroy_client(client)
+        """The answer of a service. One that asks a node which does not know it yet is never answered."""
+        owner = self.processes[service.partition("/")[0]].pid
+        client, known_to = self._clients.get(service, (None, None))
+        if client is None:
+            client = self.monitor.node.create_client(service_type, service)
+        self.wait(client.service_is_ready, f"the service {service}")
+        if owner != known_to:
+            self.spin(ACQUAINTED_S)
+            self._clients[service] = client, owner
+        future = client.call_async(request)
+        self.wait(future.done, f"an answer of {service}", ANSWER_S)
+        return future.result()
 
     def _write_packets(self, folder: Path, model: SensorModel) -> None:
         folder.mkdir(parents=True)
