@@ -16,13 +16,13 @@ def _golden(*names: str) -> list[bytes]:
     return [bytes.fromhex((GOLDEN / f"{name}.hex").read_text()) for name in names]
 
 
-def _sensor() -> SensorModel:
+def golden_sensor() -> SensorModel:
     """The one that the golden messages are of."""
     return SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535))
 
 
 def _photons():
-    described = _sensor()
+    described = golden_sensor()
 
     def read(raw: bytes) -> None:
         header, events = photons.decode_cdr(raw, described)
@@ -35,7 +35,7 @@ def _photons():
 
 
 def _gates():
-    described = _sensor()
+    described = golden_sensor()
 
     def read(raw: bytes) -> None:
         header, frame = gates.decode_cdr(raw, described)
@@ -48,7 +48,7 @@ def _gates():
 
 
 def _sketch():
-    described = _sensor()
+    described = golden_sensor()
 
     def read(raw: bytes) -> None:
         _, made = sketch.decode_cdr(raw, FREQUENCIES, described)
@@ -85,7 +85,7 @@ def _sensor_json():
 
 
 def _sketch_sensor():
-    described = _sensor()
+    described = golden_sensor()
 
     def read(raw: bytes) -> None:
         sketch.decode_sensor(SimpleNamespace(data=_text(raw)))
