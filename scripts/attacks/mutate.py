@@ -4,7 +4,7 @@
 
 Sketcher, reconstructor and recorder run as processes of their own. Before the attack, one good frame of each kind
 (`photons`, `gates`, `sketch`) becomes a cloud. Then mutations of them, and of `points` and `depth`, are published, with
-a good frame after every 25th, and between them mutations of `sensor`, `sketch/sensor` and `sensor/camera_info`, after
+a good frame after every 40th, and between them mutations of `sensor`, `sketch/sensor` and `sensor/camera_info`, after
 which the good descriptions come again. Some mutations are good messages of other content or of another topic: they may
 become clouds, and are not counted as good. What must hold:
 
@@ -47,9 +47,9 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.messages import cdr, gates, images, photons, sensor, sketch
 from srt3d_ros.messages.camera import camera_info
 
-EVERY = 25                  # messages between good frames
+EVERY = 40                  # messages between good frames
 OUTSTANDING = 3             # good frames whose clouds may still have to come: bounds what waits in a node
-DATA, DESCRIPTIONS = 500, 20            # mutated messages of either kind in a round
+DATA, DESCRIPTIONS = 1000, 20           # mutated messages of either kind in a round
 ROOM = 4000                 # messages that a publisher keeps for its readers
 S = 1_000_000_000
 MUTATED_NS, GOOD_NS, PROBE_NS = 5 * S, 1_700_000_000 * S, 1_600_000_000 * S     # stamps tell frames apart

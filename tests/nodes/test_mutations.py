@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 
-MESSAGES = 520
+MESSAGES = 1020
 
 
 def test_mutated_messages_end_nothing_and_no_good_frame_among_them_is_lost(repository, tmp_path):
