@@ -86,11 +86,12 @@ def draw_latency(panel: Axes, result: dict) -> None:
     at, ms = np.array(result["latency"]["arrived_s"]) / 60, np.array(result["latency"]["ms"])
     edges = np.arange(0, max(np.floor(at[-1]), 1) + 1)
     for percentile, style in ((50, ":"), (95, "-")):
-        each = [np.percentile(ms[(begin <= at) & (at < end)], percentile) for begin, end in zip(edges, edges[1:])]
+        minutes = [ms[(begin <= at) & (at < end)] for begin, end in zip(edges, edges[1:])]
+        each = [np.percentile(minute, percentile) if len(minute) else np.nan for minute in minutes]
         panel.stairs(each, edges, color="black", linestyle=style, linewidth=1.6, baseline=None,
                      label=f"{percentile} % of the clouds")
     limit = result["figures"]["latency_limit_ms"]
     panel.axhline(limit, color=LIMIT, linestyle="--", linewidth=1.2)
     panel.set_title("latency from the stamp to the cloud, ms, of each minute", loc="left", size=11)
-    panel.set_ylim(0, HEADROOM * max(limit, *each))
+    panel.set_ylim(0, HEADROOM * np.nanmax([limit, *each]))
     panel.legend(frameon=False, ncols=2, fontsize=9, loc="lower right")
