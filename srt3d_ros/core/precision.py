@@ -41,11 +41,16 @@ class Precision:
         return self.weighted(frame, min(signal / max(float(frame.noise.sum()), 1), 1), kernels.array).on(kernels)
 
     def weighted(self, frame: Frame, share: float, array=np.asarray) -> Frame:
-        """The frame weighted for a share of signal among the photons, 0 … 1; `array` brings arrays to its device."""
+        """The frame weighted for a share of signal among the photons, 0 … 1; `array` brings arrays to its device.
+
+        The same frame, if the mean of the pixels' IRFs is so unlike each that its weights would lead away from the top.
+        """
         real, imaginary = self._table[round(share * (LEVELS - 1)), :2].astype(np.float64)
         weights = (imaginary + 1j * real) / self._omega
         filters = np.conj(self._spectrum) * weights
         energy = (filters * self._spectrum).real
+        if min(energy.sum(), (energy * self._omega**2).sum()) <= 0:     # pixels' IRFs too different for common weights
+            return frame
         scale = energy.sum() / (np.abs(filters)**2).sum()       # then energy is that of signal and of noise alike
         weights, filters, energy = weights * scale, filters * scale, energy * scale
         moments = score_moments(self._sensor, self._omega, filters, np.abs(filters)**2)

@@ -38,3 +38,15 @@ def test_photons_that_would_need_too_much_memory_or_lie_outside_are_refused(monk
         PhotonGates.from_events(twice, SENSOR)
     with pytest.raises(InvalidInput, match="toa is 60"):
         PhotonGates.from_events(PhotonEvents(np.array([1], np.uint32), np.array([60], np.uint16)), SENSOR)
+
+
+def test_gates_of_no_cycle_have_no_photons():
+    sensor = SensorModel(2, 3, 50, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
+    events = PhotonGates(np.zeros((0, 2, 3), np.uint16)).to_events(sensor)
+    assert events.photons == 0 and events.pixel.dtype == np.uint32
+
+
+def test_a_word_below_the_first_is_named_not_wrapped():
+    sensor = SensorModel(2, 3, 65_535, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
+    with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 … 65537, or 0 for no photon"):
+        PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)

@@ -55,6 +55,23 @@ def test_pinhole_refuses_focal_lengths_that_are_not_positive(name, value):
         Pinhole(**({"fx": 1, "fy": 1, "cx": 0, "cy": 0} | {name: value}))
 
 
+@pytest.mark.parametrize(("name", "value"), [("fx", 1e-300), ("fy", 1e-7), ("fx", 1e300), ("cx", 1e300), ("cy", -2e9)])
+def test_pinhole_refuses_numbers_whose_squares_are_none(name, value):
+    with pytest.raises(InvalidInput, match=f"^projection.{name} is"):
+        Pinhole(**({"fx": 1, "fy": 1, "cx": 0, "cy": 0} | {name: value}))
+
+
+@pytest.mark.parametrize("lens", [Pinhole(1e-6, 1e-6, -1e9, 1e9), Pinhole(1e100, 1e100, 0, 0),
+                                  AngularScan(1e6, 1e6, -1e6, 1e6)])
+def test_the_extremes_have_unit_rays(lens):
+    np.testing.assert_allclose(np.linalg.norm(lens.rays(3, 40), axis=-1), 1, rtol=1e-6)
+
+
+def test_scan_refuses_huge_angles():
+    with pytest.raises(InvalidInput, match="^projection.azimuth_step_rad is 1e.308: expected radians, at most"):
+        AngularScan(0, 1e308, 0, 0)
+
+
 @pytest.mark.parametrize("name", ["azimuth_start_rad", "azimuth_step_rad", "elevation_start_rad", "elevation_step_rad"])
 def test_scan_refuses_what_is_not_finite(name):
     with pytest.raises(InvalidInput, match=f"^projection.{name} is nan"):

@@ -33,6 +33,10 @@ REFUSED = [
     ("bin_width_s", float("nan"), "bin_width_s"), ("bin_width_s", "narrow", "bin_width_s"),
     ("toa_offset_bins", float("inf"), "toa_offset_bins"), ("toa_offset_bins", None, "toa_offset_bins"),
     ("range_offset_m", float("nan"), "range_offset_m"),
+    ("bin_width_s", 1e-320, "bin_width_s"), ("bin_width_s", 2.0, "bin_width_s"),
+    ("toa_offset_bins", 1e15, "range"), ("toa_offset_bins", -1e300, "range"), ("range_offset_m", 2e12, "range"),
+    ("gain", holed(1e-5), "gain"), ("gain", holed(1e5), "gain"), ("gain", holed(1e300), "gain"),
+    ("delay_bins", holed(-2e6), "delay_bins"), ("delay_bins", holed(1e300), "delay_bins"),
     ("irf", [], "irf shape"), ("irf", np.ones((5, 4)), "irf shape"), ("irf", np.ones((1, 6, 4)), "irf shape"),
     ("irf", np.ones(51), "irf length"),
     ("irf", np.ones((6, 51)), "irf length"), ("irf", [1, -1e-9], "irf"), ("irf", [1, float("nan")], "irf"),
@@ -52,6 +56,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("field", "value", "named"), REFUSED,
                          ids=[f"{field}={str(value)[:30]}" for field, value, _ in REFUSED])
+@pytest.mark.filterwarnings("error")
 def test_what_cannot_be_used_is_refused_by_name(field, value, named):
     with pytest.raises(InvalidInput) as caught:
         make(**{field: value})

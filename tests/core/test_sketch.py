@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch, check_frequencies
+from srt3d_ros.core.sketch import MAX_PHOTONS, MAX_SKETCH_SIZE, Sketch, check_frequencies
 from srt3d_ros.errors import InvalidInput
 
 
@@ -67,6 +67,16 @@ def test_larger_pixels_are_sums_of_blocks():
     assert merged.photons.shape == (2, 3) and merged.photons.dtype == np.uint32 and merged.sums.dtype == np.complex64
     assert merged.photons[1, 2] == sketch.photons[2:, 4:].sum() and merged.stamp_ns == 3
     np.testing.assert_allclose(merged.sums[0, 1], sketch.sums[:2, 2:4].sum(axis=(0, 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("add", [lambda sketch: sketch + sketch, lambda sketch: sketch.merge_pixels(2)],
+                         ids=["time", "pixels"])
+def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean(add):
+    photons = np.full((2, 2), 3_000_000_000, np.uint32)
+    sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons)
+    total = add(sketch)
+    assert (total.photons == MAX_PHOTONS).all() and total.photons.dtype == np.uint32
+    np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
 
 
 @pytest.mark.parametrize("factor", [0, -1, 3, 8])

@@ -8,6 +8,7 @@ import pytest
 from srt3d_ros.core import window
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import MAX_PHOTONS
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
@@ -64,6 +65,21 @@ def test_sums_that_run_over_change_nothing():
     sketches = slide(sketcher, sent[3:])
     assert sketcher._sums.min() < 0                                 # they ran over
     assert_same(sketches[-1], directly(sent[5:]))
+
+
+def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
+    packet = PhotonEvents(np.full(1_000, 7, np.uint32), np.full(1_000, 25, np.uint16))
+    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 2)
+    sketcher.add(packet)
+    many = sketcher._sums * 2_999_999, sketcher._photons * 2_999_999        # as if it had come so often more
+    sketcher.reset()
+    for seen in (3_000_000_000, MAX_PHOTONS, MAX_PHOTONS):
+        sketcher.add(packet)
+        sketcher._sums += many[0]
+        sketcher._photons += many[1]
+        sketch = sketcher.end_frame()
+        assert sketch.photons[1, 2] == seen and sketcher.newest_photons == 3_000_000_000
+        np.testing.assert_allclose(sketch.z[1, 2], directly([packet]).z[1, 2], rtol=1e-6)
 
 
 def test_the_width_may_change_while_it_runs():

@@ -1,0 +1,166 @@
+"""Sensors and frames that nobody should have: numbers come out, or one line says what cannot be used."""
+
+import importlib.util
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import GAINS, SensorModel
+from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.srt3d import SRT3D
+from srt3d_ros.errors import InvalidInput
+
+T = 300
+IRF = np.exp(-np.linspace(-2, 4, 25)**2)
+ROUNDS = 100
+
+
+@pytest.fixture(scope="module")
+def attacks(repository):
+    """A function that loads a script of scripts/attacks."""
+    def load(name: str):
+        spec = importlib.util.spec_from_file_location(name, repository / "scripts" / "attacks" / f"{name}.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+    return load
+
+
+def test_every_method_gives_numbers_or_refuses_in_one_line(attacks, monkeypatch):
+    odd_frames = attacks("odd_frames")
+    monkeypatch.setattr(odd_frames, "PERIODS", [2, 3, 4, 5, 8, 33, 100, 586])
+    books = odd_frames.run(range(ROUNDS), seed=3)
+    assert books.failures == []
+    assert books.clouds > ROUNDS / 4 and books.points > 300 and len(books.refused) > 5
+
+
+def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(attacks):
+    same_bits = attacks("same_bits")
+    here = same_bits.clouds(methods=("srt3d",))
+    assert same_bits.in_child(1, ("srt3d",)) == same_bits.in_child(2, ("srt3d",)) == here
+
+
+def test_order_packets_and_form_of_the_photons_change_no_bit_of_the_cloud(attacks):
+    same_bits = attacks("same_bits")
+    found = [same_bits.clouds(form, ("srt3d",)) for form in same_bits.FORMS]
+    assert all(one == found[0] for one in found)
+
+
+# ---- Numbers at the edge
+
+def made(rows=9, cols=12, **changes) -> tuple[SensorModel, tuple[int, ...]]:
+    sensor = SensorModel(rows, cols, T, 50e-12, **({"irf": IRF} | changes))
+    return sensor, choose("auto", sensor)
+
+
+def garbage(sensor: SensorModel, frequencies, seed: int, photons=MAX_PHOTONS) -> Sketch:
+    """Means of unit vectors that no photons had, of pixels with up to so many."""
+    rng, shape = np.random.default_rng(seed), (sensor.rows, sensor.cols)
+    numbers = rng.integers(0, photons, shape, endpoint=True).astype(np.uint32)
+    phase = 2j * np.pi * np.array(frequencies) / T * rng.uniform(0, T, (*shape, 1))
+    return Sketch(frequencies, (np.exp(phase) * numbers[..., None]).astype(np.complex64), numbers)
+
+
+def assert_finite(cloud):
+    for name in ("depth_bins", "intensity", "depth_std_bins", "xyz", "background"):
+        assert np.isfinite(getattr(cloud, name)).all(), name
+
+
+@pytest.mark.parametrize("gain", GAINS)
+@pytest.mark.parametrize("weighting", ["identity", "precision"])
+def test_full_pixels_of_the_least_and_the_greatest_gain_give_numbers(gain, weighting):
+    sensor, frequencies = made(gain=np.full((9, 12), gain))
+    srt3d = SRT3D(sensor, frequencies, surfaces=2, weighting=weighting)
+    for seed in range(4):
+        sketch = garbage(sensor, frequencies, seed)
+        flat = np.broadcast_to(np.exp(2j * np.pi * np.array(frequencies) / T * 90), sketch.sums.shape)
+        for sums in (sketch.sums, (flat * sketch.photons[..., None]).astype(np.complex64)):
+            cloud = srt3d(Sketch(frequencies, sums, sketch.photons))
+            assert_finite(cloud)
+    assert (cloud.surface == 0).sum() == sensor.pixels
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1j * np.inf, 1e38, -1e20j])
+@pytest.mark.parametrize("method", ["srt3d", "smle", "srt3d-paper"])
+def test_a_sketch_that_is_not_of_numbers_is_refused(method, value):
+    from srt3d_ros.core.methods import METHODS
+
+    sensor, frequencies = made()
+    sketch = garbage(sensor, frequencies, 0, photons=9)
+    sketch.sums[3, 4, 1] = value
+    with pytest.raises(InvalidInput, match="^sketch is .*: expected sums of unit vectors, as many as photons"):
+        METHODS[method].build(sensor, frequencies, device="cpu")(sketch)
+
+
+def plane(sensor: SensorModel, depth: float, seed=0) -> PhotonEvents:
+    """Twenty photons of a plane in each pixel, with the sensor's delays."""
+    rng = np.random.default_rng(seed)
+    pixel = np.arange(sensor.pixels, dtype=np.uint32).repeat(20)
+    late = 0 if sensor.delay_bins is None else sensor.delay_bins.ravel()[pixel]
+    toa = depth + late + rng.choice(len(sensor.irf), len(pixel), p=sensor.irf / sensor.irf.sum()) - sensor.irf_ref
+    return PhotonEvents(pixel, (np.rint(toa) % sensor.num_bins).astype(np.uint16))
+
+
+def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
+    sensor, frequencies = made()
+    warm, cold = (SRT3D(sensor, frequencies, warm_start=warm) for warm in (True, False))
+    for seed in range(5):
+        assert_finite(warm(garbage(sensor, frequencies, seed, photons=50 if seed % 2 else MAX_PHOTONS)))
+        sketch = sketch_photons(plane(sensor, 120, seed), sensor, frequencies)
+        found, expected = warm(sketch), cold(sketch)
+        assert len(found) == len(expected) == sensor.pixels
+        assert np.abs(found.depth_bins - 120).max() < 2
+    warm(garbage(sensor, frequencies, 9))
+    warm.forget()
+    assert warm(sketch).depth_bins.tobytes() == expected.depth_bins.tobytes()
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.5, T - 1.0, T - 0.01, 12.0, T - 12.0])
+@pytest.mark.parametrize("late", [0.0, 17.25, -40.0, 1e5])
+def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(depth, late):
+    sensor, frequencies = made(delay_bins=np.full((9, 12), late))
+    cloud = SRT3D(sensor, frequencies)(sketch_photons(plane(sensor, depth), sensor, frequencies))
+    assert len(cloud) == sensor.pixels and (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
+    assert np.abs(circular_difference(cloud.depth_bins.astype(float), depth, T)).max() < 1.5
+
+
+def test_irfs_of_pixels_that_contradict_each_other_give_numbers_with_any_weighting():
+    irf = np.zeros((20, 10))
+    irf[:10, [0, 1]], irf[10:, 6] = 1, 1
+    sensor = SensorModel(4, 5, T, 50e-12, irf, irf_ref=4)
+    frequencies = choose("auto", sensor)
+    srt3d = SRT3D(sensor, frequencies, surfaces=4, weighting="precision")
+    for seed in range(8):
+        cloud = srt3d(garbage(sensor, frequencies, seed, photons=20_000))
+        assert_finite(cloud)
+        assert (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
+
+
+def test_the_scale_of_an_irf_changes_nothing():
+    sensor, frequencies = made()
+    sketch = sketch_photons(plane(sensor, 120), sensor, frequencies)
+    expected = SRT3D(sensor, frequencies)(sketch)
+    for scale in (1e-300, 1e-30, 7, 1e30):
+        scaled, same = made(irf=IRF * scale)
+        cloud = SRT3D(scaled, same)(sketch)
+        assert same == frequencies and len(cloud) == len(expected)
+        np.testing.assert_allclose(cloud.depth_bins, expected.depth_bins, atol=1e-3)
+
+
+@pytest.mark.parametrize("spec", ["spread", "1,2,32767"])
+def test_the_longest_period_takes_little_memory(spec):
+    long = SensorModel(1, 2, 65_535, 1e-11, np.ones(65_535) if spec == "spread" else [1.0])
+    tracemalloc.start()
+    try:
+        frequencies = choose(spec, long, 10 if spec == "spread" else None)
+        if spec != "spread":
+            SRT3D(long, frequencies)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 300e6
