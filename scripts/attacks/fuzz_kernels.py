@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 from fuzz_messages import golden_sensor  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
-from srt3d_ros.core.frequencies import choose  # noqa: E402
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, choose  # noqa: E402
 from srt3d_ros.core.methods import METHODS  # noqa: E402
 from srt3d_ros.core.photons import PhotonEvents  # noqa: E402
 from srt3d_ros.core.sensor import SensorModel  # noqa: E402
@@ -43,24 +43,27 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=OUT / "fuzz_kernels.json", help="default: %(default)s")
     args = parser.parse_args()
     frames = [*of_corpus(args.corpus), *odd(args.seed)]
-    failures = []
+    failures, done = [], 0
     for name, sensor, frame in tqdm(frames, unit="frame", delay=2):
         for surfaces in args.surfaces:
             try:
-                frequencies = choose("auto", sensor, None)
+                frequencies = choose("auto", sensor, min(DEFAULT_SKETCH_SIZE, max((sensor.num_bins - 1) // 2, 1)))
                 method = METHODS["srt3d"].build(sensor, frequencies, surfaces=surfaces, device="cpu")
                 method(sketch_photons(frame, sensor, frequencies))
+                done += 1
             except InvalidInput:
-                pass
+                continue
             except Exception as error:
                 failures.append(f"{name}, {surfaces} surfaces: {type(error).__name__}: {error}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps({"command": sys.argv, "seed": args.seed, "machine": machine(),
                                     "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-                                    "frames": len(frames), "surfaces": args.surfaces, "failures": failures}) + "\n")
+                                    "frames": len(frames), "surfaces": args.surfaces,
+                                    "reconstructions": done, "failures": failures}) + "\n")
     for line in failures[:10]:
         print(line)
-    print(f"{len(frames)} frames with bounds checks: {'FAIL' if failures else 'hold'}; {args.out}")
+    print(f"{done} reconstructions of {len(frames)} frames with bounds checks: "
+          f"{'FAIL' if failures else 'hold'}; {args.out}")
     return bool(failures)
 
 
