@@ -217,8 +217,11 @@ def _unfinished(whole: bytes) -> bytes:
 
 def _rrd():
     from srt3d_ros.recording.reader import RecordingReader
+    from srt3d_ros.recording.repair import check_chunks, examine
 
-    def read(path: Path) -> None:
+    def read(path: Path) -> None:       # as `srt3d review` does
+        examine(path)
+        check_chunks(path)
         reader = RecordingReader(path)
         reader.cloud_index()
         for _ in (*reader.clouds(), *reader.depth_images(), *reader.images("/photons")):
@@ -247,5 +250,5 @@ DOORS = (
     Door("sensor_file", _sensor_file, 40_000),
     Door("mat", _mat, 40_000), Door("mat_compressed", _mat_compressed, 40_000),
     Door("bag_mcap", _bag_file("mcap", ".mcap"), 20_000), Door("bag_sqlite3", _bag_file("sqlite3", ".db3"), 10_000),
-    Door("bag_metadata", _bag_metadata, 10_000), Door("rrd", _rrd, 10_000), Door("rrd_repair", _rrd_repair, 100),
+    Door("bag_metadata", _bag_metadata, 10_000), Door("rrd", _rrd, 300), Door("rrd_repair", _rrd_repair, 100),
 )
