@@ -31,6 +31,7 @@ NEAR_M = 0.06               # of a median of hundreds of points from the plane: 
 ENOUGH = 0.9                # of the pixels have a point
 FRAME_S, GAP_S = 0.1, 1.0
 RECORDERS = {"recorder": "rrd", "bag_recorder": "bag"}
+AHEAD_NS = 60 * 10**9
 USUAL = "usual"
 ACQUAINTED_S, ANSWER_S = 0.5, 40.0      # a recorder finishes its file before it answers
 DISK_MB, SHARED_MEMORY_MB = 256, 320
@@ -156,7 +157,8 @@ class FaultyStack(Stack):
     def new_clouds(self, since_ns: int) -> list[Seen]:
         """Those whose photons all came after a stamp, with as many points as they should have."""
         enough = ENOUGH * self.models[self.sensor].pixels
-        return [cloud for cloud in self.clouds if cloud.stamp_ns >= since_ns and cloud.points > enough]
+        return [cloud for cloud in self.clouds      # those far ahead are of a time that has been taken back
+                if 0 <= cloud.stamp_ns - since_ns < AHEAD_NS and cloud.points > enough]
 
     def wait_for_cloud(self, timeout_s: float) -> float:
         """Seconds from now to the arrival of a right cloud of what is only now seen; TimeoutError if none comes."""
