@@ -30,13 +30,14 @@ LITERAL = 250                           # a byte from here on begins a text of i
 
 def _parameters():
     """The bytes are a parameter file; each node reads its own."""
-    import rclpy
+    from rclpy.context import Context
     from rclpy.node import Node
 
     from srt3d_ros.nodes.parameters import Parameters
     from srt3d_ros.nodes.tables import INTERFACES, generated
 
-    rclpy.init(args=[])
+    context = Context()         # of its own: whoever else is in this process has the default one
+    context.init(args=[])
     path = Path(tempfile.mkdtemp(prefix="fuzz_")) / "parameters.yaml"
     names = itertools.cycle(NODES)
 
@@ -44,7 +45,7 @@ def _parameters():
         path.write_bytes(raw)
         name = next(names)
         try:
-            node = Node(name, cli_args=["--ros-args", "--params-file", str(path), "--log-level", "fatal"],
+            node = Node(name, context=context, cli_args=["--ros-args", "--params-file", str(path), "--log-level", "fatal"],
                         automatically_declare_parameters_from_overrides=True, start_parameter_services=False,
                         enable_rosout=False)
         except RuntimeError as error:               # rcl's parser: the process says so in a line and ends
