@@ -45,9 +45,9 @@ def _parameters():
         path.write_bytes(raw)
         name = next(names)
         try:
-            node = Node(name, context=context, cli_args=["--ros-args", "--params-file", str(path), "--log-level", "fatal"],
-                        automatically_declare_parameters_from_overrides=True, start_parameter_services=False,
-                        enable_rosout=False)
+            node = Node(name, context=context, start_parameter_services=False, enable_rosout=False,
+                        automatically_declare_parameters_from_overrides=True,
+                        cli_args=["--ros-args", "--params-file", str(path), "--log-level", "fatal"])
         except RuntimeError as error:               # rcl's parser: the process says so in a line and ends
             raise InvalidInput("command line", "parameters.yaml", f"ROS arguments ({error})") from None
         try:

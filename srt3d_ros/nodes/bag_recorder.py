@@ -15,7 +15,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import PUBLISH_DEPTH, QUEUE_DEPTH, PipelineNode
+from srt3d_ros.nodes.base import LOG_EVERY_S, PUBLISH_DEPTH, QUEUE_DEPTH, PipelineNode
 from srt3d_ros.nodes.interface import Interface, Topic
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
@@ -49,7 +49,8 @@ INTERFACE = Interface(
     inputs=tuple(replace(topic, when="if `topics` names it") for topic in (*DESCRIPTIONS, *FRAMES)),
     parameters=PARAMETERS,
     limits=("It subscribes reliable; for a best-effort publisher override that of the topic.",
-            "A description that comes within 1 s after the first frames is recorded at the time of the first."),
+            "A description that comes within 1 s after the first frames is recorded at the time of the first.",
+            "With `use_sim_time`, frames that come before the first /clock are dropped (`no_time`)."),
 )
 
 
@@ -83,6 +84,7 @@ class BagRecorderNode(PipelineNode):
         self._writer = made.result()
         self._waiting_bytes, self._lost = 0, Counter()
         self._ended_by = ""
+        self._early: dict[str, tuple[Topic, str, bytes]] = {}       # descriptions of before simulated time began
         self._first_ns: int | None = None
         self._first_at = 0.0
         self._awaited = {topic.name for topic in self._topics if topic.latched}
@@ -143,8 +145,27 @@ class BagRecorderNode(PipelineNode):
         self._lost["on the way"] += messages
 
     def _received(self, topic: Topic, name: str, raw: bytes, received_ns: int) -> None:
-        """In the executor's thread: to the queue, unless its bytes are too many."""
+        """In the executor's thread: to the queue, unless its bytes are too many, or nobody has told the time yet."""
         time_ns = received_ns if received_ns and not self.get_parameter("use_sim_time").value else self.now_ns()
+        if not time_ns:
+            self._before_time(topic, name, raw)
+            return
+        while self._early:
+            self._take(*self._early.pop(next(iter(self._early))), time_ns)
+        self._take(topic, name, raw, time_ns)
+
+    def _before_time(self, topic: Topic, name: str, raw: bytes) -> None:
+        """No message came on /clock: a description waits for the time, a frame at no time could not be played."""
+        if topic.latched:
+            self._early[name] = topic, name, raw
+            return
+        with self.worker.lock:
+            self.diagnostics.received()
+            self.diagnostics.drop("no_time")
+        self.get_logger().warning("frame dropped: use_sim_time is true and nothing came on /clock yet",
+                                  throttle_duration_sec=LOG_EVERY_S)
+
+    def _take(self, topic: Topic, name: str, raw: bytes, time_ns: int) -> None:
         if topic.latched:
             if self._first_ns is not None and topic.name in self._awaited:
                 time_ns = min(time_ns, self._first_ns)      # it describes the frames that overtook it

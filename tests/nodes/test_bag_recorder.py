@@ -1,13 +1,16 @@
 """The bag recorder: what it is sent is in the bag, the description first; every way in which a bag may end."""
 
+import itertools
 import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.duration import Duration
+from rosgraph_msgs.msg import Clock
 from ruamel.yaml import YAML
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
@@ -101,6 +104,29 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
         graph.wait(lambda: len(clouds) == len(live), f"the clouds of {kind}")
         assert list(clouds) == live
     assert {graph.report(name)["dropped"] for name in ("sketcher", "reconstructor")} == {"0"}
+
+
+def test_before_simulated_time_begins_descriptions_wait_and_frames_are_dropped_and_counted(
+        graph, sensor, frames, describe, tmp_path):
+    """Written at time 0 they would make a bag of half a century."""
+    recorder = graph.start("bag_recorder", path=tmp_path / "bag", use_sim_time=True).ready()
+    driver = graph.matched(graph.publisher(PointCloud2, "photons"))
+    clock = graph.matched(graph.node.create_publisher(Clock, "/clock", 10))
+    describe(sensor)
+    driver.publish(frames[0])
+    graph.reports("bag_recorder", "dropped.no_time", 1)
+    sent = itertools.count(1)
+
+    def recorded() -> bool:
+        clock.publish(Clock(clock=Time(sec=START_NS // 10**9)))
+        driver.publish(frames[next(sent) % len(frames)])
+        return int(graph.report("bag_recorder")["frames_out"]) > 1
+
+    graph.wait(recorded, "a frame to be recorded")
+    assert recorder.end(signal.SIGINT) == 0
+    messages = read(tmp_path / "bag")
+    assert messages[0].raw == on_the_wire(sensor_message.encode_cdr(sensor))
+    assert {message.time_ns for message in messages} == {START_NS}
 
 
 def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(graph, sensor, describe, tmp_path):
