@@ -34,6 +34,7 @@ class Process:
     def __init__(self, command: list[str], controlled: bool = False):
         self.command = command
         self.lines: list[str] = []
+        self.killed = False
         path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(REPOSITORY)]))
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
         stdin = subprocess.PIPE if controlled else subprocess.DEVNULL
@@ -95,6 +96,7 @@ class Process:
 
     def kill(self) -> None:
         """SIGKILL, and wait."""
+        self.killed = True
         self._process.kill()
         self._process.wait()
 

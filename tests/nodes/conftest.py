@@ -2,10 +2,8 @@
 
 import itertools
 import os
-import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from scripts.attacks.process import Process, wait
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
@@ -25,86 +24,7 @@ from srt3d_ros.nodes import base
 from srt3d_ros.nodes.books import FRAMES
 from srt3d_ros.nodes.tables import INTERFACES
 
-DEADLINE_S = 60.0       # generous: the machine may be busy; nothing here waits longer than it has to
-REPOSITORY = Path(__file__).resolve().parents[2]
 namespaces = itertools.count()
-
-
-def wait(condition: Callable[[], object], what: str, describe: Callable[[], str] = str):
-    """The condition's value once it is true; fails the test saying what never came."""
-    end = time.monotonic() + DEADLINE_S
-    while not (value := condition()):
-        if time.monotonic() > end:
-            pytest.fail(f"waited {DEADLINE_S:.0f} s for {what}\n{describe()}")
-        time.sleep(0.01)
-    return value
-
-
-class Process:
-    """A node in a process of its own."""
-
-    def __init__(self, command: list[str]):
-        self.lines: list[str] = []
-        self.killed = False
-        path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(REPOSITORY)]))
-        environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                         cwd=REPOSITORY, env=environment)
-        self.pid = self._process.pid
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        for line in self._process.stdout:
-            self.lines.append(line.rstrip())
-
-    @property
-    def text(self) -> str:
-        """All that it has written, stdout and stderr."""
-        return "\n".join(self.lines)
-
-    @property
-    def running(self) -> bool:
-        return self._process.poll() is None
-
-    def says(self, text: str) -> "Process":
-        """Wait until it has written this."""
-        wait(lambda: text in self.text or not self.running, f"{text!r} from {self._process.args}")
-        assert text in self.text, f"ended with {self._process.returncode}:\n{self.text}"
-        return self
-
-    def ready(self) -> "Process":
-        return self.says("ready")
-
-    def code(self) -> int:
-        """Wait until it has ended by itself; its exit code."""
-        wait(lambda: not self.running, f"the end of {self._process.args}")
-        self._reader.join(5)
-        return self._process.returncode
-
-    def send(self, number: int) -> None:
-        """Send a signal."""
-        self._process.send_signal(number)
-
-    def end(self, number: int) -> int:
-        """Send a signal, wait; the exit code."""
-        self.send(number)
-        return self.code()
-
-    def kill(self) -> None:
-        """SIGKILL, and wait."""
-        self.killed = True
-        self._process.kill()
-        self._process.wait()
-
-    def stop(self) -> None:
-        """End it for good, in order if it can: a killed process leaves its shared memory behind."""
-        if self.running:
-            self._process.terminate()
-        try:
-            self._process.wait(20)
-        except subprocess.TimeoutExpired:
-            self.kill()
 
 
 class Graph:

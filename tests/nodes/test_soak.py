@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.nodes.conftest import REPOSITORY
+from scripts.attacks.process import REPOSITORY
 
 SOAK = REPOSITORY / "scripts" / "attacks" / "soak.py"
 NODES = ("player", "sketcher", "reconstructor", "recorder")
