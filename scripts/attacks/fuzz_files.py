@@ -1,7 +1,10 @@
 """The doors of files: photon files, sensors, bags, recordings."""
 
 import io
+import re
 import struct
+import subprocess
+import sys
 import tempfile
 import zipfile
 import zlib
@@ -19,12 +22,14 @@ from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene_file import read_scene
 from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photons, sensor
 
 STAMP_NS = 1_700_000_000_000_000_000
 MAT_HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
 RRD_HEADER_BYTES, RRD_CONTENTS = 12, (1, 2, 3)      # of a recording: kinds of messages before the footer
 COMPRESSED = 15             # MATLAB's type code
+REFUSED = re.compile("(?:srt3d: .* repaired into .*\n)?srt3d: error: (.*?) is (.*?): expected (.*)\n")
 
 
 def _folder() -> Path:
@@ -216,17 +221,13 @@ def _unfinished(whole: bytes) -> bytes:
 
 
 def _rrd():
-    from srt3d_ros.recording.reader import RecordingReader
-    from srt3d_ros.recording.repair import check_chunks, examine
-
-    def read(path: Path) -> None:       # as `srt3d review` does
-        examine(path)
-        check_chunks(path)
-        reader = RecordingReader(path)
-        reader.cloud_index()
-        for _ in (*reader.clouds(), *reader.depth_images(), *reader.images("/photons")):
-            pass
-        reader.series(), reader.log_lines(), reader.properties()
+    def read(path: Path) -> None:       # in a process of its own: rerun may end it
+        done = subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", "review", path, "--no-report"],
+                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        if refused := REFUSED.fullmatch(done.stderr):
+            raise InvalidInput(*refused.groups())
+        if done.returncode:
+            raise RuntimeError(f"review ended with {done.returncode}: {done.stderr}")
 
     whole = recording()
     return _of_file("a.rrd", read, [whole, _unfinished(whole)])

@@ -44,10 +44,11 @@ def main(argv: list[str] | None = None) -> int:
 
     0 done, 1 failed, 2 bad input, 130 interrupted.
     """
-    argv = sys.argv[1:] if argv is None else argv
+    typed, argv = argv is None, sys.argv[1:] if argv is None else argv
     try:
         named = tuple(name for name in COMMANDS if name in argv[:1])
         args = parser(named or COMMANDS).parse_args(argv)
+        args.typed = argv if typed else None
         code = args.run(args)
         sys.stdout.flush()
         return code

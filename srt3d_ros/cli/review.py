@@ -2,12 +2,25 @@
 
 import argparse
 import json
+import os
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
 from srt3d_ros.errors import require
 
+WATCHED = "SRT3D_REVIEW_IS_WATCHED"     # set for the process that does the work
 REPAIRED = "{path} was not finished: repaired into {copy}; {lost}"
+
+# What rerun writes while it ends, it writes past Python.
+_IN_SILENCE = """
+import os, sys
+sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
+os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+from srt3d_ros.cli.main import main
+sys.exit(main())
+"""
 
 
 def add_parser(subparsers) -> None:
@@ -33,6 +46,8 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.typed is not None and WATCHED not in os.environ:
+        return _watched(args)
     _check(args)
     from srt3d_ros.review.recorded import Recorded
 
@@ -45,6 +60,15 @@ def run(args: argparse.Namespace) -> int:
     if args.compare is not None:
         return _compare(args, recorded)
     return _review(args, recorded, notes)
+
+
+def _watched(args: argparse.Namespace) -> int:
+    """Have another process do it: at some chunks that are damaged, rerun ends the one that reads them."""
+    code = subprocess.run([sys.executable, "-c", _IN_SILENCE, *args.typed], env={**os.environ, WATCHED: "1"}).returncode
+    paths = " or ".join(str(path) for path in (args.recording, args.compare) if path)
+    require(code >= 0, "recording", paths, "an .rrd file whose chunks can be read: at one of these, rerun ended with "
+            f"{signal.Signals(max(-code, 1)).name}")
+    return code
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -64,11 +88,10 @@ def _check(args: argparse.Namespace) -> None:
 
 def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
     """The recording itself, or a repaired copy and what to say of it."""
-    from srt3d_ros.recording.repair import check_chunks, examine, repair
+    from srt3d_ros.recording.repair import examine, repair
 
     state = examine(path)
     if state.is_finished:
-        check_chunks(path)
         return path, ()
     copy = repair(state, progress=True)
     lost = f"{state.lost_bytes:,} bytes of a last chunk are lost" if state.lost_bytes else "nothing is lost"

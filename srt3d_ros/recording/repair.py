@@ -28,12 +28,6 @@ _FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chun
 _COMPRESSIONS, _PROTOBUF = (0, 1), 2
 _COPY_BYTES = 1 << 20
 _NO_ROOM = "room on the disk for a repaired copy beside it"
-_DECODE = """
-import sys
-from rerun.chunk import RrdReader
-for chunk in RrdReader(sys.argv[1]).stream():
-    chunk.to_record_batch()
-"""
 _MEMORY_PER_BYTE = 4                            # of the file, while its index is made: 2.5 were seen
 
 
@@ -77,17 +71,6 @@ def examine(path) -> FileState:
         whole = _whole_bytes(file, size)
     require(whole > _HEADER.size, "recording", str(path), "an .rrd file of which more than its header was written")
     return FileState(path, size, whole, False)
-
-
-def check_chunks(path) -> None:
-    """Decode every chunk in another process: at some that are damaged, rerun ends the process that reads them.
-
-    Raises:
-        InvalidInput: it did. What can be told without, the reader tells.
-    """
-    child = subprocess.run([sys.executable, "-c", _DECODE, str(path)], stdout=subprocess.DEVNULL,
-                           stderr=subprocess.DEVNULL, check=False)
-    require(child.returncode >= 0, "recording", str(path), "an .rrd file whose chunks can be read; this one is damaged")
 
 
 def repair(state: FileState, progress: bool = False) -> Path:
