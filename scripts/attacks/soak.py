@@ -4,9 +4,9 @@
 
 The simulator's moving head at 10 Hz, 141 × 141 pixels, 15 photons per pixel, through player, sketcher, reconstructor
 and recorder, each a process of its own with its default parameters, to this script, which subscribes. The recorder
-begins a new file every five minutes or so: until a file is finished rerun keeps its index in memory, and the last
-minute sees it at the same age as the first. Once a second the script reads what each process holds. After the warm-up,
-the last minute is held against the first:
+begins a new file every five minutes or so: until a file is finished rerun keeps its index in memory, which grows in
+steps and falls back with the file. Once a second the script reads what each process holds. After the warm-up, the last
+minute is held against the first, and of the memory the highest in the time of one file:
 
     memory      resident, of no process more than 3 % more (the private part, `uss`, is told as well)
     files, threads, /dev/shm    no more than in the first minute
@@ -112,17 +112,33 @@ def windows_s(seconds: float, warm_up_minutes: float | None) -> tuple[tuple[floa
     return (begin, begin + length), (end - length, end)
 
 
+def one_file_each(windows, file_s: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The time of one recorded file after the warm-up, and before the end; less where there are not two."""
+    begin, end = windows[0][0], windows[1][1]
+    length = min(file_s, (end - begin) / 2)
+    return (begin, begin + length), (end - length, end)
+
+
+def judge_memory(held: dict, time_s: np.ndarray, files, most_percent: float) -> list[dict]:
+    """The highest memory of each process in the time of the last file against that in the first."""
+    verdicts = []
+    for name in NODES:
+        (rss, rss_after), (uss, uss_after) = (
+            [np.array(held[name][kind])[(begin <= time_s) & (time_s <= end)].max() for begin, end in files]
+            for kind in ("rss_mb", "uss_mb"))
+        grown, private = 100 * (rss_after / rss - 1), 100 * (uss_after / uss - 1)
+        verdicts.append(verdict(f"{name}, memory", f"{grown:+.2f} % of {rss:.0f} MB (private: {private:+.2f} % of "
+                                f"{uss:.0f} MB)", f"+{most_percent:g} %", grown < most_percent))
+    return verdicts
+
+
 def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list[str], folder: Path) -> dict:
     """All that was seen, and what to say of it."""
     windows, time_s = args.windows_s, np.array(samples.time_s)
     first, last = ((begin <= time_s) & (time_s <= end) for begin, end in windows)
     verdicts = [verdict("ended before it was asked to", "; ".join(problems) or "none", "none", not problems)]
-    for name in NODES:
-        rss, uss = (np.array(samples.held[name][kind]) for kind in ("rss_mb", "uss_mb"))
-        grown, private = (100 * (np.median(held[last]) / np.median(held[first]) - 1) for held in (rss, uss))
-        verdicts.append(verdict(f"{name}, memory", f"{grown:+.2f} % of {np.median(rss[first]):.0f} MB (private: "
-                                f"{private:+.2f} % of {np.median(uss[first]):.0f} MB)",
-                                f"+{args.growth_percent:g} %", grown < args.growth_percent))
+    files = one_file_each(windows, 60 * args.split_minutes)
+    verdicts += judge_memory(samples.held, time_s, files, args.growth_percent)
     shared = {"/dev/shm, entries": samples.shm_entries, "/dev/shm, MB": np.round(samples.shm_mb, 1)}
     for what, counts in (*((f"{name}, {kind}", samples.held[name][kind]) for name in NODES for kind in COUNTED),
                          *shared.items()):
@@ -136,7 +152,7 @@ def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list
     verdicts += judge_frames(args, len(ms), reports, folder)
     return {"what": "soak", "seed": args.seed, "on": machine(),
             "holds": all(line["holds"] for line in verdicts), "verdicts": verdicts,
-            "figures": {"minutes": args.minutes, "rate_hz": args.rate_hz, "windows_s": windows,
+            "figures": {"minutes": args.minutes, "rate_hz": args.rate_hz, "windows_s": windows, "files_s": files,
                         "growth_percent": args.growth_percent,
                         "latency_limit_ms": round(before * (1 + LATENCY_PERCENT / 100), 1), "reports": reports},
             "samples": {"time_s": np.round(samples.time_s, 2).tolist(), "shm_entries": samples.shm_entries,

@@ -58,17 +58,18 @@ def draw(result: dict, path: Path) -> None:
 
 
 def draw_memory(panel: Axes, minutes: np.ndarray, samples: dict, figures: dict) -> None:
-    """Resident memory against that of the first judged minute."""
-    begin_s, end_s = figures["windows_s"][0]
+    """Resident memory against the highest in the time of the first judged file."""
+    begin_s, end_s = figures["files_s"][0]
     first = (begin_s / 60 <= minutes) & (minutes <= end_s / 60)
     for name, colour in COLOURS.items():
         rss = np.array(samples[name]["rss_mb"])
-        base = np.median(rss[first])
+        base = rss[first].max()
         panel.plot(minutes, 100 * (rss / base - 1), color=colour, linewidth=1.6, label=f"{name}, {base:.0f} MB")
     panel.axhline(figures["growth_percent"], color=LIMIT, linestyle="--", linewidth=1.2)
-    panel.set_title("resident memory, % against the first shaded minute", loc="left", size=11)
+    panel.set_title(f"resident memory, % above its highest from minute {begin_s / 60:g} to {end_s / 60:g}", loc="left",
+                    size=11)
     low, high = panel.get_ylim()
-    panel.set_ylim(max(low, -15), max(1.3 * high, 3 * figures["growth_percent"]))
+    panel.set_ylim(max(low, -25), max(1.3 * high, 3 * figures["growth_percent"]))
     panel.legend(frameon=False, ncols=2, fontsize=9, loc="upper left")
 
 
