@@ -21,6 +21,7 @@ from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 
 MB = 10**6
+LEAP_NS = 10**9         # that time may not fall back by, between messages of several topics
 HOLD_S = 1.0            # how long frames wait for the description of what follows, which was latched
 TICK_S = 0.1
 NO_LIMIT = 2**31        # messages that may wait: it is their bytes that are bounded
@@ -87,6 +88,9 @@ class BagRecorderNode(PipelineNode):
         self._early: dict[str, tuple[Topic, str, bytes]] = {}       # descriptions of before simulated time began
         self._first_ns: int | None = None
         self._first_at = 0.0
+        self._newest: dict[str, tuple[Topic, str, bytes]] = {}      # description on each topic
+        self._last_ns = self._greatest_ns = 0                       # of the frames
+        self._is_behind = False                                     # what was before simulated time jumped back
         self._awaited = {topic.name for topic in self._topics if topic.latched}
         self._timer = None
         if self._awaited:
@@ -169,10 +173,14 @@ class BagRecorderNode(PipelineNode):
         if topic.latched:
             if self._first_ns is not None and topic.name in self._awaited:
                 time_ns = min(time_ns, self._first_ns)      # it describes the frames that overtook it
+            self._newest[name] = topic, name, raw
             self.worker.call(self._describe, topic, name, time_ns, raw)
             return
         if self._first_ns is None:
             self._first_ns, self._first_at = time_ns, time.monotonic()
+        if self._leapt(time_ns):
+            for described, on, description in self._newest.values():
+                self.worker.call(self._describe, described, on, time_ns, description)
         with self.worker.lock:
             self.diagnostics.received()
             if self._waiting_bytes + len(raw) <= self.parameters["queue_mb"] * MB:
@@ -181,6 +189,14 @@ class BagRecorderNode(PipelineNode):
             else:
                 self.diagnostics.drop("queue")
                 self._lost["for want of room in the queue"] += 1
+
+    def _leapt(self, time_ns: int) -> bool:
+        """Whether frames fall back in time, or get ahead again: a bag is read in its order, not as it was recorded."""
+        fell_back = time_ns < self._last_ns - LEAP_NS
+        caught_up = self._is_behind and time_ns > self._greatest_ns
+        self._is_behind = (self._is_behind or fell_back) and not caught_up
+        self._last_ns, self._greatest_ns = time_ns, max(time_ns, self._greatest_ns)
+        return fell_back or caught_up
 
     def _describe(self, topic: Topic, name: str, time_ns: int, raw: bytes) -> None:
         self.diagnostics.received()

@@ -129,6 +129,31 @@ def test_before_simulated_time_begins_descriptions_wait_and_frames_are_dropped_a
     assert {message.time_ns for message in messages} == {START_NS}
 
 
+def test_where_simulated_time_jumps_back_the_description_is_recorded_again(graph, sensor, frames, describe, tmp_path):
+    """A bag is read in the order of time: frames that stand before their description would have none."""
+    recorder = graph.start("bag_recorder", path=tmp_path / "bag", use_sim_time=True).ready()
+    driver = graph.matched(graph.publisher(PointCloud2, "photons"))
+    clock = graph.matched(graph.node.create_publisher(Clock, "/clock", 10))
+    graph.wait(lambda: graph.node.count_subscribers(f"{graph.namespace}/sensor"), "the recorder to follow sensor")
+    describe(sensor)
+    for seconds in (0, -100, -99, 2):
+        before = int(graph.report("bag_recorder").get("frames_out", 0))
+        stamp = START_NS // 10**9 + seconds
+
+        def recorded() -> bool:
+            clock.publish(Clock(clock=Time(sec=stamp)))
+            driver.publish(frames[0])
+            return int(graph.report("bag_recorder")["frames_out"]) > before + 4
+
+        graph.wait(recorded, "frames to be recorded")
+    assert recorder.end(signal.SIGINT) == 0
+    described, seen = on_the_wire(sensor_message.encode_cdr(sensor)), {}
+    for message in read(tmp_path / "bag"):
+        seen.setdefault(message.time_ns - START_NS, message.raw)
+    firsts = {offset // 10**9: raw == described for offset, raw in seen.items()}
+    assert firsts[-100] and firsts[0] and firsts[2] and not firsts[-99]
+
+
 def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(graph, sensor, describe, tmp_path):
     recorder = graph.start("bag_recorder", path=tmp_path / "bag", queue_mb=1, topics="gates,sensor").ready()
     driver = graph.matched(graph.publisher(Image, "gates"))
