@@ -184,7 +184,7 @@ def kill(folder: Path, times: int) -> dict:
             killed_ns = time.time_ns()
             stop(pipeline.running["recorder"])
             copy = repair(examine(path))
-            lost_s.append(lost(copy, pipeline.monitor, killed_ns))
+            lost_s.append(lost(copy, pipeline.monitor, killed_ns))      # infinite: it had no cloud, for seconds
             copy.unlink()
             path.unlink()
     return {"case": "kill", "kills": times, "opened": len(lost_s), "lost_s": {
@@ -215,8 +215,10 @@ def lost(path: Path, monitor, killed_ns: int) -> float:
     """From the last recorded value of any kind that lacks most to the last cloud that came before the kill, seconds."""
     from srt3d_ros.recording.reader import RecordingReader
     reader = RecordingReader(path)
-    last = [int(reader.cloud_index().stamp_ns.max()), *(int(one.stamp_ns.max()) for name, one in reader.series().items()
-                                                        if name != "drops")]
+    stamps = [reader.cloud_index().stamp_ns, *(one.stamp_ns for name, one in reader.series().items() if name != "drops")]
+    if not all(map(len, stamps)):
+        return np.inf
+    last = [int(of_one.max()) for of_one in stamps]
     came = max(arrival.stamp_ns for arrival in monitor.arrivals if arrival.received_ns <= killed_ns)
     return max(came - min(last), 0) * 1e-9
 
