@@ -215,7 +215,8 @@ def lost(path: Path, monitor, killed_ns: int) -> float:
     """From the last recorded value of any kind that lacks most to the last cloud that came before the kill, seconds."""
     from srt3d_ros.recording.reader import RecordingReader
     reader = RecordingReader(path)
-    stamps = [reader.cloud_index().stamp_ns, *(one.stamp_ns for name, one in reader.series().items() if name != "drops")]
+    series = {name: one for name, one in reader.series().items() if name != "drops"}
+    stamps = [reader.cloud_index().stamp_ns, *(one.stamp_ns for one in series.values())]
     if not all(map(len, stamps)):
         return np.inf
     last = [int(of_one.max()) for of_one in stamps]
