@@ -100,7 +100,11 @@ def _serve(recordings: list[Path]) -> int:
         return 0
     finally:
         server.terminate()
-        server.wait()
+        try:
+            server.wait(TIMEOUT_S)
+        except subprocess.TimeoutExpired:       # seen once: it does not always heed this either
+            server.kill()
+            server.wait()
 
 
 def _viewer(*arguments: str) -> list[str]:

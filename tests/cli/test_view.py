@@ -162,10 +162,10 @@ def test_without_a_screen_recordings_are_served_on_the_loopback_interface(tmp_pa
         fetch(served, tmp_path / "seen.rrd", lambda path: frames_in(path) == 40)
         assert listening_at(served) == {"127.0.0.1"}
         serving.send_signal(signal.SIGINT)
-        assert serving.wait(10) == 0 and not listening_at(served)
+        assert serving.wait(60) == 0 and not listening_at(served)
     finally:
         serving.terminate()
-        serving.wait(10)
+        serving.wait(60)
 
 
 def test_who_connects_late_gets_what_came_before_also_over_the_next_file(tmp_path, port):
