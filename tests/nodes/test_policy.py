@@ -39,6 +39,7 @@ def test_all_that_a_node_does_is_allowed(graph, allowed, tmp_path, name):
             ("topic", "subscribe"): node.get_subscriber_names_and_types_by_node,
             ("service", "reply"): node.get_service_names_and_types_by_node,
             ("service", "request"): node.get_client_names_and_types_by_node}
+    graph.wait(lambda: (name, namespace) in node.get_node_names_and_namespaces(), "the node in the graph")
     graph.wait(lambda: len(ways["service", "reply"](name, namespace)) > len(LIFECYCLE + PARAMETERS), "its services")
     for way, does in ways.items():
         done = {f"/{full.removeprefix(f'{namespace}/').lstrip('/')}" for full, _ in does(name, namespace)}
