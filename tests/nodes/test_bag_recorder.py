@@ -120,7 +120,7 @@ def test_before_simulated_time_begins_descriptions_wait_and_frames_are_dropped_a
     def recorded() -> bool:
         clock.publish(Clock(clock=Time(sec=START_NS // 10**9)))
         driver.publish(frames[next(sent) % len(frames)])
-        return int(graph.report("bag_recorder")["frames_out"]) > 1
+        return int(graph.report("bag_recorder").get("frames_out", 0)) > 1
 
     graph.wait(recorded, "a frame to be recorded")
     assert recorder.end(signal.SIGINT) == 0
@@ -143,7 +143,7 @@ def test_where_simulated_time_jumps_back_the_description_is_recorded_again(graph
         def recorded() -> bool:
             clock.publish(Clock(clock=Time(sec=stamp)))
             driver.publish(frames[0])
-            return int(graph.report("bag_recorder")["frames_out"]) > before + 4
+            return int(graph.report("bag_recorder").get("frames_out", 0)) > before + 4
 
         graph.wait(recorded, "frames to be recorded")
     assert recorder.end(signal.SIGINT) == 0
@@ -162,7 +162,7 @@ def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(graph
         words[0, 0, 0] = k
         driver.publish(gates_message.encode_cdr(PhotonGates(words, START_NS + k), sensor, "spad"))
     graph.reports("bag_recorder", "dropped.queue", 2)
-    assert graph.report("bag_recorder")["frames_out"] == "0"
+    assert graph.report("bag_recorder").get("frames_out", 0) == "0"
     describe(sensor)
     graph.reports("bag_recorder", "frames_out", 3)
     assert recorder.end(signal.SIGINT) == 0
@@ -226,7 +226,7 @@ def test_a_bag_that_reaches_a_limit_is_complete(record_gates, tmp_path, line, li
 def test_frames_that_still_wait_at_the_end_are_written(graph, record_gates, tmp_path):
     recorder = record_gates("bag_recorder.HOLD_S = 1000", topics="gates,sensor")
     graph.reports("bag_recorder", "frames_in", 4)
-    assert graph.report("bag_recorder")["frames_out"] == "0"
+    assert graph.report("bag_recorder").get("frames_out", 0) == "0"
     assert recorder.end(signal.SIGTERM) == 0
     assert len(read(tmp_path / "bag")) == 4
 
