@@ -9,18 +9,17 @@ import argparse
 import importlib.metadata
 import json
 import os
-import platform
 import re
 import subprocess
 import sys
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
 from pathlib import Path
 
 import yaml
 from packaging.version import InvalidVersion, Version
+from result import write_result
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -155,14 +154,12 @@ def verdict(args: argparse.Namespace, figures: dict) -> str:
 
 
 def write(args: argparse.Namespace, figures: dict, found: dict, packages: dict, answered: dict) -> None:
-    args.json.parent.mkdir(parents=True, exist_ok=True)
-    args.json.write_text(json.dumps({
-        "command": " ".join(sys.argv), "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": None,
-        "machine": {"cores": os.cpu_count(), "python": platform.python_version()}, "figures": figures,
+    write_result(args.json, {
+        "seed": None, "figures": figures,
         "advisories": [{"package": name, "version": packages[name], "id": one, "text": text}
                        for (name, one), text in sorted(found.items())],
         "packages": {name: f"{version}, {answered[name]}" for name, version in sorted(packages.items())},
-    }, indent=2) + "\n")
+    })
 
 
 if __name__ == "__main__":

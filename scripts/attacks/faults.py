@@ -33,7 +33,7 @@ import faults_picture
 import machine
 from faulty import RECORDERS, FaultyStack, inspect
 from process import REPOSITORY, Process
-from stack import write_json
+from result import write_result
 from tqdm import tqdm
 
 from srt3d_ros.cli.processes import join_private_network
@@ -221,7 +221,7 @@ def main() -> int:
     finally:
         campaign.end()
     failed = [played for played in rounds if played.problems]
-    write_json(args.out, {"seed": args.seed, "seconds": round(time.monotonic() - began, 1), "left_out": left_out,
+    write_result(args.out, {"seed": args.seed, "seconds": round(time.monotonic() - began, 1), "left_out": left_out,
                           "failed": len(failed), "rounds": [asdict(played) for played in rounds]})
     if args.picture:
         faults_picture.draw(rounds, args.picture)

@@ -7,7 +7,6 @@ read-only, with the home of whoever runs the script hidden. What a case leaves r
 """
 
 import argparse
-import json
 import os
 import platform
 import shutil
@@ -16,9 +15,9 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 
+from result import write_result
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -93,8 +92,7 @@ def main() -> int:
     for result in results:
         if result.tail:
             print(f"\n--- {result.case}: the end of its log\n{result.tail}")
-    args.json.parent.mkdir(parents=True, exist_ok=True)
-    args.json.write_text(json.dumps(report(args, results), indent=2, ensure_ascii=False) + "\n")
+    write_result(args.json, report(args, results))
     bad = [result.case for result in results if not result.good and not result.skipped]
     skipped = [result.case for result in results if result.skipped]
     print(f"\n{len(results) - len(bad) - len(skipped)} of {len(results)} cases pass"
@@ -271,8 +269,7 @@ def table(results: list[Result]) -> str:
 
 def report(args: argparse.Namespace, results: list[Result]) -> dict:
     revision = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True)
-    return {"command": " ".join(sys.argv), "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": None,
-            "machine": {"cores": os.cpu_count(), "python": platform.python_version(), "system": platform.platform()},
+    return {"seed": None, "system": platform.platform(),
             "revision": revision.stdout.strip(), "as_root": os.geteuid() == 0, "quick": args.quick,
             "results": [vars(result) | {"good": result.good} for result in results]}
 

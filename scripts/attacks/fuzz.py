@@ -12,9 +12,7 @@ Exit code 0 if all of that holds, 1 if not.
 """
 
 import argparse
-import datetime
 import importlib.util
-import json
 import os
 import shutil
 import subprocess
@@ -24,9 +22,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import fuzz_doors
+from result import write_result
 from tqdm import tqdm
-
-from srt3d_ros.evaluation.machine import machine
 
 WORKER = Path(__file__).with_name("fuzz_worker.py")
 COUNTS_BYTES = 24
@@ -61,9 +58,7 @@ def main() -> int:
     results = attack(runs, args.seed, args.jobs, args.out.parent / "fuzz", args.fresh)
     holds = all(one["defects"] == 0 and one["tried"] >= runs[name] for name, one in results.items())
     tried = sum(one["tried"] for one in results.values())
-    args.out.write_text(json.dumps({"command": sys.argv, "seed": args.seed, "machine": machine(),
-                                    "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-                                    "holds": holds, "tried": tried, "doors": results}, indent=1) + "\n")
+    write_result(args.out, {"seed": args.seed, "holds": holds, "tried": tried, "doors": results})
     for name, one in results.items():
         print(f"{name:15} {one['tried']:9,} tried  {one['read']:8,} read  {one['defects']:3} defects")
     print(f"{tried:,} inputs at {len(results)} doors: {'hold' if holds else 'FAIL'}; {args.out}")

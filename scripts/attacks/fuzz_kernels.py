@@ -7,8 +7,6 @@ IndexError then, not the neighbour's number. Exit code 0 if there is none, 1 if 
 """
 
 import argparse
-import datetime
-import json
 import os
 import sys
 from pathlib import Path
@@ -20,6 +18,7 @@ os.environ["NUMBA_CACHE_DIR"] = str((OUT / "numba_boundscheck").absolute())
 
 import numpy as np  # noqa: E402
 from fuzz_messages import golden_sensor  # noqa: E402
+from result import write_result  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, choose  # noqa: E402
@@ -28,7 +27,6 @@ from srt3d_ros.core.photons import PhotonEvents  # noqa: E402
 from srt3d_ros.core.sensor import SensorModel  # noqa: E402
 from srt3d_ros.core.sketching import sketch_photons  # noqa: E402
 from srt3d_ros.errors import InvalidInput  # noqa: E402
-from srt3d_ros.evaluation.machine import machine  # noqa: E402
 from srt3d_ros.messages import gates, photons  # noqa: E402
 
 SHAPES = ((1, 1), (1, 7), (7, 1), (2, 2), (3, 4), (5, 33), (33, 5), (17, 16))
@@ -55,11 +53,8 @@ def main() -> int:
                 continue
             except Exception as error:
                 failures.append(f"{name}, {surfaces} surfaces: {type(error).__name__}: {error}")
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(json.dumps({"command": sys.argv, "seed": args.seed, "machine": machine(),
-                                    "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-                                    "frames": len(frames), "surfaces": args.surfaces,
-                                    "reconstructions": done, "failures": failures}) + "\n")
+    write_result(args.out, {"seed": args.seed, "frames": len(frames), "surfaces": args.surfaces,
+                            "reconstructions": done, "failures": failures})
     for line in failures[:10]:
         print(line)
     print(f"{done} reconstructions of {len(frames)} frames with bounds checks: "

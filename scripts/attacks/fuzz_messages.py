@@ -25,10 +25,8 @@ def _photons():
     described = golden_sensor()
 
     def read(raw: bytes) -> None:
-        header, events = photons.decode_cdr(raw, described)
-        again = photons.decode_cdr(photons.encode_cdr(events, described, header.frame_id), described)
-        _same(header, again[0])
-        _same(events.pixel.tobytes() + events.toa.tobytes(), again[1].pixel.tobytes() + again[1].toa.tobytes())
+        events, again = _read_twice(photons, raw, described)
+        _same(events.pixel.tobytes() + events.toa.tobytes(), again.pixel.tobytes() + again.toa.tobytes())
         cdr.restamp(raw, cdr.stamp_ns(raw))
 
     return read, _golden("photons_uint16", "photons_uint32", "photons_float32")
@@ -38,10 +36,8 @@ def _gates():
     described = golden_sensor()
 
     def read(raw: bytes) -> None:
-        header, frame = gates.decode_cdr(raw, described)
-        again = gates.decode_cdr(gates.encode_cdr(frame, described, header.frame_id), described)
-        _same(header, again[0])
-        _same(frame.words.tobytes(), again[1].words.tobytes())
+        frame, again = _read_twice(gates, raw, described)
+        _same(frame.words.tobytes(), again.words.tobytes())
         frame.to_events(described).check(described)
 
     return read, _golden("gates")
@@ -110,6 +106,14 @@ def _camera_info():
 
 def _text(raw: bytes) -> str:
     return raw.decode(errors="replace")
+
+
+def _read_twice(codec, raw: bytes, described: SensorModel) -> tuple:
+    """What a frame's bytes say, and what they say once it was written and read again."""
+    header, frame = codec.decode_cdr(raw, described)
+    header_again, again = codec.decode_cdr(codec.encode_cdr(frame, described, header.frame_id), described)
+    _same(header, header_again)
+    return frame, again
 
 
 def _same(one, other) -> None:

@@ -35,8 +35,9 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from result import write_result
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from stack import Stack, write_json
+from stack import Stack
 from std_msgs.msg import String
 from tqdm import tqdm
 
@@ -246,7 +247,7 @@ def main() -> int:
              "messages_per_s": round(mutated / seconds), "problems": problems,
              "books": {name: {key: value for key, value in stack.books.latest.get(name, {}).items()
                               if value.lstrip("-").isdecimal()} for name in NODES}}
-    write_json(args.out.absolute(), facts)
+    write_result(args.out.absolute(), facts)
     if not problems:
         shutil.rmtree(folder)
     print(f"{'FAILED' if problems else 'held'}: {mutated} mutated messages in {seconds:.0f} s, {attack.good} good "

@@ -7,16 +7,13 @@ own number alone: `--only 1234` repeats one.
 """
 
 import argparse
-import json
-import os
-import platform
 import sys
-import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from result import write_result
 from tqdm import tqdm
 
 from srt3d_ros.core.background import BACKGROUNDS
@@ -230,13 +227,10 @@ def main() -> int:
         print("\n".join(attack(np.random.default_rng([arguments.seed, arguments.only]), Books())) or "holds")
         return 0
     books = run(range(arguments.rounds), arguments.seed, lambda rounds: tqdm(rounds, unit="round"))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(json.dumps({
-        "command": " ".join(["scripts/attacks/odd_frames.py", *sys.argv[1:]]), "seed": arguments.seed,
-        "date": time.strftime("%Y-%m-%d"), "machine": f"{os.cpu_count()} cores, Python {platform.python_version()}",
-        "rounds": arguments.rounds, "clouds": books.clouds, "points": books.points,
+    write_result(arguments.out, {
+        "seed": arguments.seed, "rounds": arguments.rounds, "clouds": books.clouds, "points": books.points,
         "refused": dict(books.refused.most_common()), "failures": len(books.failures),
-        "first_failures": books.failures[:MOST_SHOWN]}, indent=1) + "\n")
+        "first_failures": books.failures[:MOST_SHOWN]})
     print(f"{arguments.rounds} rounds: {books.clouds} clouds, {books.points} points, {sum(books.refused.values())} "
           f"refused in one line, {len(books.failures)} failures")
     return 1 if books.failures else 0

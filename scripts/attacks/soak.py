@@ -24,12 +24,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+from result import write_result
 from soak_samples import Samples
-from stack import Stack, write_json
+from stack import Stack
 from tqdm import tqdm
 
 from srt3d_ros.cli.processes import join_private_network
-from srt3d_ros.evaluation.machine import machine
 from srt3d_ros.recording.reader import RecordingReader
 
 LISTENERS = ("recorder", "reconstructor", "sketcher")       # started before the player
@@ -67,8 +67,7 @@ def main() -> int:
     folder = args.out.parent / "soak"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    result = judge(args, *soak(args, folder), folder)
-    write_json(args.out, result)
+    result = write_result(args.out, judge(args, *soak(args, folder), folder))
     if args.picture:
         from soak_picture import draw
         draw(result, args.picture)
@@ -150,7 +149,7 @@ def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list
     verdicts.append(verdict(f"latency, {LATENCY_PERCENTILE} %", f"{after:.1f} ms, {100 * (after / before - 1):+.1f} %",
                             f"{before:.1f} ms + {LATENCY_PERCENT:g} %", after <= before * (1 + LATENCY_PERCENT / 100)))
     verdicts += judge_frames(args, len(ms), reports, folder)
-    return {"what": "soak", "seed": args.seed, "on": machine(),
+    return {"what": "soak", "seed": args.seed,
             "holds": all(line["holds"] for line in verdicts), "verdicts": verdicts,
             "figures": {"minutes": args.minutes, "rate_hz": args.rate_hz, "windows_s": windows, "files_s": files,
                         "growth_percent": args.growth_percent,

@@ -50,7 +50,7 @@ def draw(result: dict, path: Path) -> None:
         per_minute = np.interp(np.arange(0, minutes[-1] + 1e-9, 0.5), minutes, samples[name]["cpu_s"])
         cpu.stairs(100 * np.diff(per_minute) / 30, np.arange(len(per_minute)) / 2, color=colour, linewidth=1.6,
                    label=name, baseline=None)
-    cpu.set_title(f"CPU, % of one of {result['on']['cpus']} cores, of each half minute", loc="left", size=11)
+    cpu.set_title(f"CPU, % of one of {result['machine']['cpus']} cores, of each half minute", loc="left", size=11)
     cpu.set_ylim(0, HEADROOM * cpu.get_ylim()[1])
     cpu.legend(frameon=False, ncols=4, fontsize=9, loc="upper right")
     path.parent.mkdir(parents=True, exist_ok=True)

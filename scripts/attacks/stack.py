@@ -8,15 +8,12 @@
         stack.settle(["sketcher", "reconstructor"])         # what does not add up once nothing more comes
 """
 
-import json
-import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 
-from process import REPOSITORY, Process
+from process import Process
 
 from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.nodes.monitor import Monitor
@@ -180,13 +177,3 @@ class Stack:
 
         self.wait(settled, "", timeout_s, must=False)
         return self.unbalanced(names)
-
-
-def write_json(path: Path, facts: dict) -> None:
-    """A result with the command that made it, and the machine."""
-    told = {"command": " ".join([Path(sys.executable).name, str(Path(sys.argv[0]).resolve().relative_to(REPOSITORY)),
-                                 *sys.argv[1:]]),
-            "date": time.strftime("%Y-%m-%dT%H:%MZ", time.gmtime()),
-            "machine": {"cores": os.cpu_count(), "python": sys.version.split()[0]}}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(told | facts, indent=1) + "\n")
