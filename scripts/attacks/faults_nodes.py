@@ -2,7 +2,6 @@
 
 import random
 import signal
-from pathlib import Path
 
 from faulty import FaultyStack
 from lifecycle_msgs.msg import Transition
@@ -108,19 +107,15 @@ def reader(stack: FaultyStack, choice: random.Random) -> dict:
 
 def _stopped(stack: FaultyStack, name: str, seconds: float, clouds_go_on: bool) -> None:
     process = stack.processes[name]
-    process.send(signal.SIGSTOP)
+    process.halt()
     try:
-        stack.wait(lambda: _state(process.pid) == "T", f"{name} to stop")
         stack.spin(seconds)
-        assert _state(process.pid) == "T"
+        assert process.halted, f"{name} was not stopped"
         if clouds_go_on:
             stack.wait_for_cloud(CLEAR_S)
     finally:
-        process.send(signal.SIGCONT)
+        process.go_on()
 
-
-def _state(pid: int) -> str:
-    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
 
 
 def lifecycle(stack: FaultyStack, choice: random.Random) -> dict:

@@ -1,6 +1,7 @@
 """Process: a program in a process of its own, what it writes, and every way to end it."""
 
 import os
+import signal
 import subprocess
 import threading
 import time
@@ -88,6 +89,24 @@ class Process:
     def send(self, number: int) -> None:
         """Send a signal."""
         self._process.send_signal(number)
+
+    def halt(self) -> None:
+        """SIGSTOP, and wait until none of its threads runs: until one of them has seen the signal, others go on."""
+        self.send(signal.SIGSTOP)
+        wait(lambda: not self.running or self.halted, f"the halt of {self.command}")
+
+    @property
+    def halted(self) -> bool:
+        """Whether it exists and none of its threads runs."""
+        try:
+            stats = [stat.read_text() for stat in Path(f"/proc/{self.pid}/task").glob("*/stat")]
+        except OSError:         # a thread has just ended
+            return False
+        return {stat.rpartition(")")[2].split()[0] for stat in stats} == {"T"}
+
+    def go_on(self) -> None:
+        """SIGCONT, after `halt`."""
+        self.send(signal.SIGCONT)
 
     def end(self, number: int) -> int:
         """Send a signal, wait; the exit code."""

@@ -101,6 +101,26 @@ class Graph:
         self.wait(lambda: publisher.get_subscription_count() >= subscribers, f"subscribers of {publisher.topic_name}")
         return publisher
 
+    def redescribe(self, name: str, send: Callable[[], None], describe: Callable[[SensorModel], None],
+                   old: SensorModel, new: SensorModel, came: int) -> dict[str, str]:
+        """Have a halted node, to which `came` frames came, be sent 3 and another description; its report after them.
+
+        It may read the first ones before the description arrives: again, then, until it has seen some after it.
+        """
+        while True:
+            self._nodes[name][1].halt()
+            send()
+            describe(new)
+            self._nodes[name][1].go_on()
+            self.reports(name, "num_bins", new.num_bins)
+            came += 3
+            self.reports(name, "frames_in", came)
+            self.reports(name, "under_way", 0)
+            if "dropped.outdated" in self.report(name):
+                return self.report(name)
+            describe(old)
+            self.reports(name, "num_bins", old.num_bins)
+
     def report(self, name: str) -> dict[str, str]:
         """The newest diagnostics of a node, {} before the first; "level" and "message" beside its values."""
         reports = self.all_reports(name)

@@ -1,7 +1,6 @@
 """The reconstructor alone: clouds, images on demand, bad messages, devices."""
 
 import dataclasses
-import signal
 
 import numpy as np
 import pytest
@@ -309,18 +308,25 @@ def test_cuda_where_there_is_none_is_one_line_and_exit_code_2(graph):
 
 def test_sketches_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, sketch):
     """The same rows, columns and m, but another T: read with the new description they would be other depths."""
-    described = graph.node.create_publisher(String, "sketch/sensor", base.LATCHED)
-    described.publish(sketch_message.encode_sensor(sensor, sketch.frequencies, 1))
+    publisher = graph.node.create_publisher(String, "sketch/sensor", base.LATCHED)
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
-    process = graph.start("reconstructor").ready()
+
+    def describe(described):
+        publisher.publish(sketch_message.encode_sensor(described, sketch.frequencies, 1))
+
+    def send(frames=3):
+        for _ in range(frames):
+            sketches.publish(sketch_message.encode_cdr(sketch, "spad"))
+
+    describe(sensor)
+    graph.start("reconstructor").ready()
     graph.reports("reconstructor", "num_bins", sensor.num_bins)
     graph.matched(sketches)
-    process.send(signal.SIGSTOP)
-    for _ in range(3):
-        sketches.publish(sketch_message.encode_cdr(sketch, "spad"))
-    described.publish(sketch_message.encode_sensor(sensor.replace(num_bins=128), sketch.frequencies, 1))
-    process.send(signal.SIGCONT)
-    graph.reports("reconstructor", "num_bins", 128)
-    assert graph.reports("reconstructor", "dropped.outdated", 3)["frames_out"] == "0"
-    sketches.publish(sketch_message.encode_cdr(sketch, "spad"))
-    graph.wait(lambda: clouds, "the cloud of a sketch sent after it")
+    send(1)
+    right = bytes(graph.wait(lambda: clouds, "a cloud")[0].data)
+    report = graph.redescribe("reconstructor", send, describe, sensor, sensor.replace(num_bins=128), 1)
+    before = int(report["frames_out"])
+    assert int(report["frames_in"]) == before + int(report["dropped.outdated"])
+    send(1)
+    graph.wait(lambda: len(clouds) == before + 1, "the cloud of a sketch sent after it")
+    assert all(bytes(cloud.data) == right for cloud in clouds[:before]) and bytes(clouds[before].data) != right

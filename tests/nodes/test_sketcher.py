@@ -1,7 +1,6 @@
 """The sketcher alone: what it publishes, what it survives, what it follows, what it refuses."""
 
 import dataclasses
-import signal
 
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
@@ -93,22 +92,29 @@ def test_a_driver_that_restarts_with_another_sensor_is_followed(graph, sensor, e
 
 def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, events):
     """The same array with wider bins: read with the new description, the plane would be at another range."""
-    sketches = graph.collect(PointCloud2, "sketch")
-    process = graph.start("sketcher").ready()
-    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
-    described.publish(sensor_message.encode(sensor))
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    graph.reports("sketcher", "num_bins", sensor.num_bins)
-    process.send(signal.SIGSTOP)
-    for k in range(3):
-        photons.publish(photons_at(events, sensor, STAMP_NS + k))
     wider = sensor.replace(num_bins=128, bin_width_s=2 * sensor.bin_width_s)
-    described.publish(sensor_message.encode(wider))
-    process.send(signal.SIGCONT)
-    graph.reports("sketcher", "num_bins", 128)
-    assert graph.reports("sketcher", "dropped.outdated", 3)["frames_out"] == "0"
-    photons.publish(photons_at(events, wider, STAMP_NS + 3))
-    graph.wait(lambda: sketches, "the sketch of photons sent after it")
+    publisher = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    photons, sketches = graph.publisher(PointCloud2, "photons"), graph.collect(PointCloud2, "sketch")
+
+    def describe(described):
+        publisher.publish(sensor_message.encode(described))
+
+    def send(frames=3):
+        for _ in range(frames):
+            photons.publish(photons_at(events, sensor, STAMP_NS))
+
+    describe(sensor)
+    graph.start("sketcher").ready()
+    graph.reports("sketcher", "num_bins", sensor.num_bins)
+    graph.matched(photons)
+    send(1)
+    right = bytes(graph.wait(lambda: sketches, "a sketch")[0].data)
+    report = graph.redescribe("sketcher", send, describe, sensor, wider, 1)
+    before = int(report["frames_out"])
+    assert int(report["frames_in"]) == before + int(report["dropped.outdated"])
+    send(1)
+    graph.wait(lambda: len(sketches) == before + 1, "the sketch of photons sent after it")
+    assert all(bytes(sketch.data) == right for sketch in sketches[:before]) and bytes(sketches[before].data) != right
 
 
 def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
