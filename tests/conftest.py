@@ -1,8 +1,10 @@
 """What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
 
+import importlib
 import os
 import random
 import resource
+import sys
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,15 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 def repository() -> Path:
     """The root of the source tree."""
     return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def attack(repository):
+    """A function that imports a script of scripts/attacks by its name."""
+    folder = str(repository / "scripts" / "attacks")
+    sys.path.insert(0, folder)      # where the scripts find each other
+    yield importlib.import_module
+    sys.path.remove(folder)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,6 @@
 """Every way in, with what it gets damaged: it is read, or refused in one line, and nothing else (scripts/attacks)."""
 
-import importlib
+
 import sys
 
 import pytest
@@ -17,11 +17,9 @@ NUMBERS = [0, 1, 255, 2**15, 2**16 - 1, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 
 
 
 @pytest.fixture(scope="session")
-def fuzz(repository):
+def fuzz(attack):
     """The module scripts/attacks/fuzz_doors.py."""
-    sys.path.insert(0, str(repository / "scripts" / "attacks"))
-    yield importlib.import_module("fuzz_doors")
-    sys.path.remove(str(repository / "scripts" / "attacks"))
+    return attack("fuzz_doors")
 
 
 @st.composite

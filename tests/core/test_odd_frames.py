@@ -1,6 +1,5 @@
 """Sensors and frames that nobody should have: numbers come out, or one line says what cannot be used."""
 
-import importlib.util
 import tracemalloc
 
 import numpy as np
@@ -20,33 +19,22 @@ IRF = np.exp(-np.linspace(-2, 4, 25)**2)
 ROUNDS = 100
 
 
-@pytest.fixture(scope="module")
-def attacks(repository):
-    """A function that loads a script of scripts/attacks."""
-    def load(name: str):
-        spec = importlib.util.spec_from_file_location(name, repository / "scripts" / "attacks" / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-    return load
-
-
-def test_every_method_gives_numbers_or_refuses_in_one_line(attacks, monkeypatch):
-    odd_frames = attacks("odd_frames")
+def test_every_method_gives_numbers_or_refuses_in_one_line(attack, monkeypatch):
+    odd_frames = attack("odd_frames")
     monkeypatch.setattr(odd_frames, "PERIODS", [2, 3, 4, 5, 8, 33, 100, 586])
     books = odd_frames.run(range(ROUNDS), seed=3)
     assert books.failures == []
     assert books.clouds > ROUNDS / 4 and books.points > 300 and len(books.refused) > 5
 
 
-def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(attacks):
-    same_bits = attacks("same_bits")
+def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(attack):
+    same_bits = attack("same_bits")
     here = same_bits.clouds(methods=("srt3d",))
     assert same_bits.in_child(1, ("srt3d",)) == same_bits.in_child(2, ("srt3d",)) == here
 
 
-def test_order_packets_and_form_of_the_photons_change_no_bit_of_the_cloud(attacks):
-    same_bits = attacks("same_bits")
+def test_order_packets_and_form_of_the_photons_change_no_bit_of_the_cloud(attack):
+    same_bits = attack("same_bits")
     found = [same_bits.clouds(form, ("srt3d",)) for form in same_bits.FORMS]
     assert all(one == found[0] for one in found)
 

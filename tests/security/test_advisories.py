@@ -1,6 +1,5 @@
 """Which advisories an installed version falls under, by the rules of OSV, of which advisories.py reads files."""
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -9,11 +8,8 @@ import pytest
 
 
 @pytest.fixture(scope="module")
-def advisories(repository):
-    spec = importlib.util.spec_from_file_location("advisories", repository / "scripts" / "attacks" / "advisories.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def advisories(attack):
+    return attack("advisories")
 
 
 def advisory(*events, versions=(), name="Some_Package", ecosystem="PyPI"):
