@@ -1,22 +1,24 @@
-"""The same photons, the same cloud to the bit: whatever the number of threads, the process, and the photons' order.
+"""The same photons, the same cloud to the bit: whatever the number of threads, the compiler's work, the photons' order.
 
 A frame of 141 × 141 pixels is reconstructed by every method, in child processes that differ in their threads (numba,
-OpenMP and torch); a sequence of frames by a warm start too. For the methods on sketches the photons also come shuffled,
-in packets and as gates. Every cloud must be the same to the bit.
+OpenMP and torch); with kernels compiled afresh, for this processor and for one of 2013, and read from the cache; a
+sequence of frames by a warm start too. For the methods on sketches the photons also come shuffled, in packets and as
+gates. Every cloud must be the same to the bit.
 """
 
 import argparse
 import hashlib
 import json
 import os
-import platform
 import subprocess
 import sys
-import time
+import tempfile
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from result import write_result
 from tqdm import tqdm
 
 from srt3d_ros.core.cloud import PointCloud
@@ -30,6 +32,8 @@ from srt3d_ros.core.srt3d import SRT3D
 OUT = Path("build/attacks/same_bits.json")
 THREADS = 1, 2, 4, 8
 SIDE, NUM_BINS, PPP, WARM_FRAMES = 141, 1_000, 8, 4
+PROCESSORS = {"this processor": {}, "a Haswell of 2013": {"NUMBA_CPU_NAME": "haswell",
+                                                         "NUMBA_CPU_FEATURES": "+sse2,+avx,+avx2,+bmi,+bmi2,+fma"}}
 FORMS = "sorted", "shuffled", "packets", "gates"
 
 
@@ -42,10 +46,11 @@ def make_sensor() -> SensorModel:
 
 
 def make_photons(sensor: SensorModel, seed: int) -> PhotonEvents:
-    """A step, a slope across the end of the period, and background."""
+    """A step, a slope across the end of the period, half a window before it, and background."""
     rng = np.random.default_rng([seed, 7])
     row, col = np.divmod(rng.integers(0, sensor.pixels, PPP * sensor.pixels), sensor.cols)
     depth = np.where(col < sensor.cols // 2, 200, sensor.num_bins - 60 + 0.7 * row) + seed
+    depth = np.where((col > 3 * sensor.cols // 4) & (rng.random(len(col)) < 0.5), 500, depth)
     late = sensor.delay_bins[row, col] + rng.normal(0, 4, len(row))
     toa = np.where(rng.random(len(row)) < 0.6, depth + late, rng.uniform(0, sensor.num_bins, len(row)))
     order = np.argsort(row * sensor.cols + col, kind="stable")
@@ -98,12 +103,18 @@ def digest(cloud: PointCloud) -> str:
     return every.hexdigest()[:16]
 
 
-def in_child(threads: int, methods=tuple(METHODS)) -> dict[str, str]:
-    """`clouds` of a process with so many threads."""
+def in_child(threads: int, methods=tuple(METHODS), **variables: str) -> dict[str, str]:
+    """`clouds` of a process with so many threads, and these variables in its environment."""
     names = "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"
     run = subprocess.run([sys.executable, __file__, "--child", *methods], capture_output=True, text=True, check=True,
-                         env=os.environ | dict.fromkeys(names, str(threads)))
+                         env=os.environ | dict.fromkeys(names, str(threads)) | variables)
     return json.loads(run.stdout.splitlines()[-1])
+
+
+def compiled_for(processor: dict[str, str]) -> dict[str, str]:
+    """`clouds` of a process that compiles all kernels itself."""
+    with tempfile.TemporaryDirectory() as empty:
+        return in_child(2, NUMBA_CACHE_DIR=empty, **processor)
 
 
 def main() -> int:
@@ -115,21 +126,19 @@ def main() -> int:
     if arguments.child:
         print(json.dumps(clouds(methods=arguments.child)))
         return 0
-    rounds = [("threads", threads) for threads in THREADS * arguments.times] + [("form", form) for form in FORMS[1:]]
+    rounds = {f"{threads} threads, run {time + 1}": partial(in_child, threads)
+              for time in range(arguments.times) for threads in THREADS}
+    rounds |= {form: partial(clouds, form, SKETCH_METHODS) for form in FORMS[1:]}
+    rounds |= {f"compiled for {name}": partial(compiled_for, variables) for name, variables in PROCESSORS.items()}
     first, compared, wrong = clouds(), 0, []
-    for kind, value in tqdm(rounds):
-        found = in_child(value) if kind == "threads" else clouds(value, SKETCH_METHODS)
+    for name, make in tqdm(rounds.items()):
+        found = make()
         compared += len(found)
-        wrong += [f"{name}: {value} {kind}" for name in found if found[name] != first[name]]
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(json.dumps({
-        "command": " ".join(["scripts/attacks/same_bits.py", *sys.argv[1:]]), "seed": 0,
-        "date": time.strftime("%Y-%m-%d"), "machine": f"{os.cpu_count()} cores, Python {platform.python_version()}",
-        "size": f"{SIDE} × {SIDE}",
-        "threads": THREADS, "forms": FORMS, "methods": list(first), "compared": compared, "different": wrong},
-        indent=1) + "\n")
-    print(f"{compared} clouds of {len(first)} methods, with {', '.join(map(str, THREADS))} threads and as "
-          f"{', '.join(FORMS)}: {len(wrong)} differ")
+        wrong += [f"{method}: {name}" for method in found if found[method] != first[method]]
+    write_result(arguments.out, {"seed": 0, "size": f"{SIDE} × {SIDE}", "rounds": list(rounds), "methods": list(first),
+                                 "compared": compared, "different": wrong})
+    print("\n".join([*wrong, f"{compared} clouds of {len(first)} methods, in {len(rounds)} rounds "
+                     f"({', '.join(rounds)}): {len(wrong)} differ"]))
     return 1 if wrong else 0
 
 

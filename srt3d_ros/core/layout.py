@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-# numba's disk cache watches only the file of a kernel, not this one: after a change here, `touch` the kernels' files.
 BLOCK = 32          # columns that are worked on together
 MARGIN = 6          # pixels: the largest radius of a window
 

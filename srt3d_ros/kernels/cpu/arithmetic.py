@@ -1,23 +1,14 @@
-"""What the CPU kernels share: how numba compiles them, float32 constants, sine and cosine in vector registers."""
+"""What the CPU kernels share: float32 constants, sine and cosine in vector registers, scratch memory."""
 
-import os
 from functools import lru_cache
 
-import numba
 import numpy as np
-from numba import njit
 
-# OpenMP lets several threads of one process (two nodes on one executor, say) call kernels at once; numba's own
-# work queue would abort. An explicit choice in the environment wins.
-if "NUMBA_THREADING_LAYER" not in os.environ:
-    numba.config.THREADING_LAYER = "omp"
+from srt3d_ros.kernels.cpu.compiling import inline, line
 
 F32 = np.float32
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY = F32(1e-12)
-parallel = njit(parallel=True, nogil=True, fastmath=True, cache=True, error_model="numpy")
-line = njit(fastmath=True, error_model="numpy")             # called for a line of pixels or cells
-inline = njit(inline="always", fastmath=True, error_model="numpy")
 
 # sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation): unlike
 # calls of libm they run in vector registers.
@@ -80,4 +71,4 @@ def total_of(values):
 @inline
 def wrap(difference, period):
     """The difference of two depths on a circle, in [−period/2, period/2]."""
-    return difference - period * np.rint(difference / period)
+    return difference - period * np.rint(difference * (ONE / period))

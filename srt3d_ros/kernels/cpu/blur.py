@@ -4,7 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import MARGIN
-from srt3d_ros.kernels.cpu.arithmetic import ONE, ZERO, inline, line, parallel
+from srt3d_ros.kernels.cpu.arithmetic import ONE, ZERO
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.scratch import borrow
 
 

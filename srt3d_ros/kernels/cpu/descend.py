@@ -9,7 +9,8 @@ from numba import prange
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import FIT_RADIUS, FITS, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, inline, parallel, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, sincos, total_of
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.explain import explain
 from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW, B, U
 from srt3d_ros.kernels.cpu.pool import (

@@ -5,7 +5,8 @@ from numba import prange
 
 from srt3d_ros.core.layout import DEPTH, INTENSITY
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, inline, parallel, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos, total_of
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
 
 DEAD, LEFT = F32(constants.DEAD), F32(constants.LEFT)
 LIKENESS, SHARING = F32(constants.LIKENESS), F32(constants.SHARING)

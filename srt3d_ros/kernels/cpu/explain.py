@@ -4,7 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core import layout
-from srt3d_ros.kernels.cpu.arithmetic import ZERO, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.intensity import own_intensity
 from srt3d_ros.kernels.cpu.scratch import borrow
 

@@ -4,7 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import INTENSITY
-from srt3d_ros.kernels.cpu.arithmetic import TINY, ZERO, parallel, total_of
+from srt3d_ros.kernels.cpu.arithmetic import TINY, ZERO, total_of
+from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.evidence import own_response
 
 

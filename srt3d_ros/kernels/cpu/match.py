@@ -6,7 +6,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.core.layout import BLOCK
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, inline, line, parallel, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, sincos, total_of
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.fields import B, U
 
 GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together

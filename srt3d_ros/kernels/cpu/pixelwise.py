@@ -4,7 +4,8 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, inline, parallel, sincos
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
 
 RATE = F32(constants.INTENSITY_RATE)
 

@@ -9,7 +9,8 @@ unroll, sums along the line stay in registers, and the columns fill the vectors.
 from srt3d_ros.core.layout import BLOCK, FIELDS, MARGIN
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.kernels.constants import STD_FLOOR
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, inline, line, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, wrap
+from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, STD, B, U
 
 # Lengths of a window's lines.

@@ -5,7 +5,8 @@ from numba import prange
 
 from srt3d_ros.core import layout
 from srt3d_ros.core.layout import MARGIN
-from srt3d_ros.kernels.cpu.arithmetic import F32, parallel
+from srt3d_ros.kernels.cpu.arithmetic import F32
+from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.scratch import borrow
 
 

@@ -6,7 +6,8 @@ from numba import get_num_threads, prange
 from srt3d_ros.core.layout import ASTRAY, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import ENOUGH, REACH, RESOLVED, VOTE_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, fair_order, inline, parallel, sincos, total_of, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, fair_order, sincos, total_of, wrap
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.evidence import LEFT, LIKENESS, SHARING, evidence, nats
 from srt3d_ros.kernels.cpu.fields import B, U
 from srt3d_ros.kernels.cpu.match import response_at

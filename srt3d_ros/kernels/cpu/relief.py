@@ -5,7 +5,8 @@ from numba import prange
 
 from srt3d_ros.core.layout import ASTRAY, BLOCK, FIELDS, MARGIN
 from srt3d_ros.kernels.constants import STEP
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, aligned, line, parallel, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, aligned, wrap
+from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD, B, U
 
 PLANE, WEIGHT, SQUARE = (U(k * BLOCK) for k in range(3))         # offsets into the scratch

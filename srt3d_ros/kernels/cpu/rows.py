@@ -9,10 +9,11 @@ whole cache line and a quarter of one. Numba cannot keep a vector of sums in reg
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
 from srt3d_ros.kernels.cpu import arithmetic
+from srt3d_ros.kernels.cpu.compiling import inline
 
 UNIT = 2**23
 MOST = 255          # rows whose sum is sure to fit into 32 bits
@@ -109,7 +110,7 @@ def _adder(*widths):
 _add_16, _add_20, _add_24, _add_32 = _adder(16), _adder(16, 4), _adder(16, 8), _adder(16, 16)
 
 
-@njit(inline="always")
+@inline
 def add_run(rows, toa, pixel, first, last, sums):
     """sums += Σ rows[toa[p]] of the photons of one pixel, from `first` on; returns where they, MOST or `last`, end.
 

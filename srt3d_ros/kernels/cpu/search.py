@@ -5,8 +5,9 @@ from numba import prange
 
 from srt3d_ros.core.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
 from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST, STAY
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, inline, parallel, total_of, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool
+from srt3d_ros.kernels.cpu.compiling import inline, parallel
 from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
 

@@ -6,8 +6,9 @@ from numba import prange
 from srt3d_ros.core.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.core.start import window_weights
 from srt3d_ros.kernels.constants import DIMMEST, FAINTEST, LEAST_SHARE, SHARE_WINDOW
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO, parallel
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO
 from srt3d_ros.kernels.cpu.blur import blur
+from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.intensity import own_intensity
 from srt3d_ros.kernels.cpu.relief import relief
 from srt3d_ros.kernels.cpu.scratch import borrow

@@ -6,10 +6,11 @@ that no two threads add to one pixel. Per photon of a sorted frame the kernels r
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from srt3d_ros.core.sketch import MAX_PHOTONS
-from srt3d_ros.kernels.cpu.arithmetic import F32, inline, parallel
+from srt3d_ros.kernels.cpu.arithmetic import F32
+from srt3d_ros.kernels.cpu.compiling import inline, parallel, serial
 from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, fixed_rows, lanes
 
 __all__ = ["find_stray", "fixed_rows", "inspect_events", "new_sums", "read_sums", "sketch_continuous", "sketch_gates",
@@ -54,7 +55,7 @@ def read_sums(sums, photons, values):
 
 # ---- Checks: a pass of its own, so that nothing is added if one photon is bad. It takes a tenth of the time.
 
-@njit(parallel=True, cache=True)        # no fast mathematics: that would not see a NaN
+@parallel
 def _inspect_events(pixel, toa, pixels, num_bins, found):
     photons, parts = len(pixel), len(found)
     for part in prange(parts):
@@ -109,7 +110,7 @@ def _parts(photons):
 
 # ---- Photons that are sorted by pixel
 
-@njit(cache=True)
+@serial
 def _border(pixel, first):
     """The first photon from here on that is not of the pixel of the photon before."""
     if first == 0:
@@ -149,7 +150,7 @@ def sketch_sorted(pixel, toa, rows, sums, photons):
 
 # ---- Photons in any order: sorted in two steps, into buckets of pixels that lie in the cache, then in each bucket
 
-@njit(cache=True)
+@serial
 def _add_bucket(pairs, first, last, rows, sums, photons):
     """Add the photons `first` to `last` of pairs (pixel of the bucket · 2¹⁶ + ToA)."""
     own = pairs[first:last]

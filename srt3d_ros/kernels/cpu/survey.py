@@ -2,7 +2,8 @@
 
 from srt3d_ros.core.layout import BLOCK, FIELDS
 from srt3d_ros.kernels.constants import ENOUGH
-from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, aligned, inline, line, wrap
+from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TWO, ZERO, aligned, wrap
+from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD, B, U
 
 HAD, FOUND, OPEN, COUNT, THERE, KNOWN, AT, NOISY = (U(k * BLOCK) for k in range(8))     # offsets into the scratch
