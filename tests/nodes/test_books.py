@@ -137,10 +137,12 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
     graph.reports("sketcher", "dropped.malformed", 2)
     graph.wait(lambda: len(sketches) == 2, "two frames")
     assert graph.call(Trigger, "sketcher/reset", Trigger.Request()).success
+    graph.reports("sketcher", "packets_open", 0)
     send(300)
     graph.reports("sketcher", "packets_open", 1)
     described.publish(sensor_message.encode(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)))    # for m = 20
     graph.reports("sketcher", "last_error", "sketch_size is 20: expected 1 to 9 for T = 20 bins")
+    graph.reports("sketcher", "packets_open", 0)
     for _ in range(10):                                         # silence, but nothing to end the frame with
         assert tick()
         time.sleep(0.02)
