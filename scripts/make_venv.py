@@ -83,6 +83,7 @@ def install(python):
     # An editable install leaves data files out, yet `ros2 run` and ament_index look for them.
     step("placing the nodes' executables",
          [python, "setup.py", "--quiet", "install_data", "--install-dir", python.parent.parent])
+    step("compiling the kernels for this processor (a minute)", [python, "-m", "srt3d_ros.nodes.compile_ahead"])
 
 
 def build_in(folder):

@@ -167,13 +167,13 @@ class SRT3D:
         """
         if self.device == "cuda":
             for _ in range(WARM_FRAMES + self._warm_start):
-                self(_noise(self._matcher.sensor, self._matcher.frequencies))
+                self(noise(self._matcher.sensor, self._matcher.frequencies))
             self._warm = False
         else:
             small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
                 -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
             SRT3D(small, self._matcher.frequencies, self.surfaces, device=self.device)(
-                _noise(small, self._matcher.frequencies))
+                noise(small, self._matcher.frequencies))
 
     def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
         """The cloud of a frame's points."""
@@ -189,7 +189,7 @@ def check_options(surfaces: int, false_alarm_rate: float) -> None:
     require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
 
 
-def _noise(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+def noise(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     """A sketch that shows nothing."""
     rng = np.random.default_rng(0)
     sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)

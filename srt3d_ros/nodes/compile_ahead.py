@@ -1,0 +1,52 @@
+"""Compile what the nodes run on a CPU before they do: half of it in each of two processes, else the first start waits.
+
+    python -m srt3d_ros.nodes.compile_ahead
+
+`descend` takes as long as all other kernels together. What is compiled is kept (`kernels.cpu.compiling`).
+"""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+
+from srt3d_ros.core import layout
+from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.srt3d import SAME_SURFACE, SRT3D, WINDOWS, noise
+from srt3d_ros.kernels import cpu
+from srt3d_ros.nodes.sketching import ANY_SENSOR, warm_up
+
+FREQUENCIES = choose("auto", ANY_SENSOR, 3)
+
+
+def compile_descend() -> None:
+    """Compile `descend`, by a step from no surfaces."""
+    frame = Matcher(ANY_SENSOR, FREQUENCIES)(noise(ANY_SENSOR, FREQUENCIES)).padded
+    state = np.zeros(layout.state_shape(*frame.shape, 1), np.float32)
+    cpu.descend(frame, state, WINDOWS[0][1], SAME_SURFACE**2)
+
+
+def compile_others() -> None:
+    """Compile all but `descend`, by a reconstruction in which no surface moves, and what the sketcher runs."""
+    warm_up()
+    reconstructor = SRT3D(ANY_SENSOR, FREQUENCIES, device="cpu")
+    reconstructor.kernels = SimpleNamespace(**vars(cpu) | {"descend": lambda frame, state, *_, out: state})
+    reconstructor(noise(ANY_SENSOR, FREQUENCIES))
+
+
+def main() -> int:
+    if "descend" in sys.argv[1:]:
+        compile_descend()
+        return 0
+    other = subprocess.Popen([sys.executable, "-m", "srt3d_ros.nodes.compile_ahead", "descend"])
+    try:
+        compile_others()
+    finally:
+        code = other.wait()
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
