@@ -28,9 +28,9 @@ KEEP = ("http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "N
         "SSL_CERT_DIR", "REQUESTS_CA_BUNDLE")
 OWN = {"tmp": "/tmp", "shm": "/dev/shm"}        # folders of the case, and where it sees them
 TIMEOUT_S = 3600
-# What others keep there by design: the tracing library one page for each user, Fast DDS its ports for the next process,
-# pytest the last three runs.
-KEPT = ("lttng-ust-wait-", "fastrtps_port", "sem.fastrtps_port", "pytest-of-")
+# What others keep there by design: the tracing library one page for each user, torch a cache for each, pytest the last
+# three runs; Fast DDS its ports for the next process, which also removes what a process that a test killed has left.
+KEPT = ("lttng-ust-wait-", "torchinductor_", "pytest-of-", "fastrtps_", "sem.fastrtps_port")
 TAIL = 25
 
 

@@ -5,13 +5,11 @@ import importlib
 import io
 import itertools
 import re
-import tempfile
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from fuzz_doors import Defect, Door
-from fuzz_files import photon_file, recording
+from fuzz_files import own_folder, photon_file, recording
 
 from srt3d_ros import cloud_files
 from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, main, parser
@@ -38,7 +36,7 @@ def _parameters():
 
     context = Context()         # of its own: whoever else is in this process has the default one
     context.init(args=[])
-    path = Path(tempfile.mkdtemp(prefix="fuzz_")) / "parameters.yaml"
+    path = own_folder() / "parameters.yaml"
     names = itertools.cycle(NODES)
 
     def read(raw: bytes) -> None:
@@ -74,7 +72,7 @@ def _words() -> list[str]:
 
 def _command_line(run: tuple[str, ...]):
     """Each byte is a word of a command line, or begins a text; of commands not in `run` only the arguments are read."""
-    folder = Path(tempfile.mkdtemp(prefix="fuzz_"))
+    folder = own_folder()
     (folder / "a.npz").write_bytes(photon_file()[2])
     (folder / "a.rrd").write_bytes(recording())
     words = [*_words(), str(folder / "a.npz"), str(folder / "a.rrd"), str(folder / "out.ply"), str(folder)]
@@ -129,7 +127,7 @@ def _parsed(argv: list[str]) -> int:
 
 def _cloud_name():
     """The bytes up to a zero are the name of a cloud file, the rest is the sensor's frame."""
-    folder = Path(tempfile.mkdtemp(prefix="fuzz_"))
+    folder = own_folder()
     one = np.ones(1, np.float32)
     cloud = PointCloud(one.astype(np.uint16), one.astype(np.uint16), one, one, one, np.ones((1, 3), np.float32),
                        one.astype(np.uint8), np.ones((2, 2), np.float32))

@@ -32,7 +32,7 @@ COMPRESSED = 15             # MATLAB's type code
 REFUSED = re.compile("(?:srt3d: .* repaired into .*\n)?srt3d: error: (.*?) is (.*?): expected (.*)\n")
 
 
-def _folder() -> Path:
+def own_folder() -> Path:
     """One that lasts as long as the process."""
     kept = tempfile.TemporaryDirectory(prefix="fuzz_")
     _FOLDERS.append(kept)
@@ -44,7 +44,7 @@ _FOLDERS: list[tempfile.TemporaryDirectory] = []
 
 def _of_file(name: str, read: Callable[[Path], object], examples: Iterable[bytes]):
     """The bytes are all of a file."""
-    path = _folder() / name
+    path = own_folder() / name
 
     def of_bytes(raw: bytes) -> None:
         path.write_bytes(raw)
@@ -56,7 +56,7 @@ def _of_file(name: str, read: Callable[[Path], object], examples: Iterable[bytes
 def photon_file() -> tuple[SensorModel, PhotonEvents, bytes]:
     described = SensorModel(2, 3, 50, 1e-10, [1, 2, 1], mask=np.ones((2, 3), bool), frame_id="spad")
     events = PhotonEvents(np.array([0, 3, 5, 5], np.uint32), np.array([49, 0, 7, 8], np.uint16), STAMP_NS)
-    path = _folder() / "a.npz"
+    path = own_folder() / "a.npz"
     npz.save(path, described, events, np.full((2, 3), 7, np.float32))
     return described, events, path.read_bytes()
 
@@ -73,7 +73,7 @@ def _members() -> dict[str, bytes]:
 def _npz_member():
     """The first byte chooses the array, the rest is its .npy file: what no checksum of the archive keeps out."""
     members = _members()
-    path = _folder() / "a.npz"
+    path = own_folder() / "a.npz"
 
     def read(raw: bytes) -> None:
         chosen = list(members)[(raw[0] if raw else 0) % len(members)]
@@ -86,7 +86,7 @@ def _npz_member():
 
 
 def _sidecar():
-    path = _folder() / "a.npz"
+    path = own_folder() / "a.npz"
     path.write_bytes(photon_file()[2])
     np.save(path.with_name("response.npy"), np.array([1, 3, 1.5]))
 
@@ -101,7 +101,7 @@ def _sidecar():
 
 def _irf_file(suffix: str):
     def make():
-        folder = _folder()
+        folder = own_folder()
         path = folder / "a.npz"
         path.write_bytes(photon_file()[2])
 
@@ -151,7 +151,7 @@ def _mat():
 
 def _mat_compressed():
     """The bytes are what is compressed, behind a right checksum."""
-    path = _folder() / "a.mat"
+    path = own_folder() / "a.mat"
 
     def read(raw: bytes) -> None:
         packed = zlib.compress(raw, 1)
@@ -163,7 +163,7 @@ def _mat_compressed():
 
 def _bag(storage: str) -> Path:
     described, events, _ = photon_file()
-    path = _folder() / "bag"
+    path = own_folder() / "bag"
     writer = BagWriter(path, storage)
     writer.add_topic("/sensor", "std_msgs/msg/String", [Offer(durability="transient_local", depth=1)])
     writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
@@ -205,7 +205,7 @@ def recording() -> bytes:
     from srt3d_ros.recording.writer import RecordingWriter
 
     described, _, _ = photon_file()
-    path = _folder() / "a.rrd"
+    path = own_folder() / "a.rrd"
     with RecordingWriter(path, described) as writer:
         writer.log_cloud(STAMP_NS, 0, np.ones((3, 3)), np.ones(3))
         writer.log_scalars(STAMP_NS, {"points": 3}, 0)

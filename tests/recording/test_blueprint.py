@@ -103,8 +103,9 @@ def test_axes_follow_the_sensor(ball):
 
 
 @pytest.fixture
-def viewer():
+def viewer(tmp_path, monkeypatch):
     """A headless rerun viewer; skips where none can run."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))     # where it leaves a folder
     if ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")):
         pytest.skip("no Vulkan driver: the rerun viewer cannot run without a screen")
     with socket.socket() as probe:
