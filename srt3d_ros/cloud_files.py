@@ -41,7 +41,7 @@ def check(path) -> Path:
     """The path if a cloud could be saved there, as far as can be told before; InvalidInput if not."""
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
-    require(not path.is_dir(), "output", str(path), "a file, not a directory")
+    require(not os.path.isdir(path), "output", str(path), "a file, not a directory")
     require(path.parent.is_dir(), "output", str(path), f"a directory {path.parent} that exists")
     require(os.access(path.parent, os.W_OK), "output", str(path), f"a directory {path.parent} that can be written to")
     return path

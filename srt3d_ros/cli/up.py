@@ -6,6 +6,7 @@ import json
 import re
 import tempfile
 import textwrap
+from os.path import isfile
 from pathlib import Path
 
 from srt3d_ros import __version__, shared_files
@@ -142,7 +143,7 @@ def ros_arguments(args: argparse.Namespace, interfaces: list, own_file: str) -> 
 
 def _config_file(config: str) -> str:
     path = shared_files.find(f"config/{config}.yaml") or Path(config)
-    require(path.is_file(), "--config", config, "a parameter file, or the name of one that comes with the package")
+    require(isfile(path), "--config", config, "a parameter file, or the name of one that comes with the package")
     return str(path)
 
 

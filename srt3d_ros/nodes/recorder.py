@@ -104,12 +104,12 @@ class RecorderNode(PipelineNode):
         self._watch = ParameterWatch(self, lambda values: self.worker.call(self._on_parameters, values))
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
+        self.subscribe("sketch", self._on_sketch)       # before points: of what has come meanwhile it is taken first
         self.subscribe("points", self._on_points)
         self._points_topic = self.resolve_topic_name("points")
         for topic in topics.IMAGES:
             if f"/{topic.name}" in self._settings.images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
-        self.subscribe("sketch", self._on_sketch)
         self.follow("/diagnostics", self._on_diagnostics)
         self.follow("/rosout", self._on_line, LOG_QOS)
         self.follow("/parameter_events", self._watch.hear)

@@ -1,6 +1,7 @@
 """What the CUDA kernels share: sine and cosine without branches, differences on a circle.
 
-Constants that kernels read are `tl.constexpr`: Triton takes no other globals.
+Constants that kernels read are `tl.constexpr`: Triton takes no other globals. They stand to the right of a tensor: with
+them to its left, Triton 3.7 cannot interpret the product.
 """
 
 import triton

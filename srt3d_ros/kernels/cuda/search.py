@@ -143,7 +143,7 @@ def _decide(matched, noise, light, line, across, line_of_one, exposure, state, c
         record = (i + MARGIN) * SURFACES * FIELDS * wide + j + MARGIN
         new, first = room & (score > enough), state + record
         if LAYER > 0:       # a surface beside those that the pixel has: resolved from them, and not too faint
-            new = new & (intensity > FAINTEST * tl.load(first + INTENSITY * wide, mask=new, other=0.0))
+            new = new & (intensity > tl.load(first + INTENSITY * wide, mask=new, other=0.0) * FAINTEST)
             for k in tl.static_range(LAYER):
                 known = first + k * FIELDS * wide
                 e = wrap(tl.load(known + DEPTH * wide, mask=new, other=0.0) - depth, period)

@@ -54,8 +54,8 @@ def _settle(photons, exposure, clutter, enough, period, state, own, around, bent
     differ = tl.maximum(excess - tl.load(squares + SURFACES * cols, mask=inside, other=0.0), 0.0)
     value = pooled + (tl.load(own + padded, mask=inside, other=0.0) - pooled) * (differ / tl.maximum(excess, TINY))
     kept = (score > enough) & (pooled > 0.0)
-    value = tl.where(kept, tl.maximum(value, LEAST_SHARE * pooled), 0.0)
-    value = tl.where(value < FAINTEST * tl.max(value, axis=0)[None, :], 0.0, value)
+    value = tl.where(kept, tl.maximum(value, pooled * LEAST_SHARE), 0.0)
+    value = tl.where(value < tl.max(value, axis=0)[None, :] * FAINTEST, 0.0, value)
     sigma, off = tl.load(point + STD * wide, mask=inside, other=0.0), tl.load(bent + padded, mask=inside, other=0.0)
     sigma = tl.minimum(tl.maximum(tl.sqrt(sigma * sigma + off * off), DIMMEST), period)
     into = (i * SURFACES + k) * cols + j[None, :]
