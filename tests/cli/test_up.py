@@ -64,7 +64,7 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
     (["-r", "photons=/x"], "-r is photons=/x: expected TOPIC:=NAME"),
     (["--namespace", "a-b"], "--namespace is a-b: expected letters"),
     (["--config", "nothing"], "--config is nothing: expected a parameter file"),
-    (["--config", 300 * "a"], "a: expected a parameter file"),
+    (["--config", 300 * "a"], f"--config is {38 * 'a'}..."),
 ])
 def test_a_mistake_is_one_line(options, line, tmp_path):
     own = tmp_path / "own.yaml"

@@ -4,6 +4,7 @@ import itertools
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -80,6 +81,7 @@ class Graph:
         """The answer of a service."""
         client = self.node.create_client(service_type, service)
         self.wait(client.service_is_ready, f"the service {service}")
+        time.sleep(0.1)         # the server has to find the client too: an answer waits for that no longer than 0.1 s
         future = client.call_async(request)
         self.wait(future.done, f"an answer from {service}")
         self.node.destroy_client(client)
