@@ -4,7 +4,9 @@ import importlib
 import os
 import random
 import resource
+import signal
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,10 @@ WORKERS, WORKER = 4, int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
 os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randrange(1 + WORKER % WORKERS, 101, WORKERS))
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["RERUN_TELEMETRY"] = "0"
+
+# Programs that tests start are ended with Ctrl-C: a shell that starts the tests in the background has it ignored.
+if threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

@@ -105,6 +105,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--cases", type=lambda text: text.split(","), default=list(CASES), metavar="A,B",
                         help="of " + ", ".join(CASES))
     parser.add_argument("--demo-only", action="store_true", help="no make test")
+    parser.add_argument("--test-only", action="store_true", help="no make demo")
     parser.add_argument("--quick", action="store_true", help="make test with a part of the tests")
     parser.add_argument("--pip-cache", type=Path, metavar="DIR", help="share downloads between the cases")
     parser.add_argument("--python", action="append", default=[], metavar="PATH", help="an interpreter to prefer")
@@ -178,7 +179,8 @@ class Attempt:
             common += [f"VENV={self.place}/home/venv", f"OUT={self.place}/home/demo-out"]
         if self.case.offline:
             self.command("venv", ["make", "venv", *common])
-        self.command("demo", ["make", "demo", *common], self.case.offline)
+        if not self.args.test_only:
+            self.command("demo", ["make", "demo", *common], self.case.offline)
         if not self.args.demo_only:
             only = [f"ARGS={QUICK}"] if self.args.quick else []
             self.command("test", ["make", "test", *common, *only], self.case.offline)
