@@ -25,6 +25,7 @@ from srt3d_ros.nodes import base
 from srt3d_ros.nodes.books import FRAMES
 from srt3d_ros.nodes.tables import INTERFACES
 
+ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
 
 
@@ -103,26 +104,6 @@ class Graph:
         self.wait(lambda: publisher.get_subscription_count() >= subscribers, f"subscribers of {publisher.topic_name}")
         return publisher
 
-    def redescribe(self, name: str, send: Callable[[], None], describe: Callable[[SensorModel], None],
-                   old: SensorModel, new: SensorModel, came: int) -> dict[str, str]:
-        """Have a halted node, to which `came` frames came, be sent 3 and another description; its report after them.
-
-        It may read the first ones before the description arrives: again, then, until it has seen some after it.
-        """
-        while True:
-            self._nodes[name][1].halt()
-            send()
-            describe(new)
-            self._nodes[name][1].go_on()
-            self.reports(name, "num_bins", new.num_bins)
-            came += 3
-            self.reports(name, "frames_in", came)
-            self.reports(name, "under_way", 0)
-            if "dropped.outdated" in self.report(name):
-                return self.report(name)
-            describe(old)
-            self.reports(name, "num_bins", old.num_bins)
-
     def report(self, name: str) -> dict[str, str]:
         """The newest diagnostics of a node, {} before the first; "level" and "message" beside its values."""
         reports = self.all_reports(name)
@@ -168,6 +149,43 @@ class Graph:
             values = {pair.key: pair.value for pair in status.values}
             values |= {"level": status.level, "message": status.message}
             self._reports.setdefault(status.name, []).append(values)
+
+
+def check_outdated_are_dropped(graph: Graph, name: str, describe: Callable[[SensorModel], None], frames,
+                               send: Callable[[], None], made: list, old: SensorModel, new: SensorModel) -> None:
+    """Frames sent before another description are dropped if it comes first, and never read with it.
+
+    Args:
+        describe: publishes a description.
+        frames: the publisher of the node's frames.
+        send: publishes one, the same each time.
+        made: what the node publishes of them.
+    """
+    describe(old)
+    node = graph.start(name).ready()
+    graph.reports(name, "num_bins", old.num_bins)
+    graph.matched(frames)
+    send()
+    right, came = bytes(graph.wait(lambda: made, f"the first frame of {name}")[0].data), 1
+    for _ in range(ATTEMPTS):       # the node may read all before the description arrives
+        node.halt()
+        for _ in range(3):
+            send()
+        describe(new)
+        node.go_on()
+        graph.reports(name, "num_bins", new.num_bins)
+        came += 3
+        graph.reports(name, "frames_in", came)
+        report = graph.reports(name, "under_way", 0)
+        if "dropped.outdated" in report:
+            break
+        describe(old)
+        graph.reports(name, "num_bins", old.num_bins)
+    before = int(report["frames_out"])
+    assert came == before + int(report.get("dropped.outdated", 0)) > before, report
+    send()
+    graph.wait(lambda: len(made) == before + 1, "what is made of a frame sent after it")
+    assert all(bytes(one.data) == right for one in made[:before]) and bytes(made[before].data) != right
 
 
 def check_accounted(name: str, report: dict[str, str]) -> None:

@@ -19,6 +19,7 @@ from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import base
+from tests.nodes.conftest import check_outdated_are_dropped
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -308,25 +309,10 @@ def test_cuda_where_there_is_none_is_one_line_and_exit_code_2(graph):
 
 def test_sketches_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, sketch):
     """The same rows, columns and m, but another T: read with the new description they would be other depths."""
-    publisher = graph.node.create_publisher(String, "sketch/sensor", base.LATCHED)
+    descriptions = graph.node.create_publisher(String, "sketch/sensor", base.LATCHED)
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
-
-    def describe(described):
-        publisher.publish(sketch_message.encode_sensor(described, sketch.frequencies, 1))
-
-    def send(frames=3):
-        for _ in range(frames):
-            sketches.publish(sketch_message.encode_cdr(sketch, "spad"))
-
-    describe(sensor)
-    graph.start("reconstructor").ready()
-    graph.reports("reconstructor", "num_bins", sensor.num_bins)
-    graph.matched(sketches)
-    send(1)
-    right = bytes(graph.wait(lambda: clouds, "a cloud")[0].data)
-    report = graph.redescribe("reconstructor", send, describe, sensor, sensor.replace(num_bins=128), 1)
-    before = int(report["frames_out"])
-    assert int(report["frames_in"]) == before + int(report["dropped.outdated"])
-    send(1)
-    graph.wait(lambda: len(clouds) == before + 1, "the cloud of a sketch sent after it")
-    assert all(bytes(cloud.data) == right for cloud in clouds[:before]) and bytes(clouds[before].data) != right
+    check_outdated_are_dropped(
+        graph, "reconstructor", frames=sketches, made=clouds, old=sensor, new=sensor.replace(num_bins=128),
+        describe=lambda described: descriptions.publish(
+            sketch_message.encode_sensor(described, sketch.frequencies, 1)),
+        send=lambda: sketches.publish(sketch_message.encode_cdr(sketch, "spad")))

@@ -21,6 +21,7 @@ from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.nodes import base
+from tests.nodes.conftest import check_outdated_are_dropped
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -92,29 +93,13 @@ def test_a_driver_that_restarts_with_another_sensor_is_followed(graph, sensor, e
 
 def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, events):
     """The same array with wider bins: read with the new description, the plane would be at another range."""
-    wider = sensor.replace(num_bins=128, bin_width_s=2 * sensor.bin_width_s)
-    publisher = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    descriptions = graph.node.create_publisher(String, "sensor", base.LATCHED)
     photons, sketches = graph.publisher(PointCloud2, "photons"), graph.collect(PointCloud2, "sketch")
-
-    def describe(described):
-        publisher.publish(sensor_message.encode(described))
-
-    def send(frames=3):
-        for _ in range(frames):
-            photons.publish(photons_at(events, sensor, STAMP_NS))
-
-    describe(sensor)
-    graph.start("sketcher").ready()
-    graph.reports("sketcher", "num_bins", sensor.num_bins)
-    graph.matched(photons)
-    send(1)
-    right = bytes(graph.wait(lambda: sketches, "a sketch")[0].data)
-    report = graph.redescribe("sketcher", send, describe, sensor, wider, 1)
-    before = int(report["frames_out"])
-    assert int(report["frames_in"]) == before + int(report["dropped.outdated"])
-    send(1)
-    graph.wait(lambda: len(sketches) == before + 1, "the sketch of photons sent after it")
-    assert all(bytes(sketch.data) == right for sketch in sketches[:before]) and bytes(sketches[before].data) != right
+    check_outdated_are_dropped(
+        graph, "sketcher", frames=photons, made=sketches, old=sensor,
+        new=sensor.replace(num_bins=128, bin_width_s=2 * sensor.bin_width_s),
+        describe=lambda described: descriptions.publish(sensor_message.encode(described)),
+        send=lambda: photons.publish(photons_at(events, sensor, STAMP_NS)))
 
 
 def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
