@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Container, Iterable
 from pathlib import Path
 
+from srt3d_ros.children import wait_or_kill
 from srt3d_ros.cli.node import parameter_arguments
 
 STOP_TIMEOUT_S = 20.0
@@ -47,11 +48,7 @@ class Processes:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
         for process in self._running.values():
-            try:
-                process.wait(STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            wait_or_kill(process, STOP_TIMEOUT_S)
 
     def start(self, name: str, **parameters) -> None:
         """Start the node with these ROS parameters."""

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from srt3d_ros.children import wait_or_kill
 from srt3d_ros.errors import require
 
 PORT = 9876             # rerun's own
@@ -100,11 +101,7 @@ def _serve(recordings: list[Path]) -> int:
         return 0
     finally:
         server.terminate()
-        try:
-            server.wait(TIMEOUT_S)
-        except subprocess.TimeoutExpired:       # seen once: it does not always heed this either
-            server.kill()
-            server.wait()
+        wait_or_kill(server, TIMEOUT_S)         # seen once: it does not always heed this either
 
 
 def _viewer(*arguments: str) -> list[str]:

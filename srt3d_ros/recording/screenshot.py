@@ -20,6 +20,7 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from srt3d_ros.children import wait_or_kill
 from srt3d_ros.viewpoint import Viewpoint
 
 FOV_DEG = 55                    # of the viewer's eye, across the height of its view
@@ -103,11 +104,7 @@ def _viewer(width: int, height: int, folder: Path) -> Iterator[ViewerClient]:
         yield _connected(process, port, folder / "viewer.log")
     finally:
         process.terminate()
-        try:
-            process.wait(_STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        wait_or_kill(process, _STOP_TIMEOUT_S)
 
 
 def _connected(process: subprocess.Popen, port: int, log: Path) -> ViewerClient:
