@@ -42,7 +42,7 @@ def check(path) -> Path:
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
     require(not os.path.isdir(path), "output", str(path), "a file, not a directory")
-    require(path.parent.is_dir(), "output", str(path), f"a directory {path.parent} that exists")
+    require(os.path.isdir(path.parent), "output", str(path), f"a directory {path.parent} that exists")
     require(os.access(path.parent, os.W_OK), "output", str(path), f"a directory {path.parent} that can be written to")
     return path
 

@@ -113,6 +113,7 @@ def test_an_empty_cloud_is_a_valid_file(saved, no_points, suffix):
     ("cloud", "a file name that ends in"),
     ("absent/cloud.ply", "a directory .*absent that exists"),
     ("folder.pcd", "a file, not a directory"),
+    (f"{300 * 'a'}/cloud.ply", "a directory .* that exists"),
     (f"{300 * 'a'}.ply", "a file that can be written .File name too long"),
 ])
 def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name, expected):

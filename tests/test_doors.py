@@ -1,6 +1,5 @@
 """Every way in, with what it gets damaged: it is read, or refused in one line, and nothing else (scripts/attacks)."""
 
-
 import sys
 
 import pytest
