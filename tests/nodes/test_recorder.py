@@ -229,7 +229,7 @@ def test_photon_counts_are_of_frames_with_clouds_and_of_all_where_nobody_makes_c
 
 
 def test_parts_have_every_frame_and_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd", split_period_s=0.3).ready()
+    recorder = graph.start("recorder", path=tmp_path / "a.rrd", split_period_s=0.3, lossless=True).ready()
     speaker.ready()
 
     def record_until(parts: int) -> None:
@@ -259,7 +259,7 @@ def test_parts_have_every_frame_and_another_sensor_begins_another_recording(grap
 
 def test_a_disk_that_is_full_is_one_error_and_the_recording_goes_on_in_a_new_file(graph, speaker, tmp_path):
     """The process may write no more, which to it is the same; ROS's own log goes to the standard output only."""
-    recorder = graph.start("recorder", "--disable-external-lib-logs", path=tmp_path / "a.rrd").ready()
+    recorder = graph.start("recorder", "--disable-external-lib-logs", path=tmp_path / "a.rrd", lossless=True).ready()
     speaker.ready()
 
     def record_until(condition, what: str):
@@ -291,12 +291,12 @@ def test_a_disk_that_is_full_is_one_error_and_the_recording_goes_on_in_a_new_fil
 
 
 def test_a_killed_recorder_leaves_a_file_that_repair_opens_with_all_but_the_end(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
+    recorder = graph.start("recorder", path=tmp_path / "a.rrd", lossless=True).ready()
     speaker.ready()
     for _ in range(100):
         speaker.cloud(2000, sketch=True)
         time.sleep(0.01)
-    graph.wait(lambda: int(graph.report("recorder").get("clouds", 0)) == 100, "clouds")
+    graph.reports("recorder", "clouds", 100)
     graph.wait(lambda: (tmp_path / "a.rrd").stat().st_size > 100 * 2000 * 12, "the file")
     recorder.kill()
     copy = repair(examine(tmp_path / "a.rrd"))
@@ -312,7 +312,7 @@ def test_a_killed_recorder_leaves_a_file_that_repair_opens_with_all_but_the_end(
 def test_a_recording_has_all_that_the_nodes_published_said_and_were_told(graph, photon_file, tmp_path):
     path, frames = tmp_path / "a.rrd", 80
     clouds = graph.collect(PointCloud2, "points", raw=True)
-    recorder = graph.start("recorder", path=path, colour_by="depth_std").ready()
+    recorder = graph.start("recorder", path=path, colour_by="depth_std", lossless=True).ready()
     graph.start("reconstructor", fields="full", lossless=True).ready()
     graph.start("sketcher", lossless=True, sketch_size=7).ready()
     graph.start("player", input=photon_file, rate_hz=20.0, frames=frames, lossless=True)
