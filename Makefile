@@ -22,7 +22,7 @@ demo: venv
 	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') --out '$(OUT)'
 
 test: venv
-	@'$(VENV)/bin/python' -m pytest -n auto --maxprocesses 4 --dist loadfile $(ARGS)
+	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile $(ARGS)
 
 lint: venv
 	@'$(VENV)/bin/ruff' check .

@@ -157,6 +157,25 @@ def test_versions_agree(repository):
     assert f"\n{srt3d_ros.__version__}\n" in (repository / "CHANGELOG.rst").read_text()
 
 
+def test_sketching_and_reconstruction_on_the_cpu_do_without_torch(repository):
+    """Its import takes a second and 100 MB, which every node would pay."""
+    photons_to_cloud = """import sys
+sys.modules["torch"] = None
+import numpy as np
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.srt3d import SRT3D
+sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
+frequencies = choose("auto", sensor, 10)
+sketcher = Sketcher(sensor, frequencies, device="cpu")
+sketcher.add(PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16)))
+print(len(SRT3D(sensor, frequencies, device="cpu")(sketcher.sketch())))
+"""
+    assert run([sys.executable, "-c", photons_to_cloud], repository).split() == ["6"]
+
+
 def test_core_imports_no_more_than_numpy_and_torch(repository):
     heavy = ["numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
     imports = ("import importlib, pkgutil, sys, srt3d_ros.core as core\n"
