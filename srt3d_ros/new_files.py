@@ -23,6 +23,11 @@ def appearing_whole(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def free(path: Path) -> Path:
+    """`path`, or `next_free` where something has that name."""
+    return next_free(path) if os.path.lexists(path) else path
+
+
 def next_free(path: Path) -> Path:
     """The first of NAME_2, NAME_3, … beside `path`, with its suffix, where nothing is, not even a broken link."""
     return next(other for k in count(2) if not os.path.lexists(other := path.with_stem(f"{path.stem}_{k}")))

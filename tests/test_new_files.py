@@ -2,7 +2,7 @@
 
 import pytest
 
-from srt3d_ros.new_files import appearing_whole, next_free
+from srt3d_ros.new_files import appearing_whole, free, next_free
 
 
 def test_a_file_takes_its_place_at_the_end(tmp_path):
@@ -37,6 +37,12 @@ def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, mon
     with pytest.raises(FileExistsError), appearing_whole(path):
         pass
     assert not treasure.exists()
+
+
+def test_a_free_name_is_kept_and_that_of_a_broken_link_is_not(tmp_path):
+    assert free(tmp_path / "a.ply") == tmp_path / "a.ply"
+    (tmp_path / "a.ply").symlink_to(tmp_path / "nothing")
+    assert free(tmp_path / "a.ply") == tmp_path / "a_2.ply"
 
 
 def test_the_next_free_name_is_not_that_of_a_broken_link(tmp_path):

@@ -127,7 +127,7 @@ class PhotonGates:
 def word_wanted(sensor: SensorModel) -> str:
     """Which words gates may have, as an expectation."""
     first, none = sensor.gates.first_word, sensor.gates.no_detection
-    return f"{first} … {first + sensor.num_bins - 1}, or {none} for no photon"
+    return f"{first} to {min(first + sensor.num_bins, 65_536) - 1}, or {none} for no detection"
 
 
 PhotonFrame = PhotonEvents | PhotonGates

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from srt3d_ros.core.photons import CHUNK, PhotonGates
+from srt3d_ros.core.photons import CHUNK, PhotonGates, word_wanted
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, typed
@@ -73,7 +73,6 @@ def _check_words(words: np.ndarray, sensor: SensorModel) -> int:
         seen = part != none
         wrong = (part - np.uint16(first) > last - first) & seen
         if wrong.any():
-            raise InvalidInput("gates word", int(part[wrong.argmax()]),
-                               f"{first} to {last}, or {none} for no detection")
+            raise InvalidInput("gates word", int(part[wrong.argmax()]), word_wanted(sensor))
         photons += int(np.count_nonzero(seen))
     return photons

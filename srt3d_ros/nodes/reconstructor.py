@@ -21,7 +21,7 @@ from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import camera_info
-from srt3d_ros.new_files import next_free
+from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.interface import Interface, Service
@@ -115,8 +115,7 @@ class ReconstructorNode(PipelineNode):
         require(newest is not None, "cloud", "none yet", "a sketch to have come: does the sketcher publish `sketch`?")
         cloud, frame = newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
-        path = folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}"
-        path = next_free(path) if path.exists() else path
+        path = free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
         sensor = frame.sensor.replace(frame_id=frame.frame_id)
         cloud_files.save(cloud, path, frequencies=frame.frequencies, sensor=sensor)
         return f"{len(cloud)} points saved as {path}"

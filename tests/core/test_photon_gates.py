@@ -48,5 +48,5 @@ def test_gates_of_no_cycle_have_no_photons():
 
 def test_a_word_below_the_first_is_named_not_wrapped():
     sensor = SensorModel(2, 3, 65_535, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
-    with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 … 65537, or 0 for no photon"):
+    with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 to 65535, or 0 for no detection"):
         PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)

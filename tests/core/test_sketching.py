@@ -258,7 +258,7 @@ def test_a_device_that_there_is_not_is_refused():
 
 
 def test_a_stray_word_is_named():
-    with pytest.raises(InvalidInput, match="^gates word is 103: expected 3 … 102, or 0 for no photon$"):
+    with pytest.raises(InvalidInput, match="^gates word is 103: expected 3 to 102, or 0 for no detection$"):
         sketch_photons(BAD["word above the last"], SENSOR, FREQUENCIES)
 
 
