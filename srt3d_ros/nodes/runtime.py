@@ -15,6 +15,7 @@ from rclpy.utilities import remove_ros_args
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.parameter_files import given_files, passed_over
 
 WAKE_S = 0.1            # how long a signal may go unnoticed
 SWALLOWED_S = 2.0       # after an interrupt of the start, from which on it is taken for swallowed
@@ -67,6 +68,7 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
         _init(args)
         for make_node in make_nodes:
             nodes.append(_make(make_node))
+        _warn_of_files(sys.argv if args is None else args, nodes)
         for node in nodes:
             _start(node)
         stop.starting = False
@@ -102,6 +104,13 @@ def _make(make_node: Callable[[], PipelineNode]) -> PipelineNode:
             raise
         raise InvalidInput("ROS_SECURITY_ENABLE", "true", "a middleware with DDS security and a keystore that it "
                            f"accepts, see docs/security.md ({' '.join(str(error).split())})") from None
+
+
+def _warn_of_files(arguments: Sequence[str], nodes: Sequence[PipelineNode]) -> None:
+    names = [node.get_fully_qualified_name() for node in nodes]
+    for path in given_files(arguments):
+        for line in passed_over(path, names):
+            nodes[0].get_logger().warning(line)
 
 
 def _start(node: PipelineNode) -> None:
