@@ -6,12 +6,14 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from machine import Disk
 from process import Process
 from sensor_msgs.msg import PointCloud2
+from services import become_known
 from stack import Stack
 from std_msgs.msg import String
 
@@ -188,7 +190,8 @@ class FaultyStack(Stack):
             client = self.monitor.node.create_client(service_type, service)
         self.wait(client.service_is_ready, f"the service {service}")
         if owner != known_to:
-            self.spin(ACQUAINTED_S)
+            become_known(self.monitor.node, service.partition("/")[0], partial(self.wait, timeout_s=ANSWER_S))
+            self.spin(ACQUAINTED_S)         # and this side has to find the service of a node that has come back
             self._clients[service] = client, owner
         future = client.call_async(request)
         self.wait(future.done, f"an answer of {service}", ANSWER_S)

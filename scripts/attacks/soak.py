@@ -35,7 +35,7 @@ from srt3d_ros.recording.reader import RecordingReader
 LISTENERS = ("recorder", "reconstructor", "sketcher")       # started before the player
 NODES = (*LISTENERS, "player")
 PPP, SBR = 15.0, 1.0
-FIRST_CLOUD_S, LAST_CLOUDS_S = 60.0, 5.0
+FIRST_CLOUD_S, LAST_CLOUDS_S = 60.0, 60.0
 LATENCY_PERCENT, LATENCY_PERCENTILE = 10.0, 95
 COUNTED = ("fds", "threads")
 BOOKS = ("dropped", "message_lost", "errors", "recording_dropped", "unaccounted_frames", "unaccounted_photons")
@@ -52,6 +52,7 @@ def main() -> int:
     parser.add_argument("--split-minutes", type=float, help="of a recorded file; default: 5 or more, so that the last "
                         "minute sees it at the same age as the first")
     parser.add_argument("--growth-percent", type=float, default=3.0, help="allowed of the memory; default: %(default)g")
+    parser.add_argument("--lossless", action="store_true", help="let frames wait while a busy machine stalls")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/attacks/soak.json"), help="default: %(default)s")
     parser.add_argument("--picture", type=Path, help="where to draw what was seen (.png)")
@@ -84,14 +85,16 @@ def soak(args: argparse.Namespace, folder: Path) -> tuple[Samples, dict, dict[st
     """Run it: the samples, when clouds arrived and how late in ms, the nodes' last reports, who ended too early."""
     frames = round(60 * args.minutes * args.rate_hz)
     recorder = {"path": str(folder / "soak.rrd"), "split_period_s": 60 * args.split_minutes}
-    with Stack({"recorder": recorder}) as stack:
+    every = {"lossless": True} if args.lossless else {}
+    with Stack({"recorder": recorder | every, "reconstructor": every, "sketcher": every}) as stack:
         arrivals = stack.monitor.arrivals
-        stack.start("player", input=args.input, ppp=PPP, sbr=SBR, seed=args.seed, rate_hz=args.rate_hz, frames=frames)
+        stack.start("player", input=args.input, ppp=PPP, sbr=SBR, seed=args.seed, rate_hz=args.rate_hz, frames=frames,
+                    **every)
         stack.wait(lambda: arrivals, "a cloud", FIRST_CLOUD_S)
         begun_s, begun_ns = time.monotonic(), time.time_ns()
         samples = Samples({name: process.pid for name, process in stack.processes.items()})
         for second in tqdm(range(int(60 * args.minutes) - 1), unit="s", mininterval=1 if sys.stderr.isatty() else 30):
-            samples.take(time.monotonic() - begun_s)
+            samples.take(float(second))         # when it was due: no window is without
             stack.spin(max(begun_s + second + 1 - time.monotonic(), 0))
             if stack.dead():
                 break

@@ -29,7 +29,7 @@ from srt3d_ros.nodes.lifecycle import ManagedNode
 PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know each other's reports
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
-LAST_WORDS_S = 1.0      # how long the last report may take to reach the subscribers
+LAST_WORDS_S = 2.0      # how long the last report may take to reach the subscribers
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
 SILENCE_S = 2.0         # without a frame: worth a warning

@@ -4,7 +4,6 @@ import itertools
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,12 +11,12 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from scripts.attacks.process import Process, wait
+from scripts.attacks.services import become_known
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
@@ -26,7 +25,6 @@ from srt3d_ros.nodes import base
 from srt3d_ros.nodes.books import FRAMES
 from srt3d_ros.nodes.tables import INTERFACES
 
-ASK_AGAIN_S = 1.0       # a service whose answer may have been lost
 ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
 
@@ -84,29 +82,15 @@ class Graph:
         """The answer of a service."""
         client = self.node.create_client(service_type, service)
         self.wait(client.service_is_ready, f"the service {service}")
-        self._become_known_to(service.partition("/")[0])
+        self.known_to(service.partition("/")[0])
         future = client.call_async(request)
         self.wait(future.done, f"an answer from {service}")
         self.node.destroy_client(client)
         return future.result()
 
-    def _become_known_to(self, name: str) -> None:
-        """Return once a node has found the clients that were made so far.
-
-        An answer waits no more than 0.1 s for a client that its server has not found, and is lost then. Clients are
-        found in the order in which they were made: who answers the newest, to what may be asked twice, has found all.
-        """
-        client = self.node.create_client(ListParameters, f"{name}/list_parameters")
-        self.wait(client.service_is_ready, f"the parameters of {name}")
-        started, answers = time.monotonic(), []
-
-        def answered() -> bool:
-            if time.monotonic() >= started + len(answers) * ASK_AGAIN_S:
-                answers.append(client.call_async(ListParameters.Request()))
-            return any(answer.done() for answer in answers)
-
-        self.wait(answered, f"{name} to find its clients")
-        self.node.destroy_client(client)
+    def known_to(self, name: str) -> None:
+        """Return once a node has found all that the test's node has made so far."""
+        become_known(self.node, name, self.wait)
 
     def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
         """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""

@@ -154,24 +154,6 @@ def test_where_simulated_time_jumps_back_the_description_is_recorded_again(graph
     assert firsts[-100] and firsts[0] and firsts[2] and not firsts[-99]
 
 
-def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(graph, sensor, describe, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag", queue_mb=1, topics="gates,sensor").ready()
-    driver = graph.matched(graph.publisher(Image, "gates"))
-    words = np.zeros((1000, sensor.rows, sensor.cols), np.uint16)       # 0.384 MB
-    for k in range(4):
-        words[0, 0, 0] = k
-        driver.publish(gates_message.encode_cdr(PhotonGates(words, START_NS + k), sensor, "spad"))
-    graph.reports("bag_recorder", "dropped.queue", 2)
-    assert graph.report("bag_recorder")["frames_out"] == "0"
-    describe(sensor)
-    graph.reports("bag_recorder", "frames_out", 3)
-    assert recorder.end(signal.SIGINT) == 0
-    assert recorder.lines[-1].endswith("lost: 2 for want of room in the queue")
-    messages = read(tmp_path / "bag")
-    assert [message.topic.rsplit("/", 1)[1] for message in messages] == ["sensor", "gates", "gates"]
-    assert messages[0].time_ns == messages[1].time_ns < messages[2].time_ns
-
-
 def test_frames_that_nobody_describes_are_recorded_too(graph, frames, tmp_path):
     recorder = graph.start("bag_recorder", path=tmp_path / "bag").ready()
     graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
@@ -221,6 +203,20 @@ def test_a_bag_that_reaches_a_limit_is_complete(record_gates, tmp_path, line, li
     assert recorder.code() == code
     assert f"/gates {messages}, " in recorder.lines[-1] and recorder.lines[-1].endswith(words), recorder.text
     assert len(read(tmp_path / "bag")) == messages
+
+
+def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(
+        graph, sensor, describe, record_gates, tmp_path):
+    recorder = record_gates("bag_recorder.HOLD_S = 1000", topics="gates,sensor", queue_mb=1)
+    graph.reports("bag_recorder", "dropped.queue", 2)
+    assert graph.report("bag_recorder")["frames_out"] == "0"
+    describe(sensor)
+    graph.reports("bag_recorder", "frames_out", 3)
+    assert recorder.end(signal.SIGINT) == 0
+    assert recorder.lines[-1].endswith("lost: 2 for want of room in the queue")
+    messages = read(tmp_path / "bag")
+    assert [message.topic.rsplit("/", 1)[1] for message in messages] == ["sensor", "gates", "gates"]
+    assert messages[0].time_ns == messages[1].time_ns < messages[2].time_ns
 
 
 def test_frames_that_still_wait_at_the_end_are_written(graph, record_gates, tmp_path):

@@ -37,7 +37,7 @@ def pipeline(graph, tmp_path):
 
 
 def test_lossless_at_full_speed_brings_and_records_every_frame(graph, pipeline, photon_file, events, tmp_path):
-    frames, clouds, recording = 60, graph.collect(PointCloud2, "points"), tmp_path / "out.rrd"
+    frames, clouds, recording = 50, graph.collect(PointCloud2, "points"), tmp_path / "out.rrd"
     recording.write_bytes(b"an older one, to be replaced")
     nodes = pipeline(lossless=True)
     player = graph.start("player", input=photon_file, lossless=True, rate_hz=0, frames=frames)
@@ -69,6 +69,7 @@ def test_a_killed_reconstructor_comes_back_and_nobody_else_notices(graph, pipeli
     before = len(clouds)
     nodes["reconstructor"] = graph.start("reconstructor").ready()
     graph.wait(lambda: len(clouds) > before + 10, "clouds after the restart")
+    graph.wait(lambda: int(graph.report("recorder").get("clouds", 0)) > 20, "recorded clouds")
     nodes["player"] = player
     assert all(process.running for process in nodes.values())
     for name in ("player", "sketcher", "recorder"):

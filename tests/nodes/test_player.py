@@ -68,6 +68,7 @@ def test_lossless_keeps_at_most_in_flight_frames_unanswered(graph, events, photo
     frames = graph.collect(PointCloud2, "photons")
     answers = graph.publisher(PointCloud2, "points")
     player = graph.start("player", input=photon_file, lossless=True, rate_hz=0, in_flight=2, frames=6)
+    graph.matched(answers)
 
     def answer(frame):
         x = np.zeros((1, 16), np.uint8)
@@ -149,6 +150,7 @@ def test_another_sensor_comes_between_the_answered_frames_and_those_after_it(gra
     answers = graph.publisher(PointCloud2, "points")
     bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded[:2], descriptions[1], *recorded[2:]])
     player, described = start_player(graph, input=bag, lossless=True, bag_rate=0.0, in_flight=3)
+    graph.matched(answers)
     frames = graph.collect(PointCloud2, "photons")
     graph.wait(lambda: len(frames) == 2, "the frames before it")
     answers.publish(frames[0])
@@ -168,6 +170,7 @@ def test_activated_again_a_bag_is_played_from_its_beginning(graph, tmp_path, des
     answers = graph.publisher(PointCloud2, "points")
     bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded[:2], descriptions[1], *recorded[2:]])
     player, described = start_player(graph, input=bag, lossless=True, bag_rate=0.0, in_flight=1)
+    graph.matched(answers)
     frames = graph.collect(PointCloud2, "photons", raw=True)
     for k in range(2):
         graph.wait(lambda: len(frames) == k + 1, "the frames before the other sensor")

@@ -3,6 +3,7 @@
 import resource
 import signal
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -29,6 +30,9 @@ from srt3d_ros.nodes.recording import PARAMETERS, Settings
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.repair import examine, repair
 from tests.nodes.test_pipeline import rows_of
+
+IN_FLIGHT = 80          # clouds that the speaker may be ahead: fewer than its own queue of 100 holds
+ASKED_TWICE = 8         # reports of a node, by which a recorder has asked it for its parameters again
 
 
 def report(name: str, dropped: int, lost: int = 0, hardware_id: str = PIPELINE_ID) -> DiagnosticArray:
@@ -77,7 +81,7 @@ def test_recordings_begin_and_end_when_the_services_say_and_each_is_a_file_of_it
         assert answer.success and answer.message == f"recorded {expected}"
     recorded = sum(rows_of(part, "/points", "Points3D:positions") for part in sorted(tmp_path.glob("*.rrd")))
     assert recorder.end(signal.SIGINT) == 0 and "Traceback" not in recorder.text
-    assert recorded == int(graph.report("recorder")["clouds"]) > 10
+    assert recorded == int(graph.reports("recorder", "state", "finalized")["clouds"]) > 10
 
 
 @pytest.mark.parametrize("namespace, name, expected", [
@@ -217,7 +221,7 @@ def test_photon_counts_are_of_frames_with_clouds_and_of_all_where_nobody_makes_c
     graph.reports("recorder", "frames_out", 9)
     speaker.stop_clouds()
     graph.wait(lambda: not graph.node.count_publishers("points"), "an end of the clouds")
-    graph.reports("recorder", "frames_out", 9)
+    graph.known_to("recorder")          # which has then seen that end as well
     stamps += [speaker.sketch_only() for _ in range(3)]
     graph.reports("recorder", "frames_out", 12)
     assert recorder.end(signal.SIGTERM) == 0
@@ -232,8 +236,12 @@ def test_parts_have_every_frame_and_another_sensor_begins_another_recording(grap
     recorder = graph.start("recorder", path=tmp_path / "a.rrd", split_period_s=0.3, lossless=True).ready()
     speaker.ready()
 
+    def follows() -> bool:
+        return speaker.sent < int(graph.report("recorder").get("clouds", 0)) + IN_FLIGHT
+
     def record_until(parts: int) -> None:
         while len(list(tmp_path.glob("*.rrd"))) < parts:
+            graph.wait(follows, "recorded clouds")
             speaker.cloud(sketch=True)
             time.sleep(0.02)
 
@@ -244,6 +252,7 @@ def test_parts_have_every_frame_and_another_sensor_begins_another_recording(grap
     graph.wait(lambda: recorder.text.count("recording to") == 2, "the other recording")
     record_until(8)
     graph.reports("recorder", "clouds", speaker.sent)
+    graph.reports("recorder", "frames_in", 2 * speaker.sent)
     assert recorder.end(signal.SIGINT) == 0, recorder.text
     paths = sorted(tmp_path.glob("*.rrd"))
     readers = [RecordingReader(path) for path in paths]
@@ -267,22 +276,26 @@ def test_a_disk_that_is_full_is_one_error_and_the_recording_goes_on_in_a_new_fil
             speaker.cloud(sketch=True)
             time.sleep(0.02)
             return condition()
-        graph.wait(step, what)
+        return graph.wait(step, what)
 
     record_until(lambda: int(graph.report("recorder").get("clouds", 0)) > 10, "clouds")
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     record_until(lambda: graph.report("recorder").get("errors") == "1", "the error")
     seen = len(graph.all_reports("recorder"))
-    record_until(lambda: len(graph.all_reports("recorder")) > seen + 2, "more diagnostics")
-    report = graph.report("recorder")
-    assert report["level"] == DiagnosticStatus.ERROR and report["errors"] == "1" and "not_recorded" in report["message"]
+
+    def told_again() -> dict[str, str] | None:
+        return next((report for report in graph.all_reports("recorder")[seen + 2:]
+                     if report["level"] == DiagnosticStatus.ERROR and "not_recorded" in report["message"]), None)
+
+    report = record_until(told_again, "more diagnostics of frames that are not recorded")
+    assert report["errors"] == "1"
     assert report["last_error"] == f"recording {tmp_path / 'a.rrd'}: File too large"
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     record_until(lambda: graph.report("recorder").get("path") == str(tmp_path / "a_2.rrd"), "the next file")
     record_until(lambda: graph.report("recorder")["level"] != DiagnosticStatus.ERROR, "an end of the errors")
     graph.reports("recorder", "frames_in", 2 * speaker.sent)
     assert recorder.end(signal.SIGTERM) == 0
-    report = graph.report("recorder")
+    report = graph.reports("recorder", "state", "finalized")
     assert report["errors"] == "1" and recorder.text.count("File too large") == 1
     assert int(report["frames_in"]) == int(report["frames_out"]) + int(report["dropped"])
     kept = frames_of(tmp_path / "a_2.rrd")
@@ -296,8 +309,13 @@ def test_a_killed_recorder_leaves_a_file_that_repair_opens_with_all_but_the_end(
     for _ in range(100):
         speaker.cloud(2000, sketch=True)
         time.sleep(0.01)
-    graph.reports("recorder", "clouds", 100)
-    graph.wait(lambda: (tmp_path / "a.rrd").stat().st_size > 100 * 2000 * 12, "the file")
+
+    def written() -> bool:
+        (tmp_path / "seen.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())
+        with suppress(InvalidInput):            # in the middle of a chunk
+            return len(frames_of(tmp_path / "seen.rrd")) == 100
+
+    graph.wait(written, "all clouds in the file")
     recorder.kill()
     copy = repair(examine(tmp_path / "a.rrd"))
     reader = RecordingReader(copy)
@@ -310,12 +328,14 @@ def test_a_killed_recorder_leaves_a_file_that_repair_opens_with_all_but_the_end(
 
 
 def test_a_recording_has_all_that_the_nodes_published_said_and_were_told(graph, photon_file, tmp_path):
-    path, frames = tmp_path / "a.rrd", 80
+    path, frames = tmp_path / "a.rrd", 50           # of five topics: a lossless recorder keeps 256 messages
     clouds = graph.collect(PointCloud2, "points", raw=True)
     recorder = graph.start("recorder", path=path, colour_by="depth_std", lossless=True).ready()
     graph.start("reconstructor", fields="full", lossless=True).ready()
     graph.start("sketcher", lossless=True, sketch_size=7).ready()
-    graph.start("player", input=photon_file, rate_hz=20.0, frames=frames, lossless=True)
+    graph.start("player", input=photon_file, rate_hz=20.0, frames=frames, lossless=True, wait_for_subscribers=2)
+    graph.wait(lambda: len(graph.all_reports("player")) > ASKED_TWICE, "reports of the player")
+    graph.collect(PointCloud2, "photons", raw=True)     # the second subscriber: it begins
     graph.wait(lambda: clouds, "clouds")
     request = SetParameters.Request(parameters=[Parameter("false_alarm_rate", value=0.002).to_parameter_msg()])
     assert graph.call(SetParameters, "reconstructor/set_parameters", request).results[0].successful

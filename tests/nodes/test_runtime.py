@@ -73,12 +73,12 @@ def test_a_signal_lets_the_frame_in_hand_finish_and_the_books_balance(graph, sta
     clouds = graph.collect(PointCloud2, "out")
     probe = start().ready()
     publisher = graph.matched(graph.publisher(PointCloud2, "in"))
-    for _ in range(5):
+    for _ in range(8):
         publisher.publish(message(10))
-    graph.reports("probe", "frames_in", 5)
+    graph.reports("probe", "frames_in", 8)
     probe.says("working")
     assert probe.end(number) == 0
-    report = graph.report("probe")
+    report = graph.reports("probe", "state", "finalized")
     assert int(report["dropped.shutdown"]) == int(report["dropped"]) > 0
     assert int(report["frames_in"]) == int(report["frames_out"]) + int(report["dropped"])
     graph.wait(lambda: len(clouds) == int(report["frames_out"]), "what was reported as sent")

@@ -87,8 +87,9 @@ def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(
         assert len(RrdReader(path).blueprints()) == 1
         static = {chunk.entity_path for chunk in RrdReader(path).stream().filter(content="/**", is_static=True)}
         assert {"/", "/sensor", "/metrics/points"} <= static
-    sizes = [path.stat().st_size for path in paths[:-1]]
-    assert max(sizes) < 3 * min(sizes)
+    if split.size_mb:       # by time, a machine that stalls makes small ones
+        sizes = [path.stat().st_size for path in paths[:-1]]
+        assert max(sizes) < 3 * min(sizes)
 
 
 FULL = """
