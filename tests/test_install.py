@@ -158,7 +158,7 @@ def test_versions_agree(repository):
 
 
 def test_sketching_and_reconstruction_on_the_cpu_do_without_torch(repository):
-    """Its import takes a second and 100 MB, which every node would pay."""
+    """Its import takes a second and 190 MB, which every node would pay."""
     photons_to_cloud = """import sys
 sys.modules["torch"] = None
 import numpy as np

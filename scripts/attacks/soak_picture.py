@@ -66,8 +66,8 @@ def draw_memory(panel: Axes, minutes: np.ndarray, samples: dict, figures: dict) 
         base = rss[first].max()
         panel.plot(minutes, 100 * (rss / base - 1), color=colour, linewidth=1.6, label=f"{name}, {base:.0f} MB")
     panel.axhline(figures["growth_percent"], color=LIMIT, linestyle="--", linewidth=1.2)
-    panel.set_title(f"resident memory, % above its highest from minute {begin_s / 60:g} to {end_s / 60:g}", loc="left",
-                    size=11)
+    panel.set_title(f"resident memory, % above its highest from minute {begin_s / 60:.2g} to {end_s / 60:.2g}",
+                    loc="left", size=11)
     low, high = panel.get_ylim()
     panel.set_ylim(max(low, -25), max(1.3 * high, 3 * figures["growth_percent"]))
     panel.legend(frameon=False, ncols=2, fontsize=9, loc="upper left")

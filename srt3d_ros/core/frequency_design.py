@@ -29,7 +29,7 @@ ENOUGH = 3.0                # the search ends when the highest frequency is this
 ALIKE = 0.02                # differences of log error that hardly matter
 OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
 IRFS_COMPARED = 64
-# Number by number: 0.1 s for a million. torch has it too, but would take a node a second, and 100 MB, to import.
+# Number by number: 0.1 s for a million. torch has it too, but would take a node a second, and 190 MB, to import.
 _erfc = np.vectorize(math.erfc, otypes=[float])
 
 
