@@ -9,7 +9,7 @@ steps and falls back with the file. Once a second the script reads what each pro
 minute is held against the first, and of the memory the highest in the time of one file:
 
     memory      resident, of no process more than 3 % more (the private part, `uss`, is told as well)
-    files, threads, /dev/shm    no more than in the first minute
+    files, threads, /dev/shm    no more than at any time until the end of the first minute
     latency     from the stamp to the cloud's arrival, 95 % of the clouds: within 10 %
     frames      sent = reconstructed = recorded: none lost, by the nodes' books and by reading the recordings back
 
@@ -137,14 +137,14 @@ def judge_memory(held: dict, time_s: np.ndarray, files, most_percent: float) -> 
 def judge(args, samples: Samples, latencies: dict, reports: dict, problems: list[str], folder: Path) -> dict:
     """All that was seen, and what to say of it."""
     windows, time_s = args.windows_s, np.array(samples.time_s)
-    first, last = ((begin <= time_s) & (time_s <= end) for begin, end in windows)
+    last = (windows[1][0] <= time_s) & (time_s <= windows[1][1])
     verdicts = [verdict("ended before it was asked to", "; ".join(problems) or "none", "none", not problems)]
     files = one_file_each(windows, 60 * args.split_minutes)
     verdicts += judge_memory(samples.held, time_s, files, args.growth_percent)
     shared = {"/dev/shm, entries": samples.shm_entries, "/dev/shm, MB": np.round(samples.shm_mb, 1)}
     for what, counts in (*((f"{name}, {kind}", samples.held[name][kind]) for name in NODES for kind in COUNTED),
                          *shared.items()):
-        before, after = (int(np.max(np.array(counts)[window])) for window in (first, last))
+        before, after = (int(np.max(np.array(counts)[then])) for then in (time_s <= windows[0][1], last))
         verdicts.append(verdict(what, str(after), str(before), after <= before))
     arrived_s, ms = np.array(latencies["arrived_s"]), np.array(latencies["ms"])
     before, after = (np.percentile(seen, LATENCY_PERCENTILE) if len(seen) else np.nan for begin, end in windows
