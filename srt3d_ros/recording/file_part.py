@@ -46,9 +46,12 @@ class FilePart:
         for _ in range(_FLUSH_TRIES):
             self.check()
             try:
-                return self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+                self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
             except RuntimeError:        # the time is over: a slow disk
                 continue
+            if self._sink.drain(_FLUSH_TIMEOUT_S):
+                self.check()
+                return
         raise OSError(f"the disk took nothing for {_FLUSH_TRIES * _FLUSH_TIMEOUT_S:g} s")
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording import layout
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.colouring import Colouring
+from srt3d_ros.recording.file_sink import FileSink
 from srt3d_ros.recording.frame_log import Style
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
@@ -249,7 +250,10 @@ def test_scalars_without_a_frame_or_a_value_are_taken(tmp_path):
     assert len(series["points"].values) == 1 and np.isnan(series["points"].values[0])
 
 
-def test_flush_puts_everything_into_the_unfinished_file(tmp_path):
+def test_flush_puts_everything_into_the_unfinished_file(tmp_path, monkeypatch):
+    """Though the disk takes its time: what rerun has written may still be in the pipe, or in the hand of our thread."""
+    write = FileSink._write
+    monkeypatch.setattr(FileSink, "_write", lambda sink, data: (time.sleep(0.02), write(sink, data)))
     writer = RecordingWriter(tmp_path / "a.rrd", None)
     xyz, intensity = random_cloud(20_000)
     for k in range(5):
