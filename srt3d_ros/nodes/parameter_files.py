@@ -26,9 +26,11 @@ def passed_over(path: Path, nodes: Sequence[str]) -> list[str]:
     Args:
         nodes: the full names of those that were given the file, such as "/left/sketcher".
     """
+    if not path.is_file():      # a pipe, say, can be read only once, and rcl has
+        return []
     try:
         sections = list(_sections(yaml.safe_load(path.read_text())))
-    except (OSError, ValueError, yaml.YAMLError):       # rcl's parser takes a little more than this one
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):       # rcl's parser takes a little more than this one
         return []
     patterns = {section: _pattern(section) for section in sections}
     without = [node for node in nodes if not any(pattern.fullmatch(node) for pattern in patterns.values())]

@@ -1,5 +1,6 @@
 """What of a parameter file is for no node: told where it is a mistake, and not where a robot has one file for many."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -49,10 +50,15 @@ def test_a_section_that_reaches_nobody_is_told(tmp_path, text, nodes, expected):
     assert told(tmp_path, text, *nodes) == expected
 
 
-@pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\0", "1: {2: {ros__parameters: {}}}"])
+@pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\0", "1: {2: {ros__parameters: {}}}", "{a: " * 5000])
 def test_any_other_file_is_rcls_to_refuse(tmp_path, text):
     assert len(told(tmp_path, text, "/sketcher")) <= 1
     assert passed_over(tmp_path / "absent.yaml", ["/sketcher"]) == []
+
+
+def test_a_pipe_is_not_read_a_second_time(tmp_path):
+    os.mkfifo(tmp_path / "a.yaml")
+    assert passed_over(tmp_path / "a.yaml", ["/sketcher"]) == []
 
 
 def test_all_of_our_nodes_are_known():
