@@ -69,6 +69,7 @@ class Result:
     case: str
     what: str
     python: str = ""
+    revision: str = ""
     skipped: str = ""
     seconds: dict[str, float] = field(default_factory=dict)
     codes: dict[str, int] = field(default_factory=dict)
@@ -154,6 +155,9 @@ class Attempt:
         if os.geteuid() == 0:
             subprocess.run(["mount", "-t", "tmpfs", "-o", "mode=1777,size=1g", "tmpfs", self.place / "shm"], check=True)
         subprocess.run(["git", "clone", "--quiet", f"file://{ROOT}", self.checkout], check=True)
+        revision = subprocess.run(["git", "-C", self.checkout, "rev-parse", "--short=12", "HEAD"], check=True,
+                                  capture_output=True, text=True)
+        self.result.revision = revision.stdout.strip()
         if self.case.sdist:
             self.unpack_sdist()
         if self.uid is not None:
@@ -270,9 +274,7 @@ def table(results: list[Result]) -> str:
 
 
 def report(args: argparse.Namespace, results: list[Result]) -> dict:
-    revision = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True)
-    return {"seed": None, "system": platform.platform(),
-            "revision": revision.stdout.strip(), "as_root": os.geteuid() == 0, "quick": args.quick,
+    return {"seed": None, "system": platform.platform(), "as_root": os.geteuid() == 0, "quick": args.quick,
             "results": [vars(result) | {"good": result.good} for result in results]}
 
 
