@@ -113,6 +113,10 @@ class Graph:
         reports = self.all_reports(name)
         return reports[-1] if reports else {}
 
+    def total(self, name: str, key: str) -> int:
+        """A count in the newest diagnostics of a node, 0 where there is none."""
+        return int(self.report(name).get(key, 0))
+
     def all_reports(self, name: str) -> list[dict[str, str]]:
         return self._reports.get(f"{self.namespace}/{name}".lstrip("/"), [])
 

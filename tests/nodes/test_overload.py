@@ -60,7 +60,7 @@ def test_overload_drops_the_oldest_counts_every_packet_and_passes(graph, packet)
 
     def books() -> tuple[dict[str, int], dict[str, int]]:
         names = ("frames_in", "frames_out", "packets", "packets_open", "message_lost", "dropped", "errors")
-        return tuple({name: int(graph.report(node).get(name, 0)) for name in names}
+        return tuple({name: graph.total(node, name) for name in names}
                      for node in ("sketcher", "reconstructor"))
 
     def balanced() -> bool:

@@ -69,7 +69,7 @@ def test_a_killed_reconstructor_comes_back_and_nobody_else_notices(graph, pipeli
     before = len(clouds)
     nodes["reconstructor"] = graph.start("reconstructor").ready()
     graph.wait(lambda: len(clouds) > before + 10, "clouds after the restart")
-    graph.wait(lambda: int(graph.report("recorder").get("clouds", 0)) > 20, "recorded clouds")
+    graph.wait(lambda: graph.total("recorder", "clouds") > 20, "recorded clouds")
     nodes["player"] = player
     assert all(process.running for process in nodes.values())
     for name in ("player", "sketcher", "recorder"):

@@ -65,18 +65,18 @@ def test_recordings_begin_and_end_when_the_services_say_and_each_is_a_file_of_it
     for name in ("reconstructor", "sketcher"):
         graph.start(name).ready()
     graph.start("player", input=photon_file, rate_hz=20.0)
-    graph.wait(lambda: int(graph.report("reconstructor").get("frames_out", 0)) > 0, "clouds")
+    graph.wait(lambda: graph.total("reconstructor", "frames_out") > 0, "clouds")
     assert not path.exists()
 
     def call(service: str) -> Trigger.Response:
         return graph.call(Trigger, f"recorder/{service}", Trigger.Request())
 
     for expected in (path, tmp_path / "out_2.rrd"):
-        before = int(graph.report("recorder").get("clouds", 0))
+        before = graph.total("recorder", "clouds")
         answer = call("start_recording")
         assert answer.success and answer.message == f"recording to {expected}"
         assert not call("start_recording").success
-        graph.wait(lambda before=before: int(graph.report("recorder").get("clouds", 0)) > before + 5, "recorded clouds")
+        graph.wait(lambda before=before: graph.total("recorder", "clouds") > before + 5, "recorded clouds")
         answer = call("stop_recording")
         assert answer.success and answer.message == f"recorded {expected}"
     recorded = sum(rows_of(part, "/points", "Points3D:positions") for part in sorted(tmp_path.glob("*.rrd")))
@@ -237,7 +237,7 @@ def test_parts_have_every_frame_and_another_sensor_begins_another_recording(grap
     speaker.ready()
 
     def follows() -> bool:
-        return speaker.sent < int(graph.report("recorder").get("clouds", 0)) + IN_FLIGHT
+        return speaker.sent < graph.total("recorder", "clouds") + IN_FLIGHT
 
     def record_until(parts: int) -> None:
         while len(list(tmp_path.glob("*.rrd"))) < parts:
@@ -278,7 +278,7 @@ def test_a_disk_that_is_full_is_one_error_and_the_recording_goes_on_in_a_new_fil
             return condition()
         return graph.wait(step, what)
 
-    record_until(lambda: int(graph.report("recorder").get("clouds", 0)) > 10, "clouds")
+    record_until(lambda: graph.total("recorder", "clouds") > 10, "clouds")
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     record_until(lambda: graph.report("recorder").get("errors") == "1", "the error")
     seen = len(graph.all_reports("recorder"))

@@ -221,7 +221,7 @@ def test_every_message_of_a_burst_is_accounted_for(graph, sensor, events):
         photons.publish(message)
 
     def balanced():
-        report = {key: int(graph.report("sketcher").get(key, 0)) for key in (
+        report = {key: graph.total("sketcher", key) for key in (
             "frames_in", "frames_out", "dropped", "dropped.queue", "message_lost")}
         assert report["dropped"] == report["dropped.queue"]
         return (report["frames_in"] + report["message_lost"] == 200
