@@ -9,8 +9,7 @@ import signal
 import sys
 
 from srt3d_ros.errors import require
-
-NODES = ("player", "sketcher", "reconstructor", "recorder", "bag_recorder")
+from srt3d_ros.node_names import NODES
 
 
 def add_parser(subparsers) -> None:

@@ -124,10 +124,14 @@ class PhotonGates:
         return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
 
 
+def last_word(sensor: SensorModel) -> int:
+    """The highest word that a photon can have: that of the last bin, or of 16 bits."""
+    return min(sensor.gates.first_word + sensor.num_bins, 65_536) - 1
+
+
 def word_wanted(sensor: SensorModel) -> str:
     """Which words gates may have, as an expectation."""
-    first, none = sensor.gates.first_word, sensor.gates.no_detection
-    return f"{first} to {min(first + sensor.num_bins, 65_536) - 1}, or {none} for no detection"
+    return f"{sensor.gates.first_word} to {last_word(sensor)}, or {sensor.gates.no_detection} for no detection"
 
 
 PhotonFrame = PhotonEvents | PhotonGates

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from srt3d_ros.core.photons import CHUNK, PhotonGates, word_wanted
+from srt3d_ros.core.photons import CHUNK, PhotonGates, last_word, word_wanted
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, typed
@@ -66,7 +66,7 @@ def _check_words(words: np.ndarray, sensor: SensorModel) -> int:
     """How many of the words are photons; InvalidInput if one is neither a photon nor none."""
     require(sensor.gates is not None, "sensor.gates", "absent", "first_word and no_detection, to read `gates` with")
     first, none = sensor.gates.first_word, sensor.gates.no_detection
-    last = min(first + sensor.num_bins, 65_536) - 1
+    last = last_word(sensor)
     flat, photons = words.reshape(-1), 0
     for part in (flat[start:start + CHUNK] for start in range(0, len(flat), CHUNK)):
         # Unsigned: a word below `first` wraps around to more than any bin.

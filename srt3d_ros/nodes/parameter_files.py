@@ -7,9 +7,10 @@ from pathlib import Path
 
 import yaml
 
+from srt3d_ros.node_names import NODES
+
 ALIKE = 0.75            # names between which somebody may have mistyped one
 SECTIONS_TOLD = 5
-OURS = ("player", "sketcher", "reconstructor", "recorder", "bag_recorder")
 
 
 def given_files(arguments: Sequence[str]) -> list[Path]:
@@ -39,7 +40,7 @@ def passed_over(path: Path, nodes: Sequence[str]) -> list[str]:
     if mistyped:
         return [f"{path}: parameters of {section} are for no node here: did you mean {node}?"
                 for section, node in mistyped]
-    if len(without) < len(nodes) or any(_last(section) in OURS for section in sections):
+    if len(without) < len(nodes) or any(_last(section) in NODES for section in sections):
         return []
     told = ", ".join(sections[:SECTIONS_TOLD]) + ", …" * (len(sections) > SECTIONS_TOLD)
     return [f"{path}: no parameters for {' or '.join(nodes)}: expected a section of this name, found {told or 'none'}"]

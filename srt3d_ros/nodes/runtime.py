@@ -62,13 +62,14 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
         The exit code of the nodes, which is 0 unless one failed, also after SIGINT and SIGTERM; 2 with one line on
         stderr if a parameter, an argument or an input file cannot be used.
     """
+    given = sys.argv if args is None else args
     stop = _Stop()
     nodes: list[PipelineNode] = []
     try:
-        _init(args)
+        _init(given)
         for make_node in make_nodes:
             nodes.append(_make(make_node))
-        _warn_of_files(sys.argv if args is None else args, nodes)
+        _warn_of_files(given, nodes)
         for node in nodes:
             _start(node)
         stop.starting = False
@@ -135,10 +136,9 @@ def _close_in_order(nodes: list[PipelineNode], executor: SingleThreadedExecutor)
             executor.spin_once(timeout_sec=left_s)
 
 
-def _init(args: list[str] | None) -> None:
-    given = sys.argv if args is None else args
+def _init(given: list[str]) -> None:
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:       # what rcl raises for arguments that it cannot parse
         raise InvalidInput("command line", " ".join(given[1:]), f"ROS arguments ({error})") from None
     unused = remove_ros_args(given)[1:]     # -p, say, without --ros-args before it

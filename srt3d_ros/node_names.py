@@ -1,0 +1,3 @@
+"""The nodes of this package by name, for who must know them without importing ROS 2."""
+
+NODES = ("player", "sketcher", "reconstructor", "recorder", "bag_recorder")
