@@ -1,4 +1,4 @@
-"""Quality and time against the number and the windows of SRT3D's iterations: why they are as they are.
+"""Quality and time against the number and the windows of `pooled`'s iterations: why they are as they are.
 
     python benchmarks/iterations.py [--repeats 5]
 
@@ -11,7 +11,7 @@ import time
 import numpy as np
 from tqdm import tqdm
 
-from srt3d_ros.core import srt3d
+from srt3d_ros.core import pooled
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.sketching import sketch_photons
@@ -19,7 +19,7 @@ from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.evaluation.machine import machine
 
 LIGHT = ((10, 1), (1, 1), (1, 10), (0.1, 10), (1, 100))         # SBR, photons per pixel
-DEFAULT = srt3d.WINDOWS
+DEFAULT = pooled.WINDOWS
 VARIANTS = {
     "the first twice": DEFAULT[:1] * 2,
     "without the second": (DEFAULT[0], DEFAULT[2]),
@@ -43,11 +43,11 @@ def main() -> None:
         scenes.append((sketch_photons(frame, sensor, frequencies), truth))
     tolerance = TOLERANCE_MM * 1e-3 / sensor.bin_width_m
     quality, seconds = {}, {name: [] for name in VARIANTS}
-    reconstruct = srt3d.SRT3D(sensor, frequencies)
+    reconstruct = pooled.Pooled(sensor, frequencies)
     reconstruct(scenes[0][0])                                   # compiles, and finds its memory
     for _ in tqdm(range(args.repeats), unit="round"):
         for name, windows in VARIANTS.items():
-            srt3d.WINDOWS = windows
+            pooled.WINDOWS = windows
             for scene, (sketch, truth) in enumerate(scenes):
                 started = time.perf_counter()
                 cloud = reconstruct(sketch)

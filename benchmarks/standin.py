@@ -11,8 +11,8 @@ import time
 from srt3d_ros.benchmark.frames import photons_of, sensor_of
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
@@ -36,9 +36,9 @@ class StandIn(PipelineNode):
         """Make the frames: one large cloud, whose sketch has a quarter of its pixels, and what is reconstructed."""
         small, half, large = (sensor_of(side) for side in (SMALL, self.side // 2, self.side))
         frequencies = choose("auto", small, FREQUENCIES)
-        self._reconstruct, self._sketch = SRT3D(small, frequencies), sketch_photons(photons_of(small, PPP), small,
+        self._reconstruct, self._sketch = Pooled(small, frequencies), sketch_photons(photons_of(small, PPP), small,
                                                                                     frequencies)
-        cloud: PointCloud = SRT3D(large, frequencies)(sketch_photons(photons_of(large, PPP), large, frequencies))
+        cloud: PointCloud = Pooled(large, frequencies)(sketch_photons(photons_of(large, PPP), large, frequencies))
         sketch = sketch_photons(photons_of(half, 4 * PPP), half, frequencies)
         self._prepared = {
             "sketch": sketch_message.encode_cdr(sketch, "spad"), "points": points_message.encode_cdr(cloud, "spad"),

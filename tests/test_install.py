@@ -164,14 +164,14 @@ sys.modules["torch"] = None
 import numpy as np
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import Sketcher
-from srt3d_ros.core.srt3d import SRT3D
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frequencies = choose("auto", sensor, 10)
 sketcher = Sketcher(sensor, frequencies, device="cpu")
 sketcher.add(PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16)))
-print(len(SRT3D(sensor, frequencies, device="cpu")(sketcher.sketch())))
+print(len(Pooled(sensor, frequencies, device="cpu")(sketcher.sketch())))
 """
     assert run([sys.executable, "-c", photons_to_cloud], repository).split() == ["6"]
 

@@ -46,7 +46,7 @@ def main() -> int:
         for surfaces in args.surfaces:
             try:
                 frequencies = choose("auto", sensor, min(DEFAULT_SKETCH_SIZE, max((sensor.num_bins - 1) // 2, 1)))
-                method = METHODS["srt3d"].build(sensor, frequencies, surfaces=surfaces, device="cpu")
+                method = METHODS["pooled"].build(sensor, frequencies, surfaces=surfaces, device="cpu")
                 method(sketch_photons(frame, sensor, frequencies))
                 done += 1
             except InvalidInput:

@@ -25,9 +25,9 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS, SKETCH_METHODS
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher
-from srt3d_ros.core.srt3d import SRT3D
 
 OUT = Path("build/attacks/same_bits.json")
 THREADS = 1, 2, 4, 8
@@ -78,10 +78,10 @@ def clouds(form: str = "sorted", methods=tuple(METHODS)) -> dict[str, str]:
             found[name] = digest(reconstruct(sketch(sensor, frequencies, 0, form)))
         else:
             found[name] = digest(reconstruct(packets(make_photons(sensor, 0), sensor, form)[0]))
-    if "srt3d" in methods:
+    if "pooled" in methods:
         frequencies = choose("auto", sensor)
-        warm = SRT3D(sensor, frequencies, warm_start=True, device="cpu")
-        found["srt3d, warm start"] = [digest(warm(sketch(sensor, frequencies, seed, form)))
+        warm = Pooled(sensor, frequencies, warm_start=True, device="cpu")
+        found["pooled, warm start"] = [digest(warm(sketch(sensor, frequencies, seed, form)))
                                       for seed in range(WARM_FRAMES)][-1]
     return found
 

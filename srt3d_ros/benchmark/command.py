@@ -47,7 +47,7 @@ def benchmark(args: argparse.Namespace) -> int:
 def device_of(wanted: str) -> str:
     """The device that is meant, or InvalidInput if it cannot be had."""
     smallest = SensorModel(rows=4, cols=4, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
-    return METHODS["srt3d"].build(smallest, (1, 2), device=wanted).device
+    return METHODS["pooled"].build(smallest, (1, 2), device=wanted).device
 
 
 def measure(part: str, plan: Plan, results: Results, title: str) -> None:

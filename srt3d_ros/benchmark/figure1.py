@@ -22,10 +22,10 @@ from srt3d_ros.evaluation.table import aligned
 
 TITLE = "Figure 1 of the paper: a frame's time against its photons, m = 10"
 SKETCH_SIZE = 10
-METHOD_NAMES = ("rt3d", "xcorr", "smle", "srt3d-paper", "srt3d")
+METHOD_NAMES = ("rt3d", "xcorr", "smle", "srt3d", "pooled")
 RATIOS_AT_PPP = 1000
 SWEEP = 4               # times as many repeats where photon counts are compared
-HEADINGS = ("ppp", "method", "device", "ms: min", "median", "max", "times srt3d", "its input, MB", "memory, MB")
+HEADINGS = ("ppp", "method", "device", "ms: min", "median", "max", "times pooled", "its input, MB", "memory, MB")
 
 
 def steps(plan: Plan) -> int:
@@ -35,7 +35,7 @@ def steps(plan: Plan) -> int:
 
 
 def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
-    """A line for each method and number of photons, then srt3d at all numbers of photons in turns."""
+    """A line for each method and number of photons, then pooled at all numbers of photons in turns."""
     sensor = frames.sensor_of(plan.side)
     reconstructors, sketches, too_slow = _built(sensor, plan, bar, note), {}, set()
     for ppp, next_ppp in zip(plan.ppps, (*plan.ppps[1:], 0)):
@@ -47,7 +47,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
                 bar.update(timing.runs(1, plan.repeats))
                 continue
             frame = _input(name, photons, sensor, plan.device)
-            if name == "srt3d":
+            if name == "pooled":
                 sketches[ppp] = frame
             settles = METHODS[name].needs == "sketch"       # those on photons compile in warm_up, and may take a minute
             works[name] = timing.Work(lambda run=reconstructor, frame=frame: run(frame), reconstructor.device,
@@ -67,16 +67,16 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
 
 
 def _sweep(sensor: SensorModel, reconstructors: dict, sketches: dict, plan: Plan, bar: Progress) -> Iterator[dict]:
-    """srt3d on all numbers of photons in turns: whether it is flat shows only where the machine is the same for all."""
-    if "srt3d" not in reconstructors:
+    """pooled on all numbers of photons in turns: whether it is flat shows only if the machine is the same for all."""
+    if "pooled" not in reconstructors:
         return
-    run = reconstructors["srt3d"]
-    works = {ppp: timing.Work(lambda frame=frame: run(frame), run.device, f"srt3d in turns, {ppp:g} photons per pixel")
+    run = reconstructors["pooled"]
+    works = {ppp: timing.Work(lambda frame=frame: run(frame), run.device, f"pooled in turns, {ppp:g} photons per pixel")
              for ppp, frame in sketches.items()}
     results = timing.in_turns(works, SWEEP * plan.repeats, bar)
     medians = [result.median_ms for result in results.values()]
     fastest = [1e3 * min(result.seconds) for result in results.values()]
-    yield {"what": "flatness", "method": "srt3d", "rows": sensor.rows, "cols": sensor.cols, "sketch_size": SKETCH_SIZE,
+    yield {"what": "flatness", "method": "pooled", "rows": sensor.rows, "cols": sensor.cols, "sketch_size": SKETCH_SIZE,
            "device": run.device, "ppps": list(results), "repeats": SWEEP * plan.repeats,
            "median_ms": [float(f"{ms:.5g}") for ms in medians], "min_ms": [float(f"{ms:.5g}") for ms in fastest],
            "max_over_min": round(max(medians) / min(medians), 3),
@@ -116,7 +116,7 @@ def input_bytes(name: str, frame: PhotonEvents | Sketch, sensor: SensorModel) ->
 
 def _sketching(sensor: SensorModel, photons: PhotonEvents, ppp: float, device: str) -> tuple[timing.Work, dict]:
     """The sketching of the same photons."""
-    sketcher = Sketcher(sensor, _frequencies("srt3d", sensor), device=device)
+    sketcher = Sketcher(sensor, _frequencies("pooled", sensor), device=device)
     call = placement.sketchings(sketcher, photons, anew)[placement.HOST]
     return (timing.Work(call, device, f"{ppp:g} photons per pixel: sketching"),
             {"what": "sketch", **_facts("sketching", sensor, ppp, photons, device)})
@@ -131,14 +131,14 @@ def _facts(name: str, sensor: SensorModel, ppp: float, photons: PhotonEvents, de
 def table(lines: Sequence[dict]) -> str:
     """For people: the times, then what follows from them."""
     timed = [line for line in lines if line["what"] != "flatness"]
-    ours = {line["ppp"]: line["ms"]["median"] for line in timed if line["method"] == "srt3d"}
+    ours = {line["ppp"]: line["ms"]["median"] for line in timed if line["method"] == "pooled"}
     text = [aligned([HEADINGS, *(_cells(line, ours.get(line["ppp"])) for line in timed)])] if timed else []
     text += [f"{too_slow_text(line)}." for line in timed if "over_limit_s" in line]
     at = {line["method"]: line["ms"]["median"] for line in timed if line["ppp"] == RATIOS_AT_PPP}
-    text += [f"At {RATIOS_AT_PPP} photons per pixel {name} takes {at[name] / at['srt3d']:.1f} times as long as srt3d."
-             for name in ("rt3d", "xcorr") if name in at and "srt3d" in at]
-    text += [f"srt3d from {min(line['ppps']):g} to {max(line['ppps']):g} photons per pixel, in turns: slowest median / "
-             f"fastest = {line['max_over_min']:.2f} (of the fastest runs {line['max_over_min_of_fastest']:.2f})."
+    text += [f"At {RATIOS_AT_PPP} photons per pixel {name} takes {at[name] / at['pooled']:.1f} times as long as pooled."
+             for name in ("rt3d", "xcorr") if name in at and "pooled" in at]
+    text += [f"pooled from {min(line['ppps']):g} to {max(line['ppps']):g} photons per pixel, in turns: slowest median "
+             f"/ fastest = {line['max_over_min']:.2f} (of the fastest runs {line['max_over_min_of_fastest']:.2f})."
              for line in lines if line["what"] == "flatness"]
     return "\n".join(text)
 

@@ -12,7 +12,7 @@ class Plan:
     """The settings of a run.
 
     Args:
-        device: "cpu" or "cuda", where srt3d computes; methods that cannot stay on the CPU, and their lines say so.
+        device: "cpu" or "cuda", where methods compute; those that cannot stay on the CPU, and their lines say so.
         repeats: timed runs of each work.
         sides: pixels along the side of Table 1's images.
         sketch_sizes: m of Table 1.

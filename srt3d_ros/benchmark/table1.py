@@ -10,7 +10,7 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.evaluation.table import aligned
 
 TITLE = "Table 1 of the paper: reconstruction of a frame"
-METHOD_NAMES = ("srt3d", "srt3d-paper")
+METHOD_NAMES = ("pooled", "srt3d")
 PPP = 10.0                  # the time does not depend on it: Figure 1
 PAPER_GPU = "RTX 3070 laptop"
 PAPER_MS = {(141, 5): 6, (282, 5): 12, (423, 5): 28, (564, 5): 55, (705, 5): 68,

@@ -17,7 +17,7 @@ def add_parser(subparsers) -> None:
                     "line of DIR/<machine>.jsonl.")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all of them unless given")
     parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"),
-                        help="where srt3d computes (auto: the GPU if there is one)")
+                        help="where to compute (auto: the GPU if there is one)")
     parser.add_argument("--repeats", type=int, metavar="N", help="timed runs of each, of which median, min and max "
                         "are told (5)")
     parser.add_argument("--quick", action="store_true",

@@ -7,7 +7,7 @@ import time
 
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
@@ -32,19 +32,19 @@ def add_parser(subparsers) -> None:
                         help="which they are: least expected error (auto), spread over what the IRF passes, 1 … M, "
                              "or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
-    parser.add_argument("--method", default=DEFAULT_METHOD, choices=tuple(METHODS), metavar="NAME",
+    parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
     parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"), help="where to compute (auto)")
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
-                        help="probability that a pixel with background alone shows a point (srt3d: 1e-4; smle and "
+                        help="probability that a pixel with background alone shows a point (pooled: 1e-4; smle and "
                              "xcorr: show a point wherever there are photons)")
     parser.add_argument("--weighting", choices=WEIGHTINGS,
-                        help="W of the data term (smle: precision; srt3d and srt3d-paper: identity; others have none)")
+                        help="W of the data term (smle: precision; pooled and srt3d: identity; others have none)")
     parser.add_argument("--background", choices=BACKGROUNDS,
-                        help="how it spreads over the bins (srt3d): as the file says, evenly if it says nothing "
+                        help="how it spreads over the bins (pooled): as the file says, evenly if it says nothing "
                              "(sensor); evenly (flat); as the frame itself shows (estimate)")
     parser.add_argument("--upsampling", type=int, metavar="U",
-                        help="finer pixels of the cloud along the side of each pixel, at most 4 (srt3d: 1)")
+                        help="finer pixels of the cloud along the side of each pixel, at most 4 (pooled: 1)")
     parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
     sensor = parser.add_argument_group("what the file does not say")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
@@ -76,10 +76,10 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.sketching import sketch_photons
     from srt3d_ros.datasets import open_photons
 
+    method, frequencies = find(args.method), ()
     cloud_files.check(args.output)
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
     photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
-    method, frequencies = METHODS[args.method], ()
     sensor, frame = photons.sensor, photons.frame
     if args.dark is not None:
         require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")

@@ -9,7 +9,8 @@ from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
-DEFAULT_METHOD = "srt3d"
+DEFAULT_METHOD = "pooled"
+OLD_NAMES = {"srt3d-paper": "srt3d (SRT3D as published)"}       # of methods: what they are called now
 
 
 @dataclass(frozen=True)
@@ -52,22 +53,29 @@ class Method:
 
 
 METHODS = {method.name: method for method in (
-    Method("srt3d", "sketches pooled along surfaces", "sketch", "srt3d_ros.core.srt3d:SRT3D",
+    Method("pooled", "SRT3D's data term, regularised by sharing photons (each pixel's data term is pooled along the "
+           "surface) instead of smoothing depths with APSS afterwards", "sketch", "srt3d_ros.core.pooled:Pooled",
            options=("false_alarm_rate", "background", "weighting", "warm_start", "upsampling")),
-    Method("srt3d-paper", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
-           "srt3d_ros.core.peers.srt3d_paper:SRT3DPaper", "consecutive", ("weighting",)),
-    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.peers.smle:SMLE",
+    Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
+           "srt3d_ros.core.baselines.srt3d:SRT3D", "consecutive", ("weighting",)),
+    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.smle:SMLE",
            "consecutive", ("false_alarm_rate", "weighting")),
-    Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.peers.xcorr:XCORR",
+    Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.baselines.xcorr:XCORR",
            options=("false_alarm_rate",)),
     Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser", "photons",
-           "srt3d_ros.core.peers.rt3d:RT3D"),
+           "srt3d_ros.core.baselines.rt3d:RT3D"),
 )}
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 
 
+def refuse_old_name(name: str) -> None:
+    """Raise InvalidInput, which says the new name, if a method had this one before."""
+    require(name not in OLD_NAMES, "method", name, f"its new name, {OLD_NAMES.get(name)}")
+
+
 def find(name: str) -> Method:
     """The method of this name, or InvalidInput that lists them."""
+    refuse_old_name(name)
     require(name in METHODS, "method", name, " or ".join(METHODS))
     return METHODS[name]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from srt3d_ros.core.methods import METHODS, find
-from srt3d_ros.core.srt3d import MAX_SURFACES
+from srt3d_ros.core.pooled import MAX_SURFACES
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation import cases, report, table
 from srt3d_ros.evaluation.results import Results

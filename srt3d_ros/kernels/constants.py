@@ -40,10 +40,10 @@ RESOLVED = 0.7      # widths of the matched filter within which depths are one s
 FILL_WINDOW = 2.0   # pixels: window of a point that an empty pixel got from its neighbours
 NEVER = -1e30       # evidence that any other exceeds
 
-# Gradient steps of the peers (`pixelwise`, `poisson`).
+# Gradient steps of the baselines (`pixelwise`, `poisson`).
 INTENSITY_RATE = 0.5        # of the full step: the points of a pixel change together
 
-# The peers' denoiser (`apss`). Lengths are in pixels, also along the depth.
+# The baselines' denoiser (`apss`). Lengths are in pixels, also along the depth.
 APSS_REACH = 2.0            # h of the weights (1 − d²/h²)²: one more than the neighbourhood's radius
 APSS_SAME_SURFACE = 4.0     # points nearer in depth than this to a surface's mean join it
 APSS_ENOUGH = 4             # points of a 3 × 3 neighbourhood that make a surface

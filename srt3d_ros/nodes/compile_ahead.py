@@ -14,7 +14,7 @@ import numpy as np
 from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.srt3d import SAME_SURFACE, SRT3D, WINDOWS, noise
+from srt3d_ros.core.pooled import SAME_SURFACE, WINDOWS, Pooled, noise
 from srt3d_ros.kernels import cpu
 from srt3d_ros.nodes.sketching import ANY_SENSOR, warm_up
 
@@ -31,7 +31,7 @@ def compile_descend() -> None:
 def compile_others() -> None:
     """Compile all but `descend`, by a reconstruction in which no surface moves, and what the sketcher runs."""
     warm_up()
-    reconstructor = SRT3D(ANY_SENSOR, FREQUENCIES, device="cpu")
+    reconstructor = Pooled(ANY_SENSOR, FREQUENCIES, device="cpu")
     reconstructor.kernels = SimpleNamespace(**vars(cpu) | {"descend": lambda frame, state, *_, out: state})
     reconstructor(noise(ANY_SENSOR, FREQUENCIES))
 

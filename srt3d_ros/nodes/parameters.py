@@ -29,6 +29,7 @@ class Parameter:
         choices: all allowed values of a text.
         form: what a text may be, in words, where there is more to say than "text".
         live: may be changed while the node runs.
+        refuse: raises InvalidInput for values of which there is more to say than what is accepted.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     form: str = ""
     live: bool = False
+    refuse: Callable[[Value], None] | None = None
 
     @property
     def expected(self) -> str:
@@ -62,6 +64,8 @@ class Parameter:
         if kind in (int, float):
             inside = (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
             require(inside, self.name, value, self.expected)
+        if self.refuse is not None:
+            self.refuse(value)
         require(not self.choices or value in self.choices, self.name, value, self.expected)
         return value
 

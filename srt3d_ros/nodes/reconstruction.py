@@ -4,9 +4,9 @@ import numpy as np
 
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.device import DEVICES
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, refuse_old_name
+from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
-from srt3d_ros.core.srt3d import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.interface import LOSSLESS
@@ -16,22 +16,22 @@ AS_PUBLISHED = "auto"
 PIPELINES = ("latency", "throughput")
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
-        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but srt3d are published with the "
-        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
+        f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
+        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True, refuse=refuse_old_name),
     Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "srt3d, smle: share of the pixels without a surface that "
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: share of the pixels without a surface that "
               "may show a point.", low=1e-12, high=0.5, live=True),
-    Parameter("background", BACKGROUNDS[0], "srt3d: how the background spreads over the bins: as the sensor's "
+    Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins: as the sensor's "
               "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS,
               live=True),
-    Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for srt3d and what the "
-              "others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
-    Parameter("warm_start", False, "srt3d: begin with the last frame's surfaces where this one's photons confirm them: "
-              "less error while the scene goes on.", live=True),
+    Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for pooled and what "
+              "the others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
+    Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where this one's photons confirm "
+              "them: less error while the scene goes on.", live=True),
     Parameter("pipeline", PIPELINES[0], "latency: a frame is published before the next one begins. throughput: one is "
               "published while the next is reconstructed, and on a GPU copied to and fro; more frames a second.",
               choices=PIPELINES, live=True),
-    Parameter("upsampling", 1, "srt3d: finer pixels of `points` and of the images along the side of each pixel.",
+    Parameter("upsampling", 1, "pooled: finer pixels of `points` and of the images along the side of each pixel.",
               low=1, high=MAX_UPSAMPLING, live=True),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "

@@ -13,9 +13,9 @@ from std_msgs.msg import String
 
 from srt3d_ros import cloud_files
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
@@ -34,8 +34,8 @@ IN_FLIGHT = 2           # frames that may be under way at once
 
 INTERFACE = Interface(
     "reconstructor",
-    purpose="Reconstructs a 3D point cloud from each sketch with SRT3D, in the same time however many photons it "
-    "stands for; on a GPU where there is one.",
+    purpose="Reconstructs a 3D point cloud from each sketch, in the same time however many photons it stands "
+    "for; on a GPU where there is one.",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
     services=(
@@ -103,7 +103,7 @@ class ReconstructorNode(PipelineNode):
         """Begin the next frame without the last one's surfaces; let nobody save it any more."""
         self._stage.finish(self.finish_s)
         self._newest = None
-        if isinstance(self._reconstructor, SRT3D):
+        if isinstance(self._reconstructor, Pooled):
             self._reconstructor.forget()
 
     def _reset(self) -> str:

@@ -13,13 +13,13 @@ from srt3d_ros.pictures.png import save_png
 
 DPI = 100
 # Of Okabe and Ito (2008), as in `curves`; ours is the only thick line.
-COLOURS = {"srt3d": "#d55e00", "srt3d-paper": "#0072b2", "smle": "#009e73", "xcorr": "#000000", "rt3d": "#a0527f",
+COLOURS = {"pooled": "#d55e00", "srt3d": "#0072b2", "smle": "#009e73", "xcorr": "#000000", "rt3d": "#a0527f",
            "sketching": "#8a8f98"}
-MARKERS = {"srt3d": "o", "srt3d-paper": "s", "smle": "^", "xcorr": "D", "rt3d": "v", "sketching": "."}
-OURS = "srt3d"
+MARKERS = {"pooled": "o", "srt3d": "s", "smle": "^", "xcorr": "D", "rt3d": "v", "sketching": "."}
+OURS = "pooled"
 TIME_LABELS = {"sketching": "sketching, while photons come", "rt3d": "rt3d (all photons)",
                "xcorr": "xcorr (histograms)"}
-INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", "srt3d": "sketch, for the others"}
+INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", "pooled": "sketch, for the others"}
 _GRID, _GOAL = "#d9dce0", "#6b7280"
 _HIGHEST = 0.97             # label: the title is above
 _LABEL_GAP = 0.047          # of the height, between the middles of two labels

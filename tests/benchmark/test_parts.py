@@ -26,7 +26,7 @@ def without(monkeypatch, *absent):
 def test_table_1_has_every_size_and_sketch_size(tiny, bar, notes):
     lines = lines_of(table1, tiny, bar, notes)
     assert {(line["method"], line["rows"], line["sketch_size"]) for line in lines} == {
-        (method, side, m) for method in ("srt3d", "srt3d-paper") for side in (12, 16) for m in (5, 10)}
+        (method, side, m) for method in ("pooled", "srt3d") for side in (12, 16) for m in (5, 10)}
     assert bar.n == table1.steps(tiny) and not notes
     for line in lines:
         assert line["repeats"] == 2 and line["device"] == "cpu" and line["frame_from"] == "host"
@@ -35,13 +35,13 @@ def test_table_1_has_every_size_and_sketch_size(tiny, bar, notes):
 
 
 def test_table_1_stands_beside_the_papers_times():
-    line = {"rows": 705, "sketch_size": 10, "method": "srt3d", "device": "cpu", "frame_from": "host",
+    line = {"rows": 705, "sketch_size": 10, "method": "pooled", "device": "cpu", "frame_from": "host",
             "ms": {"min": 500.0, "median": 512.3, "max": 600.0}, "frames_per_s": 1.95, "growth_bytes": 200_000_000,
             "process_peak_bytes": 1_234_000_000}
     small = line | {"rows": 12, "sketch_size": 5, "paper_ms": None, "growth_bytes": None}
     text = table1.table([line | {"paper_ms": table1.PAPER_MS[705, 10]}, small]).splitlines()
     assert [cell.strip() for cell in text[3].strip("|").split("|")] == [
-        "705²", "10", "srt3d", "cpu", "host", "500", "512", "600", "88", "1.95", "200", "1234"]
+        "705²", "10", "pooled", "cpu", "host", "500", "512", "600", "88", "1.95", "200", "1234"]
     assert text[2].startswith("| 12² ") and text[2].count("–") == 2
 
 
@@ -56,26 +56,26 @@ def test_figure_1_has_every_method_at_every_number_of_photons(tiny, bar, notes):
     photons = next(line["photons"] for line in lines[:-1] if line["ppp"] == 10)
     assert held["rt3d", 10] == photons * (4 + 2)                                # pixel and time of arrival
     assert held["xcorr", 1] == held["xcorr", 10] == 2 * 12 * 12 * 4613
-    assert held["srt3d", 1] == held["srt3d", 10] == 12 * 12 * (10 * 8 + 4)
+    assert held["pooled", 1] == held["pooled", 10] == 12 * 12 * (10 * 8 + 4)
 
 
 def test_a_method_that_is_too_slow_is_not_run_on_more_photons(tiny, bar, notes, monkeypatch):
-    monkeypatch.setattr(figure1, "METHOD_NAMES", ("rt3d", "srt3d"))
+    monkeypatch.setattr(figure1, "METHOD_NAMES", ("rt3d", "pooled"))
     lines = lines_of(figure1, dataclasses.replace(tiny, limit_s=0.0), bar, notes)
     timed = [(line["method"], line["ppp"]) for line in lines if line["what"] == "reconstruct"]
-    assert timed == [("rt3d", 1), ("srt3d", 1)]
+    assert timed == [("rt3d", 1), ("pooled", 1)]
     assert "rt3d is not run on more than 1 photons per pixel: it would take longer than 0 s" in notes
     assert f"{notes[0]}." in figure1.table(lines)
 
 
 def test_what_is_not_installed_is_left_out_and_said(tiny, bar, notes, monkeypatch):
-    without(monkeypatch, "rt3d", "srt3d-paper")
-    assert {line["method"] for line in lines_of(table1, tiny, bar, notes)} == {"srt3d"}
-    assert notes[0] == "srt3d-paper is left out: numba is not installed"
+    without(monkeypatch, "rt3d", "srt3d")
+    assert {line["method"] for line in lines_of(table1, tiny, bar, notes)} == {"pooled"}
+    assert notes[0] == "srt3d is left out: numba is not installed"
     notes.clear()
     lines = lines_of(figure1, dataclasses.replace(tiny, ppps=(3,)), bar, notes)
-    assert {line["method"] for line in lines} == {"xcorr", "smle", "srt3d", "sketching"}
-    assert notes == ["rt3d is left out: numba is not installed", "srt3d-paper is left out: numba is not installed"]
+    assert {line["method"] for line in lines} == {"xcorr", "smle", "pooled", "sketching"}
+    assert notes == ["rt3d is left out: numba is not installed", "srt3d is left out: numba is not installed"]
 
 
 def timed(method, ppp, median, **more):
@@ -85,12 +85,12 @@ def timed(method, ppp, median, **more):
 
 
 def test_what_follows_from_figure_1_is_said():
-    lines = [timed("rt3d", 1000, 4400.0, input_bytes=119_000_000), timed("srt3d", 1000, 40.0, growth_bytes=5_000_000),
+    lines = [timed("rt3d", 1000, 4400.0, input_bytes=119_000_000), timed("pooled", 1000, 40.0, growth_bytes=5_000_000),
              timed("xcorr", 1000, 800.0),
              {"what": "flatness", "ppps": [1, 10, 1000], "max_over_min": 1.07,
               "max_over_min_of_fastest": 1.02}]
     text = figure1.table(lines)
-    assert "rt3d takes 110.0 times as long as srt3d" in text and "xcorr takes 20.0 times" in text
+    assert "rt3d takes 110.0 times as long as pooled" in text and "xcorr takes 20.0 times" in text
     assert "from 1 to 1000 photons per pixel, in turns: slowest median / fastest = 1.07 (of the fastest" in text
     assert "| 4400 " in text and "| 110.0 " in text and "| 119 " in text
     assert "times as long" not in figure1.table(lines[:1])
@@ -98,7 +98,7 @@ def test_what_follows_from_figure_1_is_said():
 
 def test_figure_1_is_drawn_from_whatever_was_measured(tmp_path):
     from PIL import Image
-    figure1.draw(tmp_path / "a.png", [timed("srt3d", 1, 40.0, growth_bytes=7, input_bytes=9)])
+    figure1.draw(tmp_path / "a.png", [timed("pooled", 1, 40.0, growth_bytes=7, input_bytes=9)])
     assert Image.open(tmp_path / "a.png").width > 1000
 
 

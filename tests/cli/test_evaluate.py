@@ -53,7 +53,7 @@ def test_every_method_is_held_against_every_file(run):
     assert code == 0
     assert {(row["source"], row["method"]) for row in rows} == {
         (source, method) for source in ("layers", "bare") for method in METHODS}
-    ours = next(row for row in rows if (row["source"], row["method"]) == ("layers", "srt3d"))
+    ours = next(row for row in rows if (row["source"], row["method"]) == ("layers", "pooled"))
     assert float(ours["true_detections_percent"]) > 99 and ours["surfaces"] == "2" and ours["sketch_size"] == "10"
     assert all(row["true_detections_percent"] == "" for row in rows if row["source"] == "bare")
     table = [line for line in printed.out.splitlines() if line.startswith("| ")]
@@ -64,7 +64,7 @@ def test_every_method_is_held_against_every_file(run):
 
 def test_a_scene_is_simulated_at_every_setting(run):
     code, printed, out = run("--scene", "step.npz", "--sbr", "10,1", "--ppp", "3,30", "--sketch-size", "4,10",
-                             "--methods", "srt3d", "--repeats", "2", "--tolerance", "3mm")
+                             "--methods", "pooled", "--repeats", "2", "--tolerance", "3mm")
     rows = rows_of(out)
     assert code == 0 and len(rows) == 2 * 2 * 2 * 2
     assert {(row["source"], row["sbr"], row["ppp"], row["sketch_size"], row["repeat"]) for row in rows} == {
@@ -79,7 +79,7 @@ def test_a_scene_is_simulated_at_every_setting(run):
 
 
 def test_the_same_command_goes_on_where_it_stopped(run, monkeypatch):
-    command = ("--scene", "step.npz", "--sbr", "10", "--ppp", "3,30", "--methods", "srt3d", "--sketch-size", "10")
+    command = ("--scene", "step.npz", "--sbr", "10", "--ppp", "3,30", "--methods", "pooled", "--sketch-size", "10")
     done = []
 
     def watched(job, observation):
@@ -101,7 +101,7 @@ def test_the_same_command_goes_on_where_it_stopped(run, monkeypatch):
 def test_a_quick_look_is_small_unless_said_otherwise(monkeypatch, tmp_path, capsys):
     seen = []
     monkeypatch.setattr(evaluation, "reconstruct", lambda job, _: seen.append(job) or refuse())
-    assert main.main(["evaluate", "--quick", "--methods", "srt3d", "--out", str(tmp_path)]) == 0
+    assert main.main(["evaluate", "--quick", "--methods", "pooled", "--out", str(tmp_path)]) == 0
     assert {(job.case.source, job.case.sbr, job.case.ppp, job.sketch_size) for job in seen} == {
         (scene, sbr, ppp, 10) for scene in ("bust", "net") for sbr in (10, 1, 0.1) for ppp in (1, 10, 100)}
     assert all(job.case.sensor.pixels < 6_000 for job in seen)
@@ -115,7 +115,7 @@ def test_without_options_the_experiments_of_the_paper_are_run(monkeypatch, tmp_p
     seen = []
     monkeypatch.setattr(evaluation, "reconstruct", lambda job, _: seen.append(job) or refuse())
     monkeypatch.setattr(Simulator, "frame", lambda simulator, k: (None, None))
-    assert main.main(["evaluate", "--methods", "srt3d", "--scene", "bust", "--out", str(tmp_path)]) == 0
+    assert main.main(["evaluate", "--methods", "pooled", "--scene", "bust", "--out", str(tmp_path)]) == 0
     assert {(job.case.sbr, job.case.ppp, job.sketch_size) for job in seen} == {
         (sbr, ppp, m) for sbr in (10, 1, 0.1) for ppp in (1, 3, 10, 30, 100, 300, 1000) for m in (5, 10, 20)}
     assert {(job.case.sensor.rows, job.case.sensor.num_bins) for job in seen} == {(141, 4613)}
@@ -125,6 +125,7 @@ def test_without_options_the_experiments_of_the_paper_are_run(monkeypatch, tmp_p
 BAD = {
     "missing file": (["absent.npz"], "absent.npz"), "no photon file": (["step.npz"], "step.npz"),
     "unknown method": (["layers.npz", "--methods", "magic"], "method is magic"),
+    "old name": (["layers.npz", "--methods", "srt3d-paper"], "method is srt3d-paper: expected its new name, "),
     "unknown scene": (["--scene", "head"], "scene is head"), "missing scene": (["--scene", "a.npz"], "scene is a.npz"),
     "photons as scene": (["--scene", "layers.npz"], "layers.npz depth_m"),
     "sbr in words": (["--sbr", "high"], "--sbr"), "sbr 0": (["--sbr", "0"], "--sbr is 0"),

@@ -11,9 +11,9 @@ import pytest
 from srt3d_ros.cli import main
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets import npz
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene import StaticScene
@@ -50,7 +50,7 @@ def run(photons, tmp_path, capsys):
 def test_json_is_one_line_that_says_what_was_done(run, photons):
     code, facts, out = run()
     assert code == 0 and facts.keys() >= PROMISED
-    expected = {"method": "srt3d", "device": "cpu", "rows": 12, "cols": 20, "num_bins": 300, "sketch_size": 10,
+    expected = {"method": "pooled", "device": "cpu", "rows": 12, "cols": 20, "num_bins": 300, "sketch_size": 10,
                 "photons": photons[1].photons}
     assert {name: facts[name] for name in expected} == expected
     assert facts["points"] == len(np.load(out)["row"]) == 240
@@ -83,7 +83,7 @@ def test_upsampling_writes_a_cloud_of_finer_pixels(run):
 def test_it_is_the_reconstruction_of_the_library(run, photons):
     _, _, out = run()
     frequencies = choose("auto", SENSOR)
-    cloud = SRT3D(SENSOR, frequencies)(sketch_photons(photons[1], SENSOR, frequencies))
+    cloud = Pooled(SENSOR, frequencies)(sketch_photons(photons[1], SENSOR, frequencies))
     with np.load(out) as file:
         for name in ("row", "col", "depth_bins", "intensity", "xyz", "background"):
             np.testing.assert_allclose(file[name], getattr(cloud, name), rtol=1e-5, err_msg=name)
@@ -110,7 +110,7 @@ def test_frequencies_are_the_ones_asked_for(run, options, expected):
 
 def test_surfaces_and_false_alarm_rate_reach_the_method(run, monkeypatch):
     seen = {}
-    monkeypatch.setattr(SRT3D, "__init__", recording(SRT3D.__init__, seen))
+    monkeypatch.setattr(Pooled, "__init__", recording(Pooled.__init__, seen))
     run("--surfaces", "2", "--false-alarm-rate", "0.03", "--device", "cpu")
     assert {name: seen[name] for name in ("surfaces", "false_alarm_rate", "device")} == {
         "surfaces": 2, "false_alarm_rate": 0.03, "device": "cpu"}
@@ -118,7 +118,7 @@ def test_surfaces_and_false_alarm_rate_reach_the_method(run, monkeypatch):
 
 def test_a_dark_frame_tells_the_background(run, tmp_path, monkeypatch):
     seen = {}
-    monkeypatch.setattr(SRT3D, "__init__", recording(SRT3D.__init__, seen))
+    monkeypatch.setattr(Pooled, "__init__", recording(Pooled.__init__, seen))
     toa = np.repeat(np.arange(300), np.arange(300)).astype(np.uint16)           # a ramp
     npz.save(tmp_path / "dark.npz", SENSOR, PhotonEvents(np.arange(len(toa), dtype=np.uint32) % 240, toa))
     code, _, out = run("--dark", str(tmp_path / "dark.npz"))
@@ -197,7 +197,8 @@ BAD = {
     "rate in words": (["FILE", "-o", "a.npz", "--false-alarm-rate", "low"], "--false-alarm-rate"),
     "device cuda": (["FILE", "-o", "a.npz", "--device", "cuda"], "device is cuda"),
     "device gpu": (["FILE", "-o", "a.npz", "--device", "gpu"], "--device"),
-    "other method": (["FILE", "-o", "a.npz", "--method", "magic"], "--method"),
+    "other method": (["FILE", "-o", "a.npz", "--method", "magic"], "method is magic"),
+    "old name": (["FILE", "-o", "a.npz", "--method", "srt3d-paper"], "method is srt3d-paper: expected its new name, "),
     "sketch size 0": (["FILE", "-o", "a.npz", "--sketch-size", "0"], "sketch_size is 0"),
     "sketch size 1000": (["FILE", "-o", "a.npz", "--sketch-size", "1000"], "sketch_size is 1000"),
     "sketch size and list": (["FILE", "-o", "a.npz", "--sketch-size", "3", "--frequencies", "1,2"], "sketch_size is 3"),

@@ -55,7 +55,7 @@ def test_weighting_reaches_the_method(wall, tmp_path):
 @pytest.mark.parametrize(("options", "line"), [
     (["--method", "rt3d", "--weighting", "identity"], "weighting is identity: expected nothing: rt3d takes "),
     (["--method", "xcorr", "--weighting", "precision"], "weighting is precision: expected nothing: xcorr takes "),
-    (["--method", "srt3d-paper", "--false-alarm-rate", "0.1"], "false_alarm_rate is 0.1: expected nothing: srt3d-"),
+    (["--method", "srt3d", "--false-alarm-rate", "0.1"], "false_alarm_rate is 0.1: expected nothing: srt3d takes "),
     (["--method", "xcorr", "--sketch-size", "5"], "sketch_size is 5: expected nothing: xcorr makes no sketch"),
     (["--method", "rt3d", "--frequencies", "auto"], "frequencies is auto: expected nothing: rt3d makes no sketch"),
     (["--method", "xcorr", "--device", "cuda"], "device is cuda: expected cpu or auto: xcorr has no CUDA kernels")])

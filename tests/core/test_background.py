@@ -8,10 +8,10 @@ from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -34,7 +34,7 @@ def simulate(sensor: SensorModel, depth_bins=DEPTH, sbr=0.3, ppp=20.0, seed=0) -
 
 def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor"):
     frequencies = choose("auto", sensor)
-    return SRT3D(sensor, frequencies, background=background)(sketch_photons(frame, sensor, frequencies))
+    return Pooled(sensor, frequencies, background=background)(sketch_photons(frame, sensor, frequencies))
 
 
 def background_alone(sensor: SensorModel, ppp: float) -> PhotonEvents:
@@ -158,6 +158,6 @@ def test_a_dark_frame_may_come_as_gates():
 
 def test_what_cannot_be_used_is_named():
     with pytest.raises(InvalidInput, match="^background is dark: expected sensor or flat or estimate"):
-        SRT3D(make_sensor(), (1, 2, 3), background="dark")
+        Pooled(make_sensor(), (1, 2, 3), background="dark")
     with pytest.raises(InvalidInput, match="^dark frame is no photons"):
         dark_shape(PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16)), make_sensor())

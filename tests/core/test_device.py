@@ -12,9 +12,9 @@ import torch
 
 from srt3d_ros.core import device
 from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import Sketcher
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
@@ -40,7 +40,7 @@ LACKS = [({"driver": "libnone.so"}, "no CUDA device"), ({"gpu": False}, "no CUDA
 @pytest.mark.parametrize(("lack", "said"), LACKS)
 def test_what_cuda_lacks_is_said_in_one_line(missing, lack, said):
     missing(**lack)
-    for make in (kernels_for, lambda name: SRT3D(SENSOR, (1, 2), device=name),
+    for make in (kernels_for, lambda name: Pooled(SENSOR, (1, 2), device=name),
                  lambda name: Sketcher(SENSOR, (1, 2), device=name)):
         with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
             make("cuda")
@@ -51,7 +51,7 @@ def test_auto_computes_on_the_cpu_then_and_says_so_once(missing, caplog, lack, s
     missing(**lack)
     with caplog.at_level(logging.INFO):
         assert [kernels_for("auto")[0] for _ in range(2)] == ["cpu", "cpu"]
-        assert SRT3D(SENSOR, (1, 2)).device == "cpu"
+        assert Pooled(SENSOR, (1, 2)).device == "cpu"
     assert len(caplog.messages) == 1 and caplog.messages[0].startswith(said)
     assert caplog.messages[0].endswith(": computing on the CPU")
 
@@ -71,15 +71,15 @@ import sys
 for name in ("numba", "rclpy", "rerun", "scipy", "matplotlib", "tqdm", "PIL"):
     sys.modules[name] = None
 import numpy as np
-from srt3d_ros.core import srt3d
+from srt3d_ros.core import pooled
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import Sketcher
-srt3d.SPREAD, srt3d.WINDOWS = 0, ((2.0, 1), (4.0, 1))       # interpretation is slow
+pooled.SPREAD, pooled.WINDOWS = 0, ((2.0, 1), (4.0, 1))       # interpretation is slow
 sensor = SensorModel(2, 3, 64, 1e-10, np.ones(3))
 sketcher = Sketcher(sensor, (1, 2, 3), device="cuda")
 sketcher.add(PhotonEvents(np.arange(6, dtype=np.uint32).repeat(50), np.full(300, 20, np.uint16)))
-reconstructor = srt3d.SRT3D(sensor, (1, 2, 3), device="cuda")
+reconstructor = pooled.Pooled(sensor, (1, 2, 3), device="cuda")
 cloud = reconstructor(sketcher.sketch())
 assert reconstructor.device == "cuda" and len(cloud) == 6, cloud
 assert np.allclose(cloud.depth_bins, 20, atol=1), cloud.depth_bins

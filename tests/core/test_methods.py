@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, find, reconstruct
+from srt3d_ros.core.methods import (
+    DEFAULT_METHOD,
+    METHODS,
+    OLD_NAMES,
+    SKETCH_METHODS,
+    find,
+    reconstruct,
+    refuse_old_name,
+)
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
@@ -15,9 +23,9 @@ DEPTH = np.full((12, 14), 120.0)
 
 
 def test_all_methods_of_the_paper_are_there():
-    assert set(METHODS) == {"srt3d", "srt3d-paper", "smle", "xcorr", "rt3d"}
-    assert DEFAULT_METHOD == "srt3d" and set(SKETCH_METHODS) == {"srt3d", "srt3d-paper", "smle"}
-    assert {name for name in METHODS if METHODS[name].frequencies == "consecutive"} == {"srt3d-paper", "smle"}
+    assert set(METHODS) == {"pooled", "srt3d", "smle", "xcorr", "rt3d"}
+    assert DEFAULT_METHOD == "pooled" and set(SKETCH_METHODS) == {"pooled", "srt3d", "smle"}
+    assert {name for name in METHODS if METHODS[name].frequencies == "consecutive"} == {"srt3d", "smle"}
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -57,5 +65,17 @@ def test_every_method_tells_its_device_and_can_warm_up(name):
 
 
 def test_an_unknown_method_is_named_with_the_known_ones():
-    with pytest.raises(InvalidInput, match="^method is magic: expected srt3d or srt3d-paper or smle or xcorr or rt3d$"):
+    with pytest.raises(InvalidInput, match="^method is magic: expected pooled or srt3d or smle or xcorr or rt3d$"):
         find("magic")
+
+
+def test_an_old_name_is_refused_with_the_new_one():
+    for name in OLD_NAMES:
+        assert name not in METHODS
+    line = "method is srt3d-paper: expected its new name, srt3d (SRT3D as published)"
+    with pytest.raises(InvalidInput) as caught:
+        find("srt3d-paper")
+    assert str(caught.value) == line
+    with pytest.raises(InvalidInput) as caught:
+        refuse_old_name("srt3d-paper")
+    assert str(caught.value) == line

@@ -8,10 +8,10 @@ import pytest
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GAINS, SensorModel
 from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.errors import InvalidInput
 
 T = 300
@@ -29,13 +29,13 @@ def test_every_method_gives_numbers_or_refuses_in_one_line(attack, monkeypatch):
 
 def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(attack):
     same_bits = attack("same_bits")
-    here = same_bits.clouds(methods=("srt3d",))
-    assert same_bits.in_child(1, ("srt3d",)) == same_bits.in_child(2, ("srt3d",)) == here
+    here = same_bits.clouds(methods=("pooled",))
+    assert same_bits.in_child(1, ("pooled",)) == same_bits.in_child(2, ("pooled",)) == here
 
 
 def test_order_packets_and_form_of_the_photons_change_no_bit_of_the_cloud(attack):
     same_bits = attack("same_bits")
-    found = [same_bits.clouds(form, ("srt3d",)) for form in same_bits.FORMS]
+    found = [same_bits.clouds(form, ("pooled",)) for form in same_bits.FORMS]
     assert all(one == found[0] for one in found)
 
 
@@ -63,18 +63,18 @@ def assert_finite(cloud):
 @pytest.mark.parametrize("weighting", ["identity", "precision"])
 def test_full_pixels_of_the_least_and_the_greatest_gain_give_numbers(gain, weighting):
     sensor, frequencies = made(gain=np.full((9, 12), gain))
-    srt3d = SRT3D(sensor, frequencies, surfaces=2, weighting=weighting)
+    pooled = Pooled(sensor, frequencies, surfaces=2, weighting=weighting)
     for seed in range(4):
         sketch = garbage(sensor, frequencies, seed)
         flat = np.broadcast_to(np.exp(2j * np.pi * np.array(frequencies) / T * 90), sketch.sums.shape)
         for sums in (sketch.sums, (flat * sketch.photons[..., None]).astype(np.complex64)):
-            cloud = srt3d(Sketch(frequencies, sums, sketch.photons))
+            cloud = pooled(Sketch(frequencies, sums, sketch.photons))
             assert_finite(cloud)
     assert (cloud.surface == 0).sum() == sensor.pixels
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1j * np.inf, 1e38, -1e20j])
-@pytest.mark.parametrize("method", ["srt3d", "smle", "srt3d-paper"])
+@pytest.mark.parametrize("method", ["pooled", "smle", "srt3d"])
 def test_a_sketch_that_is_not_of_numbers_is_refused(method, value):
     from srt3d_ros.core.methods import METHODS
 
@@ -96,7 +96,7 @@ def plane(sensor: SensorModel, depth: float, seed=0) -> PhotonEvents:
 
 def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
     sensor, frequencies = made()
-    warm, cold = (SRT3D(sensor, frequencies, warm_start=warm) for warm in (True, False))
+    warm, cold = (Pooled(sensor, frequencies, warm_start=warm) for warm in (True, False))
     for seed in range(5):
         assert_finite(warm(garbage(sensor, frequencies, seed, photons=50 if seed % 2 else MAX_PHOTONS)))
         sketch = sketch_photons(plane(sensor, 120, seed), sensor, frequencies)
@@ -112,7 +112,7 @@ def test_after_garbage_a_warm_start_finds_the_scene_as_a_cold_one():
 @pytest.mark.parametrize("late", [0.0, 17.25, -40.0, 1e5])
 def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(depth, late):
     sensor, frequencies = made(delay_bins=np.full((9, 12), late))
-    cloud = SRT3D(sensor, frequencies)(sketch_photons(plane(sensor, depth), sensor, frequencies))
+    cloud = Pooled(sensor, frequencies)(sketch_photons(plane(sensor, depth), sensor, frequencies))
     assert len(cloud) == sensor.pixels and (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
     assert np.abs(circular_difference(cloud.depth_bins.astype(float), depth, T)).max() < 1.5
 
@@ -122,9 +122,9 @@ def test_irfs_of_pixels_that_contradict_each_other_give_numbers_with_any_weighti
     irf[:10, [0, 1]], irf[10:, 6] = 1, 1
     sensor = SensorModel(4, 5, T, 50e-12, irf, irf_ref=4)
     frequencies = choose("auto", sensor)
-    srt3d = SRT3D(sensor, frequencies, surfaces=4, weighting="precision")
+    pooled = Pooled(sensor, frequencies, surfaces=4, weighting="precision")
     for seed in range(8):
-        cloud = srt3d(garbage(sensor, frequencies, seed, photons=20_000))
+        cloud = pooled(garbage(sensor, frequencies, seed, photons=20_000))
         assert_finite(cloud)
         assert (cloud.depth_bins >= 0).all() and (cloud.depth_bins < T).all()
 
@@ -132,10 +132,10 @@ def test_irfs_of_pixels_that_contradict_each_other_give_numbers_with_any_weighti
 def test_the_scale_of_an_irf_changes_nothing():
     sensor, frequencies = made()
     sketch = sketch_photons(plane(sensor, 120), sensor, frequencies)
-    expected = SRT3D(sensor, frequencies)(sketch)
+    expected = Pooled(sensor, frequencies)(sketch)
     for scale in (1e-300, 1e-30, 7, 1e30):
         scaled, same = made(irf=IRF * scale)
-        cloud = SRT3D(scaled, same)(sketch)
+        cloud = Pooled(scaled, same)(sketch)
         assert same == frequencies and len(cloud) == len(expected)
         np.testing.assert_allclose(cloud.depth_bins, expected.depth_bins, atol=1e-3)
 
@@ -147,7 +147,7 @@ def test_the_longest_period_takes_little_memory(spec):
     try:
         frequencies = choose(spec, long, 10 if spec == "spread" else None)
         if spec != "spread":
-            SRT3D(long, frequencies)
+            Pooled(long, frequencies)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

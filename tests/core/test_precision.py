@@ -5,10 +5,10 @@ import numpy as np
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.precision import Precision
 from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 
@@ -41,7 +41,7 @@ def test_it_leaves_no_bias_and_smaller_errors_where_signal_is_plenty():
     sketch = sketch_photons(frame, sensor, k)
     errors = {}
     for weighting in ("identity", "precision"):
-        depth = SRT3D(sensor, k, weighting=weighting)(sketch).image("depth_bins")
+        depth = Pooled(sensor, k, weighting=weighting)(sketch).image("depth_bins")
         errors[weighting] = circular_difference(depth, truth[0], T)
         assert abs(errors[weighting].mean()) < 0.5 * errors[weighting].std()
     assert errors["precision"].std() < 0.93 * errors["identity"].std()
@@ -51,6 +51,6 @@ def test_its_standard_deviations_are_those_of_its_errors():
     sensor = make_sensor(60)
     k = choose("auto", sensor, 10)
     frame, truth = photons_of_a_wall(sensor, 10, 10)
-    cloud = SRT3D(sensor, k, weighting="precision")(sketch_photons(frame, sensor, k))
+    cloud = Pooled(sensor, k, weighting="precision")(sketch_photons(frame, sensor, k))
     error = np.abs(circular_difference(cloud.image("depth_bins"), truth[0], T))
     assert 0.6 < (error < cloud.image("depth_std_bins")).mean() < 0.85

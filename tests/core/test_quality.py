@@ -1,14 +1,14 @@
-"""How good SRT3D is with its defaults and m = 10, on measured and on simulated photons: what this project promises."""
+"""How good pooled is with its defaults and m = 10, on measured and on simulated photons: what this project promises."""
 
 import numpy as np
 import pytest
 
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.irf import spad
 from srt3d_ros.datasets.scene import StaticScene, default_sensor
@@ -27,7 +27,7 @@ SIMULATED = {       # SBR, ppp: TD at least, FD at most, DAE at most, mm; the mo
 
 def reconstruct(frame, sensor, **options):
     frequencies = choose("auto", sensor, 10)
-    return SRT3D(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
+    return Pooled(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
 
 
 @pytest.mark.parametrize("name", MEASURED)

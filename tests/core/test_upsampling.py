@@ -7,9 +7,9 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.core.upsampling import refine
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
@@ -25,7 +25,7 @@ def make_sensor(rows=16, cols=20, **changes) -> SensorModel:
 
 def reconstruct(sensor: SensorModel, frame, **options) -> PointCloud:
     frequencies = choose("auto", sensor, 10)
-    return SRT3D(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
+    return Pooled(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
 
 
 def simulate(sensor: SensorModel, depth_bins: np.ndarray, sbr=5.0, ppp=60.0) -> PhotonEvents:
@@ -112,7 +112,7 @@ def test_an_empty_cloud_stays_empty():
 @pytest.mark.parametrize("factor", [0, 5, -1, 1.5, "2", True])
 def test_factors_that_cannot_be_used_are_named(factor):
     with pytest.raises(InvalidInput, match=f"^upsampling is {factor}: expected an integer from 1 to 4"):
-        SRT3D(make_sensor(), (1, 2, 3), upsampling=factor)
+        Pooled(make_sensor(), (1, 2, 3), upsampling=factor)
 
 
 def test_calibration_is_that_of_the_pixel():

@@ -5,10 +5,10 @@ import pytest
 
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets.irf import spad
 from srt3d_ros.datasets.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulator import Simulator
@@ -39,11 +39,11 @@ def seen(range_m, seed, sbr=1.0, ppp=1.0):
     ids=["moved", "gone", "come", "come a little before the wall"])
 @pytest.mark.parametrize(("sbr", "ppp"), [(1.0, 1.0), (1.0, 10.0), (0.1, 10.0)])
 def test_a_sudden_change_of_the_scene_is_not_smeared(before, after, sbr, ppp):
-    cold, warm = (SRT3D(SENSOR, FREQUENCIES, warm_start=warm) for warm in (False, True))
+    cold, warm = (Pooled(SENSOR, FREQUENCIES, warm_start=warm) for warm in (False, True))
     for seed in (1, 2):
         warm(seen(before, seed, sbr, ppp)[0])
     sketch, depth = seen(after, 3, sbr, ppp)
-    one, other = (evaluate(srt3d(sketch), depth, TOLERANCE, SENSOR.num_bins) for srt3d in (cold, warm))
+    one, other = (evaluate(pooled(sketch), depth, TOLERANCE, SENSOR.num_bins) for pooled in (cold, warm))
     assert other.true_detections >= one.true_detections - 0.003
     assert other.false_detections <= one.false_detections + 0.003
 
@@ -53,9 +53,9 @@ def test_depths_of_a_scene_that_goes_on_are_more_accurate():
     frequencies = choose("auto", sensor, 10)
     simulator = Simulator(sbr=1, ppp=3, seed=5)
     errors = []
-    for srt3d in (SRT3D(sensor, frequencies, warm_start=warm) for warm in (False, True)):
+    for pooled in (Pooled(sensor, frequencies, warm_start=warm) for warm in (False, True)):
         frames = [simulator.frame(i) for i in range(4)]
-        found = [evaluate(srt3d(sketch_photons(frame, sensor, frequencies)), depth, 40e-3 / sensor.bin_width_m,
+        found = [evaluate(pooled(sketch_photons(frame, sensor, frequencies)), depth, 40e-3 / sensor.bin_width_m,
                           sensor.num_bins) for frame, depth in frames]
         errors.append(np.mean([one.dae_bins for one in found[1:]]))
     assert errors[1] < 0.95 * errors[0]
@@ -63,15 +63,15 @@ def test_depths_of_a_scene_that_goes_on_are_more_accurate():
 
 def test_the_first_frame_is_the_same_with_and_without():
     sketch, _ = seen(ranges(22), 1)
-    one, other = (SRT3D(SENSOR, FREQUENCIES, warm_start=warm)(sketch) for warm in (False, True))
+    one, other = (Pooled(SENSOR, FREQUENCIES, warm_start=warm)(sketch) for warm in (False, True))
     np.testing.assert_array_equal(one.depth_bins, other.depth_bins)
 
 
 def test_without_warm_start_no_frame_depends_on_the_one_before():
-    srt3d = SRT3D(SENSOR, FREQUENCIES)
+    pooled = Pooled(SENSOR, FREQUENCIES)
     sketch, _ = seen(ranges(22), 1)
-    first = srt3d(sketch)
-    srt3d(seen(ranges(48), 2)[0])
-    again = srt3d(sketch)
+    first = pooled(sketch)
+    pooled(seen(ranges(48), 2)[0])
+    again = pooled(sketch)
     np.testing.assert_array_equal(first.depth_bins, again.depth_bins)
     np.testing.assert_array_equal(first.intensity, again.intensity)

@@ -16,7 +16,7 @@ from srt3d_ros.evaluation.results import Results, number
 from srt3d_ros.evaluation.run import aligned_reference, jobs_for, judge, run, with_clouds
 
 BAR = {"disable": True}
-SRT3D = METHODS["srt3d"]
+POOLED = METHODS["pooled"]
 
 
 @pytest.fixture
@@ -30,13 +30,13 @@ def only_row(results, jobs):
 
 def test_methods_on_photons_run_once_and_those_on_sketches_for_each_size(scene_file):
     on_photons = Method("all", "", "photons", "nowhere:None")
-    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D, on_photons], (5, 10))
+    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [POOLED, on_photons], (5, 10))
     assert [(job.method.name, job.sketch_size, job.case.ppp) for job in jobs] == [
-        ("srt3d", 5, 3), ("srt3d", 10, 3), ("all", None, 3), ("srt3d", 5, 30), ("srt3d", 10, 30), ("all", None, 30)]
+        ("pooled", 5, 3), ("pooled", 10, 3), ("all", None, 3), ("pooled", 5, 30), ("pooled", 10, 30), ("all", None, 30)]
 
 
 def test_a_simulated_scene_is_judged_in_every_respect(scene_file, results):
-    jobs = jobs_for(simulated(str(scene_file), [10], [100]), [SRT3D], (10,))
+    jobs = jobs_for(simulated(str(scene_file), [10], [100]), [POOLED], (10,))
     assert run(jobs, results, tqdm(**BAR)) == []
     row = only_row(results, jobs)
     assert number(row, "true_detections_percent") > 99 and number(row, "false_detections_percent") < 1
@@ -50,7 +50,7 @@ def test_a_simulated_scene_is_judged_in_every_respect(scene_file, results):
     assert len(row["frequencies"].split(";")) == 10 and number(row, "reconstruct_ms") > 0
 
 
-@pytest.mark.parametrize("name", ["srt3d", "xcorr"])
+@pytest.mark.parametrize("name", ["pooled", "xcorr"])
 def test_with_upsampling_every_method_is_judged_on_the_finer_pixels(name, results, tmp_path):
     case, = simulated("net", [10], [300], upsampling=2)
     size = 10 if METHODS[name].needs == "sketch" else None
@@ -71,7 +71,7 @@ def test_points_in_empty_pixels_of_a_scene_are_false_and_those_of_files_are_not(
 
 
 def test_what_is_done_is_not_done_again(scene_file, results):
-    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D], (10,))
+    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [POOLED], (10,))
     run(jobs[:1], results, tqdm(**BAR))
     again = replace(jobs[0], case=replace(jobs[0].case, observe=lambda: pytest.fail("simulated again")))
     run([again], Results(results.path), tqdm(**BAR))
@@ -79,7 +79,7 @@ def test_what_is_done_is_not_done_again(scene_file, results):
 
 @pytest.mark.parametrize("done", [0, 1, 2])
 def test_the_bar_ends_at_all_jobs(scene_file, results, done):
-    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D], (10,))
+    jobs = jobs_for(simulated(str(scene_file), [10], [3, 30]), [POOLED], (10,))
     run(jobs[:done], results, tqdm(**BAR))
     steps = []
     bar = tqdm(**BAR)
@@ -89,15 +89,15 @@ def test_the_bar_ends_at_all_jobs(scene_file, results, done):
 
 
 def test_what_a_method_refuses_is_a_note_and_the_others_go_on(scene_file, results):
-    jobs = jobs_for(simulated(str(scene_file), [10], [3]), [SRT3D], (1000, 10))
+    jobs = jobs_for(simulated(str(scene_file), [10], [3]), [POOLED], (1000, 10))
     notes = run(jobs, results, tqdm(**BAR))
-    assert len(notes) == 1 and notes[0].startswith("step, SBR 10, 3 ppp: srt3d, m = 1000: sketch_size is 1000")
+    assert len(notes) == 1 and notes[0].startswith("step, SBR 10, 3 ppp: pooled, m = 1000: sketch_size is 1000")
     assert jobs[1].key in results and jobs[0].key not in results
 
 
 def test_wanted_clouds_are_kept(scene_file, results, tmp_path):
     (tmp_path / "clouds").mkdir()
-    jobs = with_clouds(jobs_for(simulated(str(scene_file), [10], [3, 30]), [SRT3D], (10,)),
+    jobs = with_clouds(jobs_for(simulated(str(scene_file), [10], [3, 30]), [POOLED], (10,)),
                        lambda job: job.case.ppp == 30, tmp_path / "clouds")
     run(jobs, results, tqdm(**BAR))
     kept, = (tmp_path / "clouds").iterdir()
@@ -111,7 +111,7 @@ def test_wanted_clouds_are_kept(scene_file, results, tmp_path):
 
 def test_a_reference_measured_apart_is_aligned_and_judged_where_photons_show_it(layers, results):
     plain, aligned = of_files([str(layers)])[0], of_files([str(layers)], aligned=(1,), seen=(8, 20))[0]
-    jobs = jobs_for([plain, aligned], [SRT3D], (10,))
+    jobs = jobs_for([plain, aligned], [POOLED], (10,))
     run(jobs, results, tqdm(**BAR))
     first, second = (results[job.key] for job in jobs)
     assert first["true_detections_by_surface_percent"].split(";") == ["100", "0"]
@@ -136,7 +136,7 @@ def test_the_true_cloud_is_perfect(layers, scene_file):
 
 
 def test_frequencies_are_those_that_the_method_asks_for(scene_file, results, monkeypatch):
-    consecutive = Method("other", "", "sketch", SRT3D.where, frequencies="consecutive")
+    consecutive = Method("other", "", "sketch", POOLED.where, frequencies="consecutive")
     monkeypatch.setitem(methods.METHODS, "other", consecutive)
     jobs = jobs_for(simulated(str(scene_file), [10], [30]), [consecutive], (5,))
     run(jobs, results, tqdm(**BAR))

@@ -5,7 +5,7 @@ import numpy as np
 from srt3d_ros.evaluation.results import COLUMNS
 from srt3d_ros.evaluation.table import HEADINGS, averaged, markdown
 
-ROW = dict.fromkeys(COLUMNS, "") | {"source": "bust", "sbr": "1", "ppp": "10", "repeat": "1", "method": "srt3d",
+ROW = dict.fromkeys(COLUMNS, "") | {"source": "bust", "sbr": "1", "ppp": "10", "repeat": "1", "method": "pooled",
                                     "sketch_size": "10", "photons_per_pixel": "9.9", "points": "100"}
 JUDGED = ROW | {"true_detections_percent": "90", "true_detections_by_surface_percent": "90", "dae_mm": "2",
                 "within_nominal_percent": "10;50"}
@@ -26,6 +26,6 @@ def test_the_table_shows_what_is_known_and_a_dash_for_the_rest():
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     assert tuple(cells[0]) == HEADINGS and len({len(line) for line in cells}) == 1
     assert dict(zip(HEADINGS, cells[2])) == {
-        "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "srt3d", "m": "10", "TD %": "99.1 + 80.0",
+        "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
         "FD %": "0.0", "DAE bins": "–", "DAE mm": "2.00", "IAE": "–", "≤ 1 σ %": "–", "≤ 2 σ %": "–", "points": "100"}
-    assert cells[3][:6] == ["tower", "–", "9.9", "srt3d", "–", "–"]
+    assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]

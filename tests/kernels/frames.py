@@ -12,9 +12,9 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.pooled import SAME_SURFACE
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.srt3d import SAME_SURFACE
 
 T = 300
 GATE = SAME_SURFACE**2

@@ -1,6 +1,6 @@
 """What the kernels compute, in plain float64 NumPy, one pixel at a time: written to be read, not to be fast.
 
-The functions have the kernels' names, arguments and results, so that SRT3D runs on them too. A pixel's statistics are
+The functions have the kernels' names, arguments and results, so that Pooled runs on them too. A pixel's statistics are
 complex numbers z_l here, of which the kernels keep real and imaginary parts apart.
 """
 

@@ -8,9 +8,9 @@ from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.core.start import window_weights
 from srt3d_ros.kernels import cpu
 
@@ -130,9 +130,9 @@ def test_nothing_appears_outside_the_image_or_in_masked_pixels():
 def test_whole_reconstructions_agree(shape, surfaces, light, monkeypatch):
     sensor = make_sensor(*shape, seed=5)
     sketch = make_sketch(sensor, 5, light)
-    fast = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)(sketch)
-    monkeypatch.setattr("srt3d_ros.core.srt3d.kernels_for", lambda device: (device, reference))
-    slow = SRT3D(sensor, sketch.frequencies, surfaces=surfaces)(sketch)
+    fast = Pooled(sensor, sketch.frequencies, surfaces=surfaces)(sketch)
+    monkeypatch.setattr("srt3d_ros.core.pooled.kernels_for", lambda device: (device, reference))
+    slow = Pooled(sensor, sketch.frequencies, surfaces=surfaces)(sketch)
     for k in range(surfaces):
         depth = [cloud.image("depth_bins", k) for cloud in (fast, slow)]
         there = np.isfinite(depth[0])
@@ -148,7 +148,7 @@ def test_whole_reconstructions_agree(shape, surfaces, light, monkeypatch):
 def test_results_are_the_same_to_the_bit_for_any_number_of_threads_and_every_time():
     sensor = make_sensor(40, 70, seed=7)
     sketch = make_sketch(sensor, seed=7)
-    srt3d = SRT3D(sensor, sketch.frequencies, surfaces=2)
+    srt3d = Pooled(sensor, sketch.frequencies, surfaces=2)
     before = numba.get_num_threads()
     clouds = []
     try:

@@ -8,7 +8,7 @@ import torch
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.srt3d import SRT3D
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.start import REST_SCALES, SURE_SCALES
 
 from .frames import DEPTH_TOLERANCE, FAINT, RELATIVE, SHARE_AT_TIES, T, make_sensor, make_sketch
@@ -24,12 +24,12 @@ def shorten(cuda, monkeypatch, **settings):
     """Reconstruct in less time than it takes to interpret all steps; on a GPU as always."""
     if cuda.DEVICE == "cpu":
         for name, value in (QUICK | settings).items():
-            monkeypatch.setattr(f"srt3d_ros.core.srt3d.{name}", value)
+            monkeypatch.setattr(f"srt3d_ros.core.pooled.{name}", value)
 
 
-def built(monkeypatch, kernels, sensor, frequencies, device="cuda", **options) -> SRT3D:
-    monkeypatch.setattr("srt3d_ros.core.srt3d.kernels_for", lambda wanted: (device, kernels))
-    return SRT3D(sensor, frequencies, **options)
+def built(monkeypatch, kernels, sensor, frequencies, device="cuda", **options) -> Pooled:
+    monkeypatch.setattr("srt3d_ros.core.pooled.kernels_for", lambda wanted: (device, kernels))
+    return Pooled(sensor, frequencies, **options)
 
 
 def assert_clouds_agree(one: PointCloud, other: PointCloud, surfaces: int, points: int):

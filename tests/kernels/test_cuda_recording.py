@@ -8,8 +8,8 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from srt3d_ros.core.frequencies import consecutive
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.srt3d import SRT3D
 
 # Beside kernels: memory, views of it, and what is done on the GPU; nothing that reads a number or copies to the host.
 RECORDABLE = {"empty", "new_empty", "zeros", "new_zeros", "empty_like", "zeros_like", "view", "_unsafe_view", "slice",
@@ -33,11 +33,11 @@ class Watch(TorchDispatchMode):
 @pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize("surfaces", [1, 2])
 def test_a_reconstruction_can_be_recorded(cuda, monkeypatch, surfaces, warm, clutter):
-    monkeypatch.setattr("srt3d_ros.core.srt3d.kernels_for", lambda device: ("cuda", cuda))
+    monkeypatch.setattr("srt3d_ros.core.pooled.kernels_for", lambda device: ("cuda", cuda))
     monkeypatch.setattr(type(cuda.search.__globals__["_decide"]), "run", lambda *args, **options: None)
     shape = np.linspace(1, 2, 300) / 450 if clutter else None
     sensor = SensorModel(6, 40, 300, 1e-10, np.ones(9), background_shape=shape)
-    srt3d = SRT3D(sensor, consecutive(5), surfaces)
+    srt3d = Pooled(sensor, consecutive(5), surfaces)
     tensor = partial(torch.zeros, device=cuda.DEVICE)
     frame = [tensor(6, 40, dtype=torch.uint32), tensor(6, 40, 5, dtype=torch.complex64)]
     srt3d._points(warm, *frame)                             # finds memory, copies constants

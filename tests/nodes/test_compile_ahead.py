@@ -7,7 +7,7 @@ import sys
 REPORT = """
 import importlib, json, pkgutil
 from numba.core.dispatcher import Dispatcher
-from srt3d_ros.core.srt3d import SRT3D
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.kernels import cpu
 from srt3d_ros.nodes import compile_ahead as ahead
 {what}
@@ -18,7 +18,7 @@ print(json.dumps(sorted({{f"{{kernel.py_func.__module__}}.{{kernel.__name__}}{{s
                          for kernel in kernels for signature in kernel.signatures}})))
 """
 AHEAD = "ahead.compile_descend(); ahead.compile_others()"
-AT_START = "ahead.warm_up(); SRT3D(ahead.ANY_SENSOR, ahead.FREQUENCIES, device='cpu').warm_up()"
+AT_START = "ahead.warm_up(); Pooled(ahead.ANY_SENSOR, ahead.FREQUENCIES, device='cpu').warm_up()"
 
 
 def compiled(what: str) -> set[str]:

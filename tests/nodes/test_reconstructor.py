@@ -22,6 +22,7 @@ from srt3d_ros.nodes import base
 from tests.nodes.conftest import check_outdated_are_dropped
 
 STAMP_NS = 1_700_000_000_123_456_789
+OLD_NAME = "method is srt3d-paper: expected its new name, srt3d (SRT3D as published)"
 
 
 @pytest.fixture
@@ -156,6 +157,7 @@ def test_parameters_that_do_not_go_together_are_refused_with_the_reason_and_chan
     assert setting(min_range_m=-1.0).startswith("min_range_m is -1.0: expected a number of 0 or more m")
     assert setting(method="smle", warm_start=True) == "warm_start is True: expected False, as smle has no such option"
     assert setting(method="rt3d").startswith("method is rt3d: expected ")
+    assert setting(method="srt3d-paper") == OLD_NAME
     assert setting(save_format="las") == "save_format is las: expected ply or pcd or npz"
     if not torch.cuda.is_available():
         assert setting(device="cuda").startswith("device is cuda: expected ")
@@ -170,7 +172,7 @@ def test_method_and_pipeline_can_be_changed_between_frames(graph, sensor, sketch
     graph.start("reconstructor", lossless=True, fields="full").ready()
     expected = {}
     for at, change in enumerate(({}, {"pipeline": "throughput", "background": "flat"}, {"method": "smle",
-                                 "background": "sensor"}, {"method": "srt3d", "pipeline": "latency"})):
+                                 "background": "sensor"}, {"method": "pooled", "pipeline": "latency"})):
         assert not change or setting(**change) == ""
         for stamp_ns in (STAMP_NS + 2 * at, STAMP_NS + 2 * at + 1):
             send(sketch_message.encode_cdr(dataclasses.replace(sketch, stamp_ns=stamp_ns), "spad"))
@@ -275,7 +277,7 @@ def test_throughput_publishes_every_frame_once_in_the_order_in_which_they_came(g
     assert (report["frames_in"], report["dropped.malformed"], report["dropped"]) == ("13", "1", "1")
 
 
-@pytest.mark.parametrize("parameters", [{"method": "smle"}, {"method": "srt3d-paper", "weighting": "precision"}])
+@pytest.mark.parametrize("parameters", [{"method": "smle"}, {"method": "srt3d", "weighting": "precision"}])
 def test_other_methods_on_sketches_can_be_chosen(graph, sensor, sketch, send, parameters):
     clouds = graph.collect(PointCloud2, "points")
     graph.start("reconstructor", lossless=True, **parameters).ready()
@@ -298,6 +300,11 @@ def test_what_a_sketch_is_not_enough_for_is_one_line_and_exit_code_2(graph, name
     process = graph.start("reconstructor", **{name: value})
     assert process.code() == 2
     assert len(process.lines) == 1 and process.text.startswith(f"{name} is {value}: expected ")
+
+
+def test_an_old_name_of_a_method_is_one_line_with_the_new_name(graph):
+    process = graph.start("reconstructor", method="srt3d-paper")
+    assert process.code() == 2 and process.lines == [OLD_NAME]
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has CUDA")

@@ -24,9 +24,9 @@ def path(tmp_path):
 
 def test_time_and_memory_have_a_line_for_each_method(path):
     lines = [line("rt3d", ppp, 50 * ppp, input_bytes=100_000 * ppp, growth_bytes=10**7) for ppp in (1, 10, 100)]
-    lines += [line("srt3d", ppp, 40, input_bytes=10**6, growth_bytes=5 * 10**6) for ppp in (1, 10, 100)]
+    lines += [line("pooled", ppp, 40, input_bytes=10**6, growth_bytes=5 * 10**6) for ppp in (1, 10, 100)]
     draw_growth(path, lines, "a$b_{", (7, "the paper: 7 ms"), {})
-    for method in ("rt3d", "srt3d"):
+    for method in ("rt3d", "pooled"):
         seen = coloured(path, COLOURS[method])
         half = seen.shape[1] // 2
         assert seen[:, :half].sum() > 300 and seen[:, half:].sum() > 300
@@ -36,7 +36,7 @@ def test_time_and_memory_have_a_line_for_each_method(path):
 
 
 def test_a_line_may_end_early_and_memory_may_be_unknown(path):
-    lines = [line("rt3d", 1, 50), line("srt3d", 1, 40, input_bytes=9), line("srt3d", 10, 40)]
+    lines = [line("rt3d", 1, 50), line("pooled", 1, 40, input_bytes=9), line("pooled", 10, 40)]
     draw_growth(path, lines, "", None, {"rt3d": "over 60 s"})
     seen = coloured(path, COLOURS["rt3d"])
     assert seen[:, :seen.shape[1] // 2].any() and not seen[:, seen.shape[1] // 2:].any()

@@ -262,7 +262,7 @@ def descend(data, state, radius, gate, steps=3, out=None):
     """Gradient steps of every point on the sketches pooled around it.
 
     Args:
-        data: the frame (see `srt3d_ros.core.srt3d.Frame`).
+        data: the frame (see `srt3d_ros.core.frame.Frame`).
         state: float32 [rows', K, FIELDS, cols'].
         radius: of the window, pixels, at most MARGIN.
         gate: square of the number of standard deviations within which depths may belong to one surface.

@@ -77,7 +77,7 @@ def poisson(data, background, rate, usual, depth, intensity):
     them about.
 
     Args:
-        data: the photons and the sensor (see `srt3d_ros.core.peers.rt3d.Likelihood`).
+        data: the photons and the sensor (see `srt3d_ros.core.baselines.rt3d.Likelihood`).
         background: float32 [rows, cols], b, photons per bin.
         rate: of the full step, for depths; half of it is taken for intensities.
         usual: intensity of a usual point.

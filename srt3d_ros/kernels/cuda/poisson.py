@@ -69,7 +69,7 @@ def poisson(data, background, rate, usual, depth, intensity):
     The step is told in kernels/cpu/poisson.py.
 
     Args:
-        data: the photons and the sensor (see `srt3d_ros.core.peers.rt3d.Likelihood`).
+        data: the photons and the sensor (see `srt3d_ros.core.baselines.rt3d.Likelihood`).
         background: float32 [rows, cols], b, photons per bin.
         rate: of the full step, for depths; half of it is taken for intensities.
         usual: intensity of a usual point.

@@ -1,4 +1,4 @@
-"""Sensors, scenes and photons that the tests of the peers share."""
+"""Sensors, scenes and photons that the tests of the baselines share."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 
-PEERS = ("srt3d-paper", "smle", "xcorr", "rt3d")
+BASELINES = ("srt3d", "smle", "xcorr", "rt3d")
 T = 586
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay
 

@@ -5,11 +5,11 @@ As in the papers every pixel that saw photons shows a point, unless a false-alar
 
 import numpy as np
 
+from srt3d_ros.core.baselines.correlation import correlate
+from srt3d_ros.core.baselines.fisher import DepthInformation
+from srt3d_ros.core.baselines.options import kernels_of
+from srt3d_ros.core.baselines.toa import by_pixel, exposure
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.peers.correlation import correlate
-from srt3d_ros.core.peers.fisher import DepthInformation
-from srt3d_ros.core.peers.options import kernels_of
-from srt3d_ros.core.peers.toa import by_pixel, exposure
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require

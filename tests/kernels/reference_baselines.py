@@ -1,4 +1,4 @@
-"""What the kernels of the peers compute, in plain float64 NumPy, one pixel at a time: written to be read."""
+"""What the kernels of the baselines compute, in plain float64 NumPy, one pixel at a time: written to be read."""
 
 import numpy as np
 

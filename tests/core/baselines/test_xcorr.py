@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from srt3d_ros.core.baselines import correlation
+from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.peers import correlation
-from srt3d_ros.core.peers.toa import by_pixel
 from srt3d_ros.core.photons import PhotonEvents
 
 from .scenes import T, background_alone, errors, make_sensor, ramp, run, simulate

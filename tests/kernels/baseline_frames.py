@@ -1,4 +1,4 @@
-"""Sensors, photons and points on which the peers' kernels are held against the reference, and when results agree.
+"""Sensors, photons and points on which the baselines' kernels are held against the reference, and when results agree.
 
 float32 leaves depths in [0, 300) exact to 3e-5 bins; where points hang on small differences ten times that. Decisions
 that rounding tells apart (a point on the border of a cluster, a projection that just goes on) may fall either way.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from srt3d_ros.core.peers.toa import PixelToa, exposure
+from srt3d_ros.core.baselines.toa import PixelToa, exposure
 from srt3d_ros.core.sensor import SensorModel
 
 CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array

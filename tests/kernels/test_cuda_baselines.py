@@ -1,22 +1,22 @@
-"""The CUDA kernels of the peers against the float64 reference, step by step."""
+"""The CUDA kernels of the baselines against the float64 reference, step by step."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from srt3d_ros.core.baselines.fisher import irf_slope
+from srt3d_ros.core.baselines.rt3d import Likelihood
+from srt3d_ros.core.baselines.toa import by_pixel, exposure
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.methods import reconstruct
-from srt3d_ros.core.peers.fisher import irf_slope
-from srt3d_ros.core.peers.rt3d import Likelihood
-from srt3d_ros.core.peers.toa import by_pixel, exposure
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import weighted_steps
 
-from . import reference_peers as reference
+from . import reference_baselines as reference
+from .baseline_frames import SHARE_AT_TIES, T, assert_agree, make_photons, make_points, make_sensor
 from .on_device import frame_on
-from .peer_frames import SHARE_AT_TIES, T, assert_agree, make_photons, make_points, make_sensor
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "weighting", "usual"), [
@@ -77,14 +77,15 @@ def test_apss(cuda, shape, surfaces, spheres):
     assert (fast[0][fast[1] == 0] == 0).all() and (fast[2][:, fast[1] == 0] == 0).all()
 
 
-@pytest.mark.parametrize("name", ["smle", "srt3d-paper", "rt3d"])
+@pytest.mark.parametrize("name", ["smle", "srt3d", "rt3d"])
 def test_reconstructions_are_those_of_the_cpu(cuda, monkeypatch, name):
     pytest.importorskip("numba")
     from srt3d_ros.kernels import cpu
-    monkeypatch.setattr("srt3d_ros.core.peers.plug_and_play.ITERATIONS", 1)
+    monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 1)
     sensor, clouds = make_sensor(4, 18), []
     for kernels in (cuda, cpu):
-        monkeypatch.setattr("srt3d_ros.core.peers.options.kernels_for", lambda device, found=kernels: (device, found))
+        monkeypatch.setattr("srt3d_ros.core.baselines.options.kernels_for",
+                            lambda device, found=kernels: (device, found))
         clouds.append(reconstruct(name, make_photons(sensor), sensor, consecutive(7), surfaces=2, device="cuda"))
     ours, theirs = clouds
     assert len(theirs) > 50

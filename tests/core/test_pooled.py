@@ -6,10 +6,10 @@ import pytest
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.srt3d import SRT3D
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -25,7 +25,7 @@ def make_sensor(rows: int, cols: int, **changes) -> SensorModel:
 def reconstruct(frame, sensor: SensorModel, sketch_size=None, **options):
     frequencies = choose("auto", sensor, sketch_size)
     sketch = frame if isinstance(frame, Sketch) else sketch_photons(frame, sensor, frequencies)
-    return SRT3D(sensor, frequencies, **options)(sketch)
+    return Pooled(sensor, frequencies, **options)(sketch)
 
 
 def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0) -> tuple[PhotonEvents, np.ndarray]:
@@ -327,10 +327,10 @@ def test_warming_up_changes_nothing():
     sensor = make_sensor(12, 20)
     frequencies = choose("auto", sensor)
     sketch = sketch_photons(frame, sensor, frequencies)
-    srt3d = SRT3D(sensor, frequencies)
-    before = srt3d(sketch)
-    srt3d.warm_up()
-    assert np.array_equal(srt3d(sketch).depth_bins, before.depth_bins)
+    pooled = Pooled(sensor, frequencies)
+    before = pooled(sketch)
+    pooled.warm_up()
+    assert np.array_equal(pooled(sketch).depth_bins, before.depth_bins)
 
 
 # ---- What it refuses
@@ -344,22 +344,22 @@ def test_warming_up_changes_nothing():
     ({"frequencies": ()}, "sketch size is 0")])
 def test_parameters_that_cannot_be_used_are_named(options, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
-        SRT3D(make_sensor(4, 5), **({"frequencies": (1, 2, 3)} | options))
+        Pooled(make_sensor(4, 5), **({"frequencies": (1, 2, 3)} | options))
 
 
 def test_a_sketch_of_other_frequencies_is_refused():
     sensor = make_sensor(4, 5)
     with pytest.raises(InvalidInput, match=r"^sketch frequencies is \[1, 2\]: expected \[1, 2, 3\]"):
-        SRT3D(sensor, (1, 2, 3))(Sketch((1, 2), np.zeros((4, 5, 2), np.complex64), np.zeros((4, 5), np.uint32)))
+        Pooled(sensor, (1, 2, 3))(Sketch((1, 2), np.zeros((4, 5, 2), np.complex64), np.zeros((4, 5), np.uint32)))
 
 
 @pytest.mark.parametrize(("irf", "frequencies"), [(np.ones(T), (1, 2, 3)), (IRF, (150, 200, 290))])
 def test_frequencies_that_the_irf_does_not_pass_are_refused(irf, frequencies):
     with pytest.raises(InvalidInput, match=r"^frequencies is \[.*\]: expected some that the sensor's IRF passes"):
-        SRT3D(make_sensor(4, 5).replace(irf=irf, irf_ref=None), frequencies)
+        Pooled(make_sensor(4, 5).replace(irf=irf, irf_ref=None), frequencies)
 
 
 def test_a_sketch_of_another_size_is_refused():
     sensor = make_sensor(4, 5)
     with pytest.raises(InvalidInput, match=r"^sketch size is \(5, 4\): expected rows × cols = \(4, 5\)"):
-        SRT3D(sensor, (1, 2))(Sketch((1, 2), np.zeros((5, 4, 2), np.complex64), np.zeros((5, 4), np.uint32)))
+        Pooled(sensor, (1, 2))(Sketch((1, 2), np.zeros((5, 4, 2), np.complex64), np.zeros((5, 4), np.uint32)))

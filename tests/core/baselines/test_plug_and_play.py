@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins, usual_intensity
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
-from srt3d_ros.core.peers.plug_and_play import depth_scale_bins, usual_intensity
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
@@ -16,7 +16,7 @@ from srt3d_ros.datasets import open_photons
 
 from .scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
 
-REGULARISED = ("srt3d-paper", "rt3d")
+REGULARISED = ("srt3d", "rt3d")
 regularised = pytest.mark.parametrize("name", REGULARISED)
 
 
@@ -28,7 +28,7 @@ def blob(rows=48, cols=48) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "pixelwise", "ppp", "sbr", "least", "most", "error"), [
-    ("srt3d-paper", "smle", 4, 5, 0.97, 0.02, 1.1), ("srt3d-paper", "smle", 40, 5, 0.985, 0.015, 0.7),
+    ("srt3d", "smle", 4, 5, 0.97, 0.02, 1.1), ("srt3d", "smle", 40, 5, 0.985, 0.015, 0.7),
     ("rt3d", "xcorr", 4, 5, 0.97, 0.02, 0.75), ("rt3d", "xcorr", 40, 5, 0.985, 0.015, 0.5)])
 def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp, sbr, least, most, error):
     depth = blob()
@@ -59,7 +59,7 @@ def test_background_alone_shows_next_to_nothing(name):
 
 def test_the_papers_numbers_of_steps_and_denoisings_are_run():
     sensor, calls = make_sensor(8, 8), []
-    method = METHODS["srt3d-paper"].build(sensor, (1, 2, 3))
+    method = METHODS["srt3d"].build(sensor, (1, 2, 3))
     method.kernels = SimpleNamespace(**vars(method.kernels) | {
         name: lambda *args, name=name, kernel=getattr(method.kernels, name): calls.append(name) or kernel(*args)
         for name in ("pixelwise", "apss")})
@@ -78,7 +78,7 @@ def test_precision_is_more_exact_than_identity():
     depth = blob()
     sensor = make_sensor(*depth.shape, irf=TAILED)
     frame = simulate(depth, 50, 20, sensor)
-    identity, precision = (evaluate(run("srt3d-paper", frame, sensor, weighting=w), depth, 10, T)
+    identity, precision = (evaluate(run("srt3d", frame, sensor, weighting=w), depth, 10, T)
                            for w in ("identity", "precision"))
     assert precision.dae_bins < 0.9 * identity.dae_bins and precision.true_detections > 0.98
 
@@ -104,11 +104,11 @@ def test_the_usual_intensity_is_that_of_the_strongest_points_of_pixels_in_use():
 MEASURED = {
     ("rt3d", "polystyrene_head_142_1ppp"): (0.95, 0.03, 1.3),
     ("rt3d", "polystyrene_head_142_10ppp"): (0.995, 0.01, 0.5),
-    ("srt3d-paper", "polystyrene_head_142_1ppp"): (0.9, 0.03, 2.0),
-    ("srt3d-paper", "polystyrene_head_142_10ppp"): (0.99, 0.01, 0.8),
-    ("srt3d-paper", "polystyrene_head_142_full"): (0.995, 0.01, 0.45),
-    ("srt3d-paper", "art_real_unif_ppp5_sbr1"): (0.87, 0.03, 2.0),
-    ("srt3d-paper", "art_real_unif_ppp5_sbr10"): (0.98, 0.015, 1.4)}
+    ("srt3d", "polystyrene_head_142_1ppp"): (0.9, 0.03, 2.0),
+    ("srt3d", "polystyrene_head_142_10ppp"): (0.99, 0.01, 0.8),
+    ("srt3d", "polystyrene_head_142_full"): (0.995, 0.01, 0.45),
+    ("srt3d", "art_real_unif_ppp5_sbr1"): (0.87, 0.03, 2.0),
+    ("srt3d", "art_real_unif_ppp5_sbr10"): (0.98, 0.015, 1.4)}
 
 
 def measured(folder, name: str, method: str) -> tuple[Metrics, object]:

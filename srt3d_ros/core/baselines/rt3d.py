@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from srt3d_ros.core.baselines.correlation import correlate
+from srt3d_ros.core.baselines.fisher import DepthInformation, irf_slope
+from srt3d_ros.core.baselines.options import kernels_of
+from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.baselines.toa import PixelToa, by_pixel, exposure
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import on_device
-from srt3d_ros.core.peers.correlation import correlate
-from srt3d_ros.core.peers.fisher import DepthInformation, irf_slope
-from srt3d_ros.core.peers.options import kernels_of
-from srt3d_ros.core.peers.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.peers.toa import PixelToa, by_pixel, exposure
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.start import window_weights

@@ -10,8 +10,8 @@ exact. The matched filter on the sketch starts, gradient steps scaled by the inv
 
 import numpy as np
 
+from srt3d_ros.core.baselines.sketched import SketchedBaseline, matched_filter
 from srt3d_ros.core.frame import Frame
-from srt3d_ros.core.peers.sketched import SketchedPeer, matched_filter
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.start import score_threshold, significance
 
@@ -19,11 +19,11 @@ STEPS = 10
 RATE = 0.5          # each step halves what is left of the error
 
 
-class SMLE(SketchedPeer):
+class SMLE(SketchedBaseline):
     """Reconstructs frames of one sensor; as in the paper every pixel that saw photons shows a point.
 
     Args:
-        sensor, frequencies, surfaces, device: as of SketchedPeer.
+        sensor, frequencies, surfaces, device: as of SketchedBaseline.
         weighting: "precision", the estimator of the paper, or "identity".
         false_alarm_rate: points of less evidence in the matched filter are left out; None: none are.
     """

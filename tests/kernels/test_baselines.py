@@ -1,19 +1,19 @@
-"""The kernels of the peers against the plain reference, step by step."""
+"""The kernels of the baselines against the plain reference, step by step."""
 
 import numpy as np
 import pytest
 
+from srt3d_ros.core.baselines.rt3d import RT3D
+from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.peers.rt3d import RT3D
-from srt3d_ros.core.peers.toa import by_pixel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import WEIGHTINGS, weighted_steps
 from srt3d_ros.kernels import cpu
 
-from . import reference_peers as reference
-from .peer_frames import SHAPES, SHARE_AT_TIES, T, assert_agree, make_photons, make_points, make_sensor
+from . import reference_baselines as reference
+from .baseline_frames import SHAPES, SHARE_AT_TIES, T, assert_agree, make_photons, make_points, make_sensor
 
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)

@@ -1,16 +1,16 @@
-"""What the peers that work on sketches share: everything but how depths and intensities are found."""
+"""What the baselines that work on sketches share: everything but how depths and intensities are found."""
 
 import numpy as np
 
+from srt3d_ros.core.baselines.options import kernels_of
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frame import Frame, Matcher
-from srt3d_ros.core.peers.options import kernels_of
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.weighting import weighted_steps
 
 
-class SketchedPeer:
+class SketchedBaseline:
     """Calibrates sketches, finds points with `points`, makes clouds of them.
 
     Args:

@@ -1,4 +1,4 @@
-"""What every peer must do: find known scenes, obey the calibration, and survive unusual frames."""
+"""What every baseline must do: find known scenes, obey the calibration, and survive unusual frames."""
 
 import numpy as np
 import pytest
@@ -10,12 +10,12 @@ from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
-from .scenes import IRF, PEERS, T, assert_finite, errors, make_sensor, ramp, run, simulate
+from .scenes import BASELINES, IRF, T, assert_finite, errors, make_sensor, ramp, run, simulate
 
-every_peer = pytest.mark.parametrize("name", PEERS)
+every_baseline = pytest.mark.parametrize("name", BASELINES)
 
 
-@every_peer
+@every_baseline
 def test_a_tilted_plane_across_the_end_of_the_period_is_found(name):
     depth = ramp(24, 40, T - 8.5, 0.6, 0.2) % T
     cloud = run(name, simulate(depth, sbr=20, ppp=300), make_sensor(24, 40))
@@ -23,7 +23,7 @@ def test_a_tilted_plane_across_the_end_of_the_period_is_found(name):
     assert np.abs(errors(cloud, depth).mean()) < 0.1 and np.abs(errors(cloud, depth)).mean() < 0.5
 
 
-@every_peer
+@every_baseline
 def test_points_and_stamp_are_those_of_a_point_cloud(name):
     depth = np.stack([ramp(12, 20, 150, 0.5, 0), ramp(12, 20, 400, 0, 0.5)])
     frame = simulate(depth, sbr=10, ppp=100)
@@ -40,14 +40,14 @@ def test_points_and_stamp_are_those_of_a_point_cloud(name):
     assert cloud.stamp_ns == 1_234_567_890_123_456_789
 
 
-@every_peer
+@every_baseline
 def test_two_layers_are_both_found(name):
     depth = np.stack([ramp(24, 40, 150, 0.3, 0), ramp(24, 40, 350, 0.3, 0)])
     found = evaluate(run(name, simulate(depth, sbr=10, ppp=80), make_sensor(24, 40), surfaces=2), depth, 10, T)
     assert found.true_detections > 0.98 and found.false_detections < 0.02 and found.dae_bins < 1.5
 
 
-@every_peer
+@every_baseline
 def test_intensity_and_background_are_the_expected_photons(name):
     sensor = make_sensor(30, 30)
     reflectivity = np.where(ramp(30, 30, 0, 1, 0) < 15, 0.5, 1.5)
@@ -61,7 +61,7 @@ def test_intensity_and_background_are_the_expected_photons(name):
 
 # ---- Calibration
 
-@every_peer
+@every_baseline
 def test_gain_and_delay_of_the_pixels_leave_no_trace(name):
     rng = np.random.default_rng(5)
     depth = ramp(24, 40, 200, 0.3, 0.2)
@@ -74,7 +74,7 @@ def test_gain_and_delay_of_the_pixels_leave_no_trace(name):
     assert (other.background / skewed.gain).mean() == pytest.approx(one.background.mean(), rel=0.15)
 
 
-@every_peer
+@every_baseline
 def test_masked_pixels_show_no_point_whatever_they_saw(name):
     mask = np.random.default_rng(3).random((24, 40)) > 0.1
     depth = ramp(24, 40, 200, 0.3, 0.2)
@@ -86,7 +86,7 @@ def test_masked_pixels_show_no_point_whatever_they_saw(name):
     assert np.abs(errors(cloud, depth)).max() < 6
 
 
-@every_peer
+@every_baseline
 def test_each_pixels_own_irf_is_used(name):
     shapes = np.stack([np.roll(IRF, shift) for shift in range(-6, 6)] * 10)       # of a pixel, up to 6 bins off
     sensor = SensorModel(10, 12, T, 16e-12, np.roll(shapes, 7, axis=1), irf_ref=22)
@@ -109,7 +109,7 @@ def test_order_and_form_of_the_photons_do_not_matter(name):
         np.testing.assert_allclose(run(name, form, sensor).depth_bins, expected.depth_bins, atol=0.01)
 
 
-@every_peer
+@every_baseline
 @pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 50), (50, 1), (2, 3), (33, 33)])
 def test_arrays_of_any_shape_work(name, rows, cols):
     depth = np.full((rows, cols), 300.0)
@@ -119,7 +119,7 @@ def test_arrays_of_any_shape_work(name, rows, cols):
         assert (cloud.surface == 0).sum() == rows * cols and np.abs(errors(cloud, depth)[cloud.surface == 0]).max() < 5
 
 
-@every_peer
+@every_baseline
 @pytest.mark.parametrize("photons", [0, 1, 2])
 def test_hardly_any_photons_are_survived(name, photons):
     for rows, cols, surfaces in ((1, 1, 1), (9, 33, 1), (9, 33, 2)):
@@ -129,13 +129,13 @@ def test_hardly_any_photons_are_survived(name, photons):
         assert len(cloud) <= (photons > 0) * surfaces and cloud.background.shape == (rows, cols)
 
 
-@every_peer
+@every_baseline
 def test_a_sensor_without_any_usable_pixel_sees_nothing(name):
     sensor = make_sensor(6, 10, mask=np.zeros((6, 10), bool))
     assert len(run(name, simulate(np.full((6, 10), 200.0), 10, 50), sensor)) == 0
 
 
-@every_peer
+@every_baseline
 @pytest.mark.parametrize(("irf", "num_bins", "m"), [([1.0], T, 10), ([1.0], T, 1), ([1.0], 8, 3), ([1.0], 3, 1),
                                                     (np.ones(59), 60, 5), (np.ones(30), 20_000, 10)])
 def test_extreme_sensors_give_finite_values(name, irf, num_bins, m):

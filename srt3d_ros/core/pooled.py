@@ -1,14 +1,15 @@
-"""SRT3D: spatially regularised 3D reconstruction from sketches alone.
+"""`pooled`: spatially regularised 3D reconstruction from sketches alone, with the data term of SRT3D.
 
     J. Tachella, M. P. Sheehan, M. E. Davies, "Sketched RT3D: how to reconstruct billions of photons per second",
     ICASSP 2022.
 
 It minimises Σ_ij n_ij ‖z_ij − Ψ_θij‖² + ρ(θ), with Ψ_θ(ω) = Σ_k α_k ĥ(ω) exp(i ω t_k), by alternating gradient steps on
 depth t and intensity r = n α, a threshold on the evidence for each point, and a denoiser of the point cloud that also
-creates and removes points. Here the denoiser is the data term itself: the sketches of the pixels around a point add up
-along the point's tangent plane (moving least squares, the planar case of the paper's algebraic point set surfaces),
-each weighted by how surely it sees the same surface. Where photons are plenty the depths are known so well that the
-weights end at the finest relief; where they are few a point borrows from the whole window.
+creates and removes points. The paper's denoiser, APSS, smooths depths afterwards (`baselines.srt3d`). Here the denoiser
+is the data term itself, and photons are shared instead: the sketches of the pixels around a point add up along the
+point's tangent plane (moving least squares, the planar case of the paper's algebraic point set surfaces), each weighted
+by how surely it sees the same surface. Where photons are plenty the depths are known so well that the weights end at
+the finest relief; where they are few a point borrows from the whole window.
 """
 
 from collections.abc import Callable
@@ -46,7 +47,7 @@ WEAK = 5.0                          # standard deviations under which a point is
 SAME_SURFACE = 4.8                  # depths within this many standard deviations may belong to one surface
 
 
-class SRT3D:
+class Pooled:
     """Reconstructs frames of one sensor, one after the other: its memory stays from frame to frame.
 
     Args:
@@ -172,7 +173,7 @@ class SRT3D:
         else:
             small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
                 -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
-            SRT3D(small, self._matcher.frequencies, self.surfaces, device=self.device)(
+            Pooled(small, self._matcher.frequencies, self.surfaces, device=self.device)(
                 noise(small, self._matcher.frequencies))
 
     def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:

@@ -14,23 +14,23 @@ from functools import partial
 
 import numpy as np
 
+from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
+from srt3d_ros.core.baselines.sketched import SketchedBaseline, matched_filter
 from srt3d_ros.core.frame import Frame
-from srt3d_ros.core.peers.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.peers.sketched import SketchedPeer, matched_filter
 from srt3d_ros.core.sensor import SensorModel
 
 STEPS_BEFORE = 5
 
 
-class SRT3DPaper(SketchedPeer):
+class SRT3D(SketchedBaseline):
     """Reconstructs frames of one sensor.
 
     Args:
-        sensor, frequencies, surfaces, device: as of SketchedPeer.
+        sensor, frequencies, surfaces, device: as of SketchedBaseline.
         weighting: W of the data term, "identity" or "precision".
     """
 
-    name = "srt3d-paper"
+    name = "srt3d"
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "identity",
                  device: str = "auto"):
