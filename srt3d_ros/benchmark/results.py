@@ -5,6 +5,7 @@ import os
 import re
 from pathlib import Path
 
+from srt3d_ros.core.methods import OLD_NAMES
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation.machine import cpu_name, gpu_name, machine
 
@@ -56,4 +57,6 @@ def _read(path: Path) -> list[dict]:
         raise InvalidInput(str(path), f"unreadable ({error})", "results of srt3d benchmark, or no such file") from None
     good = all(isinstance(line, dict) and "part" in line for line in lines)
     require(good, str(path), "another kind of file", "results of srt3d benchmark, or no such file")
+    same = set(OLD_NAMES).isdisjoint(str(line.get("method")) for line in lines)
+    require(same, str(path), "of a version with other names of methods", "another --out, or no such file")
     return lines

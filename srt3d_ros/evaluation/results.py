@@ -5,14 +5,17 @@ from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
 
+# Of the file. Since 2 the method "srt3d" is SRT3D as published; in 1 it was what is called "pooled" now.
+FORMAT = "2"
 # What makes a row the same as another: it is not measured again.
 KEY = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
        "aligned")
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
            "background_nmse", "within_1_std_percent", "within_2_std_percent", "within_nominal_percent",
-           "offset_bins", "sketch_ms", "reconstruct_ms", "version")
+           "offset_bins", "sketch_ms", "reconstruct_ms", "format", "version")
 COLUMNS = KEY + FIGURES
+EXPECTED = "one by this version: another --out, or --fresh to start anew"
 
 
 class Results:
@@ -23,7 +26,7 @@ class Results:
         fresh: forget what it holds.
 
     Raises:
-        InvalidInput: it is no such file, or one with other columns.
+        InvalidInput: it is no such file, or one of another format.
     """
 
     def __init__(self, path: Path, fresh: bool = False):
@@ -35,9 +38,9 @@ class Results:
         with open(path, newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             try:
-                require(tuple(reader.fieldnames or ()) == COLUMNS, str(path), "a table with other columns",
-                        "one by this version: another --out, or --fresh to start anew")
+                require(tuple(reader.fieldnames or ()) == COLUMNS, str(path), "a table with other columns", EXPECTED)
                 rows = [row for row in reader if None not in row.values() and None not in row]    # whole lines only
+                require(all(row["format"] == FORMAT for row in rows), str(path), "of another format", EXPECTED)
             except (csv.Error, UnicodeDecodeError) as error:
                 raise InvalidInput(str(path), f"unreadable ({error})", "a results.csv of srt3d evaluate") from None
         self._rows = {key_of(row): row for row in rows}
@@ -52,7 +55,7 @@ class Results:
 
     def append(self, row: dict) -> None:
         """Add a row; it is on the disk when this returns."""
-        text = {name: format_value(row.get(name)) for name in COLUMNS}
+        text = {name: format_value(row.get(name)) for name in COLUMNS} | {"format": FORMAT}
         self._rows[key_of(text)] = text
         with open(self.path, "a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(text)

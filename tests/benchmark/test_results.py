@@ -39,7 +39,8 @@ def test_a_part_measured_anew_replaces_its_lines_and_no_others(path):
     assert sorted(line["value"] for line in written(path)) == [3, 4]
 
 
-@pytest.mark.parametrize("text", ["no JSON", "[1, 2]\n", '{"other": 1}\n', b"\xff\xfe"])
+@pytest.mark.parametrize("text", ["no JSON", "[1, 2]\n", '{"other": 1}\n', b"\xff\xfe",
+                                  '{"part": "table1", "method": "srt3d-paper"}\n'])
 def test_another_file_is_not_overwritten(path, text):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     before = path.read_bytes()

@@ -8,7 +8,7 @@ import pytest
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.results import COLUMNS, Results, number
 
-KEY = {"source": "bust", "sbr": 0.1, "ppp": 10.0, "repeat": 1, "method": "srt3d", "sketch_size": 10, "surfaces": 1,
+KEY = {"source": "bust", "sbr": 0.1, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10, "surfaces": 1,
        "rows": 141, "cols": 141, "tolerance_bins": 40 / 0.3, "aligned": None}
 ROW = KEY | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5)}
 
@@ -55,6 +55,20 @@ def test_half_a_line_is_forgotten(path):
 def test_fresh_forgets_everything(path):
     Results(path).append(ROW)
     assert KEY not in Results(path, fresh=True) and len(path.read_text().splitlines()) == 1
+
+
+def test_a_table_of_before_the_methods_were_renamed_is_refused_and_left_alone(path):
+    """Its rows of srt3d are of what is called pooled now."""
+    Results(path).append(ROW)
+    with open(path, newline="") as file:
+        header, row = csv.reader(file)
+    at = header.index("format")
+    for other in (header[:at] + header[at + 1:], row[:at] + row[at + 1:]), (header, [*row[:at], "1", *row[at + 1:]]):
+        path.write_text("".join(",".join(line) + "\n" for line in other))
+        before = path.read_bytes()
+        with pytest.raises(InvalidInput, match="results.csv is .*: expected one by this version: "):
+            Results(path)
+        assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("content", [b"a,b\n1,2\n", b"\xff\xfe\x00", b"\x89PNG\n"])
