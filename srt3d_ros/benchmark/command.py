@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.benchmark.plan import FULL, QUICK, PartFailed, Plan
+from srt3d_ros.benchmark.plan import FULL, PARTS, QUICK, PartFailed, Plan
 from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.benchmark.results import Results, machine_slug
-from srt3d_ros.cli.benchmark import PARTS
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.sensor import SensorModel
 

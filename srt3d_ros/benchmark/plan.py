@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+PARTS = ("table1", "figure1", "sketching", "ros")
+
 
 class PartFailed(Exception):
     """A part could not be measured to its end; its argument is a list of what went wrong, in words."""

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
+from srt3d_ros.benchmark.plan import PARTS
 from srt3d_ros.errors import require
-
-PARTS = ("table1", "figure1", "sketching", "ros")
 
 
 def add_parser(subparsers) -> None:

@@ -39,7 +39,7 @@ def add_parser(subparsers) -> None:
                         help="probability that a pixel with background alone shows a point (pooled: 1e-4; smle and "
                              "xcorr: show a point wherever there are photons)")
     parser.add_argument("--weighting", choices=WEIGHTINGS,
-                        help="W of the data term (smle: precision; pooled and srt3d: identity; others have none)")
+                        help="W of the data term (smle: precision; srt3d: identity; others have none)")
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins (pooled): as the file says, evenly if it says nothing "
                              "(sensor); evenly (flat); as the frame itself shows (estimate)")

@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.photons import PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.start import window_weights
 from srt3d_ros.errors import require
+from srt3d_ros.kernels.windows import window_weights
 
 BACKGROUNDS = ("sensor", "flat", "estimate")
 CELL = 4                    # pixels: size of the cells that are looked at together
-POOL = (window_weights(4.0, CELL), CELL)
+POOL = (window_weights(4.0 / CELL), CELL)
 SURE = 7.0                  # standard deviations above which a cell's peak is a surface, not background
 ROUNDS = 4                  # of surfaces and background, each estimated from what the other leaves
 SHARPEST = 3                # surfaces that an even wall or two may add to the mean of all pixels
@@ -57,19 +58,19 @@ class Background:
         """The frame with a background that is flat in expectation; the same one if it is so already."""
         if self.is_flat:
             return frame
-        from srt3d_ros.kernels import cpu as kernels  # cells are few: whatever the device, this runs beside it
+        _, kernels = kernels_for("cpu")         # cells are few: whatever the device, this runs beside it
         cells = _Cells.of(frame, kernels)
         frame, matched = replace(frame, clutter=self.clutter), self._matched
         if self._estimates:
             matched = self._estimate(frame, cells, kernels)[None, :, None]
         common = matched.shape[0] == matched.shape[2] == 1
-        every = cells.photons * matched if common else kernels.blur(frame.noise[:, None] * matched, *POOL)
+        every = cells.photons * matched if common else kernels.blur(frame.counts[:, None] * matched, *POOL)
         signal = np.zeros_like(cells.photons)
         for _ in range(2):              # the second time without what the first took for background
             _, signal = _surfaces(frame, cells, every, signal, kernels)
         share = 1 - (signal / np.maximum(cells.photons, 1e-6))[:, 0]
         rows, cols = (np.arange(size) // CELL for size in frame.shape)
-        background = frame.noise * share[np.ix_(rows, cols)]
+        background = frame.counts * share[np.ix_(rows, cols)]
         return replace(frame, matched=frame.matched - background[:, None] * matched)
 
     def _estimate(self, frame: Frame, cells: "_Cells", kernels) -> np.ndarray:
@@ -91,7 +92,7 @@ class Background:
             What a background photon adds; Σ |rest|² over its variance; the share of cells with a surface.
         """
         signal = np.zeros_like(cells.photons)
-        variance = np.maximum(np.tile(frame.energy, 2)[:, None] * cells.noise, 1e-6)
+        variance = np.maximum(np.tile(frame.energy, 2)[:, None] * cells.counts, 1e-6)
         for _ in range(ROUNDS):
             depth, signal = _surfaces(frame, cells, cells.photons * mean[:, None], signal, kernels)
             rest = cells.matched - signal * _steered(frame.energy, self._omega, depth)
@@ -134,15 +135,15 @@ def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Pools of a frame: matched [R, 2m, C], photons Σ w n and noise Σ w² n, both [R, 1, C]."""
+    """Pools of a frame: matched [R, 2m, C], photons Σ w n and counts Σ w² n, both [R, 1, C]."""
 
     matched: np.ndarray
     photons: np.ndarray
-    noise: np.ndarray
+    counts: np.ndarray
 
     @classmethod
     def of(cls, frame: Frame, kernels) -> "_Cells":
-        photons, (weights, step) = frame.noise[:, None], POOL
+        photons, (weights, step) = frame.counts[:, None], POOL
         return cls(kernels.blur(frame.matched, weights, step), kernels.blur(photons, weights, step),
                    kernels.blur(photons, weights**2, step))
 
@@ -156,16 +157,16 @@ def _surfaces(frame: Frame, cells: _Cells, every: np.ndarray, signal: np.ndarray
         signal: photons that are not, as far as known.
     """
     rest = cells.matched - (1 - signal / np.maximum(cells.photons, 1e-6)) * every
-    depth, _ = kernels.match(rest.astype(np.float32), frame.energy, frame.cycles, frame.num_bins, 1)
+    depth, _ = kernels.match(rest.astype(np.float32), frame.energy, frame.bin_frequencies, frame.num_bins, 1)
     depth, found = _sharpened(frame, rest, depth)
-    score = found * np.sqrt(2 * frame.total_energy / np.maximum(cells.noise, 1e-6)) / frame.noise_ratio(depth)
+    score = found * np.sqrt(2 * frame.total_energy / np.maximum(cells.counts, 1e-6)) / frame.noise_ratio(depth)
     return depth, np.where(score > SURE, np.clip(found, 0, cells.photons), 0)
 
 
 def _sharpened(frame: Frame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Depths after two Newton steps, and their intensities: what the filter's grid leaves over would be background."""
     m = len(frame.energy)
-    omega = 2 * np.pi * frame.cycles[:, None]
+    omega = 2 * np.pi * frame.bin_frequencies[:, None]
     for last in (False, False, True):
         along = (rest[:, :m] + 1j * rest[:, m:]) * np.exp(-1j * omega * depth)
         if not last:

@@ -1,4 +1,4 @@
-"""Which device computes, and its kernels."""
+"""Selection of the kernels by the name of a device: the only place that knows which backends there are."""
 
 import ctypes
 import logging
@@ -9,20 +9,22 @@ from importlib.util import find_spec
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.kernels.api import Kernels
 
 DEVICES = ("auto", "cpu", "cuda")
+REFERENCE = "reference"         # for tests: it is slow
 DRIVER = "libcuda.so.1"
 
 
-def kernels_for(device: str):
+def kernels_for(device: str) -> tuple[str, Kernels]:
     """The device that is meant, "cpu" or "cuda", and its kernels.
 
-    Where "auto" finds no GPU it says so once, to Python's log.
+    Where "auto" finds no GPU it says so once, to Python's log. "reference" gives the kernels of the specification.
 
     Raises:
         InvalidInput: there is no such device, or what it needs is not installed.
     """
-    require(device in DEVICES, "device", device, "auto, cpu or cuda")
+    require(device in (*DEVICES, REFERENCE), "device", device, "auto, cpu or cuda")
     if device == "auto":
         missing = missing_for_cuda()
         if missing:
@@ -31,12 +33,15 @@ def kernels_for(device: str):
     if device == "cpu":
         from srt3d_ros.kernels import cpu
         return device, cpu
+    if device == REFERENCE:
+        from srt3d_ros.kernels import reference
+        return device, reference
     check_cuda()
     from srt3d_ros.kernels import cuda
     return device, cuda
 
 
-def on_device(fields: dict, kernels) -> dict:
+def on_device(fields: dict, kernels: Kernels) -> dict:
     """The same fields, NumPy arrays among them on the kernels' device."""
     return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
 

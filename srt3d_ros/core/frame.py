@@ -6,15 +6,15 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core import layout
 from srt3d_ros.core.device import on_device
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
 from srt3d_ros.errors import require
+from srt3d_ros.kernels import layout
 
 MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
-RARITY_STEPS = 256
+TABLE_STEPS = 256
 TOGETHER = 2**22            # numbers that are computed at once
 BLIND = 0.01                # |ĥ| below which a frequency says nothing of the depth
 WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
@@ -30,16 +30,16 @@ class Frame:
 
     Args:
         matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
-        noise: float32 [rows, cols], photons: twice the variance of each part of `matched` / ĥ_l, background alone;
+        counts: float32 [rows, cols], photons: twice the variance of each part of `matched` / ĥ_l, background alone;
             0 in masked pixels.
         exposure: float32 [rows, cols], g; 0 in masked pixels.
         energy: float32 [m], |ĥ_l|².
-        cycles: float32 [m], k_l / T.
+        bin_frequencies: float32 [m], k_l / T.
         num_bins: T.
         moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
         intensity_moments: float32 [2], the same for the intensity score.
-        greatest_response: of a photon to a matched filter.
-        rarity: float32 [n], what mean responses of 0 … greatest_response are worth as evidence against "background
+        max_response: of a photon to a matched filter.
+        background_table: float32 [n], what mean responses of 0 … max_response are worth against "background
             alone", standard deviations per √photon.
         total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
@@ -49,15 +49,15 @@ class Frame:
     """
 
     matched: np.ndarray
-    noise: np.ndarray
+    counts: np.ndarray
     exposure: np.ndarray
     energy: np.ndarray
-    cycles: np.ndarray
+    bin_frequencies: np.ndarray
     num_bins: int
     moments: np.ndarray
     intensity_moments: np.ndarray
-    greatest_response: float
-    rarity: np.ndarray
+    max_response: float
+    background_table: np.ndarray
     total_energy: float
     curvature: float
     clutter: np.ndarray | None = None
@@ -66,7 +66,7 @@ class Frame:
     @property
     def shape(self) -> tuple[int, int]:
         """rows, cols."""
-        return self.size or self.noise.shape
+        return self.size or self.counts.shape
 
     @property
     def resolution_bins(self) -> float:
@@ -82,7 +82,7 @@ class Frame:
     @cached_property
     def padded(self) -> "Frame":
         """The same with padded maps, as the windowed kernels want them."""
-        return replace(self, matched=layout.pad(self.matched.swapaxes(1, 2)), noise=layout.pad(self.noise),
+        return replace(self, matched=layout.pad(self.matched.swapaxes(1, 2)), counts=layout.pad(self.counts),
                        exposure=layout.pad(self.exposure), size=self.shape)
 
     def on(self, kernels) -> "Frame":
@@ -121,20 +121,21 @@ class Matcher:
         self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
         self._exposure = self.used if sensor.gain is None else self.used * sensor.gain
         self.spectrum = spectrum.mean(axis=0)
-        energy, cycles = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
-        greatest_response, rarity = _rarity(self.spectrum, self.frequencies)
+        energy, bin_frequencies = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
+        max_response, background_table = _background_table(self.spectrum, self.frequencies)
         self.moments, intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
-            "exposure": self._exposure, "energy": energy, "cycles": cycles, "num_bins": sensor.num_bins,
-            "moments": self.moments, "intensity_moments": intensity_moments, "greatest_response": greatest_response,
-            "rarity": rarity, **curvatures(energy, cycles)}
+            "exposure": self._exposure, "energy": energy, "bin_frequencies": bin_frequencies,
+            "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
+            "max_response": max_response,
+            "background_table": background_table, **curvatures(energy, bin_frequencies)}
 
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""
         self.check(sketch)
         sketch = sketch.on_host()
-        noise = sketch.photons.astype(np.float32) * self.used
-        return Frame(self.matched(sketch.sums), noise, **self._constants)
+        counts = sketch.photons.astype(np.float32) * self.used
+        return Frame(self.matched(sketch.sums), counts, **self._constants)
 
     def padded_on(self, kernels, clutter: np.ndarray | None) -> Callable[..., Frame]:
         """What makes a padded Frame of padded maps on the kernels' device.
@@ -144,11 +145,11 @@ class Matcher:
             clutter: of the Frame.
 
         Returns:
-            A function of `Frame.matched` and `Frame.noise`.
+            A function of `Frame.matched` and `Frame.counts`.
         """
         constants = on_device({**self._constants, "exposure": layout.pad(self._exposure), "clutter": clutter,
                                "size": self._exposure.shape}, kernels)
-        return lambda matched, noise: Frame(matched, noise, **constants)
+        return lambda matched, counts: Frame(matched, counts, **constants)
 
     def check(self, sketch: Sketch) -> None:
         """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""
@@ -167,9 +168,9 @@ class Matcher:
         return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 
-def curvatures(energy: np.ndarray, cycles: np.ndarray) -> dict[str, float]:
+def curvatures(energy: np.ndarray, bin_frequencies: np.ndarray) -> dict[str, float]:
     """`total_energy` and `curvature` of a Frame with these energies and frequencies."""
-    return {"total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * cycles)**2).sum())}
+    return {"total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
 
 def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
@@ -200,7 +201,7 @@ def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     return moments[0], moments[1]
 
 
-def _rarity(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
+def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
     """How improbable it is that photons of the background respond to a matched filter like signal.
 
     The mean response of n of them reaches u with a probability of at most exp(−n I(u)), I(u) = max_λ λu − K(λ), where
@@ -217,11 +218,11 @@ def _rarity(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, 
     response = np.fft.irfft(coefficients, cells) * cells        # Re Σ conj(ĥ_l) exp(i ω_l b) over all bins
     greatest = response.max()
     tilts = np.geomspace(1e-3, 100, 200) / greatest
-    known, worth = [0.0], [0.0]
+    known, table = [0.0], [0.0]
     for tilt in np.array_split(tilts, 1 + len(tilts) * len(response) // TOGETHER):
         weights = np.exp(tilt[:, None] * (response - greatest))
         mean = weights @ response / weights.sum(axis=1)
         nats = tilt * (mean - greatest) - np.log(weights.mean(axis=1))
-        known, worth = np.append(known, mean), np.append(worth, np.sqrt(2 * nats))
-    worth = np.interp(np.linspace(0, greatest, RARITY_STEPS + 1), known, worth)
-    return float(greatest), worth.astype(np.float32)
+        known, table = np.append(known, mean), np.append(table, np.sqrt(2 * nats))
+    table = np.interp(np.linspace(0, greatest, TABLE_STEPS + 1), known, table)
+    return float(greatest), table.astype(np.float32)

@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from srt3d_ros.errors import require
-
-MAX_SKETCH_SIZE = 64
-MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many with the same mean
+from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
 
 
 def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from srt3d_ros.core.device import check_cuda
+from srt3d_ros.core.device import DEVICES, REFERENCE, kernels_for
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, word_wanted
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
@@ -32,11 +32,13 @@ class Sketcher:
     def __init__(self, sensor: SensorModel, frequencies, device: str = "cpu"):
         self.sensor = sensor
         self.frequencies = check_frequencies(frequencies, sensor.num_bins)
-        self._kernels, self._array = _kernels_of(device)
-        self._rows = self._kernels.fixed_rows(self._array(phase_table(self.frequencies, sensor.num_bins)))
-        self._sums, self._photons = self._kernels.new_sums(sensor.pixels, 2 * len(self.frequencies))
+        require(device in (*DEVICES[1:], REFERENCE), "device", device, "cpu or cuda")
+        _, kernels = kernels_for(device)
+        self._kernels = kernels
+        self._rows = kernels.fixed_rows(kernels.array(phase_table(self.frequencies, sensor.num_bins)))
+        self._sums, self._photons = kernels.new_sums(sensor.pixels, 2 * len(self.frequencies))
         self._stamp_ns: int | None = None
-        if device == "cuda":            # on the CPU there is nothing to bring
+        if not kernels.ON_HOST:         # else there is nothing to bring
             self.resident = self._resident
 
     def reset(self) -> None:
@@ -55,10 +57,11 @@ class Sketcher:
 
     def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
         """Brings the photons to the device; what is returned adds them, as often as it is called."""
+        bring = self._kernels.photon_array
         if isinstance(frame, PhotonGates):
             gates, rows, cols = frame.words.shape
-            return partial(self._add_gates, frame, self._array(frame.words.reshape(gates, rows * cols)))
-        return partial(self._add_events, frame, self._array(frame.pixel), self._array(frame.toa))
+            return partial(self._add_gates, frame, bring(frame.words.reshape(gates, rows * cols)))
+        return partial(self._add_events, frame, bring(frame.pixel), bring(frame.toa))
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
@@ -91,24 +94,6 @@ class Sketcher:
 
     def _note(self, stamp_ns: int) -> None:
         self._stamp_ns = stamp_ns if self._stamp_ns is None else min(self._stamp_ns, stamp_ns)
-
-
-def _kernels_of(device: str):
-    """The kernels of a device, and what brings a NumPy array to it; imported late, core needs neither at import."""
-    require(device in ("cpu", "cuda"), "device", device, "cpu or cuda")
-    if device == "cpu":
-        from srt3d_ros.kernels.cpu import sketch
-        return sketch, _read_only
-    check_cuda()
-    from srt3d_ros.kernels.cuda import array, sketch
-    return sketch, array
-
-
-def _read_only(values: np.ndarray) -> np.ndarray:
-    """A view that cannot be written: numba would compile the kernels anew for photons in read-only memory."""
-    view = np.ascontiguousarray(values).view()
-    view.flags.writeable = False
-    return view
 
 
 def phase_table(frequencies, num_bins: int) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""The work that is done for every pixel, once for each kind of device: `cpu` (numba) and `cuda` (Triton)."""
+"""The work that is done for every pixel: one contract, `api`, and three backends, `reference`, `cpu` and `cuda`."""

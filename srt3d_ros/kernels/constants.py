@@ -1,49 +1,64 @@
-"""Numbers that are the method's, not a device's: those that the kernels of every kind of device share."""
+"""Constants of the method and limits of what kernels take, shared by all kernel backends.
 
-# The start (`search`).
-NARROWEST = 0.7     # window of a point that its own pixel shows, pixels
-FAINTEST = 0.05     # of a pixel's first surface that a further one must give: less may be a wrong IRF's
-APART = 4.0         # widths of the matched filter beyond which a pixel's surfaces are two
-STAY = 1.5          # nats by which another depth must be better than that of the last frame
-DIMMEST = 1e-6      # photons that are divided by, at least
+docs/algorithm.md has a table of what each constant of the method does: `python benchmarks/ablation.py` makes it.
+"""
 
-# The tangent plane of a point (`descend`).
-FITS = 2            # the first fit decides which neighbours lie on the plane, the second goes through them
-FIT_RADIUS = 3      # pixels: farther neighbours pool, but no longer tilt the plane
-RIDGE = 1e-3        # pixels²: keeps the plane finite where its support is a line
-STD_FLOOR = 0.01    # bins²: keeps the plane's weights finite
+# ---- Limits
 
-# The neighbours whose depths are compared with it (`relief`).
-STEP = 2            # pixels between those that are looked at: nearer ones share their photons
+MAX_SKETCH_SIZE = 64        # m: frequencies of a sketch
+MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many with the same mean
 
-# The intensity of the points (`settle`).
-SHARE_WINDOW = 2.0  # pixels: σ of the neighbourhood that tells how far pixels differ
-LEAST_SHARE = 0.01  # of its pool's intensity that a point has at least
+# ---- Start: windows of the matched filter (`search`)
 
-# Evidence of a pixel's own photons (`evidence`).
-LIKENESS = 2.0      # neighbours' intensities may differ by this factor and still be one surface's
-SHARING = 4.0       # and where surfaces share pixels
-DEAD = -1.0         # nats that a pixel without any photon speaks against a surface, at most: it may be dead
-LEFT = 1e-6         # photons that a pixel with some keeps, at least, without those of its other surfaces
+SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))    # σ and size of the cells, pixels: a pixel takes the first that is sure
+REST_SCALES = ((3.0, 2), (6.0, 3))              # and those for what is still open after the first iteration
+SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
+WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
+FAINTEST = 0.05         # of a pixel's first surface that a further one must give: less may be a wrong IRF's
 
-# Creation, competition and removal of points (`propose`).
-REACH = 2           # pixels: of the neighbourhood that votes
-VOTE_SIGMA = 1.2    # pixels: σ of a vote's weight by distance
-BELIEF = 0.45       # nats that a neighbour's vote is worth before its own photons are asked
-VOTES = (0.0, 0.7)  # nats that it is worth at least and at most
-BLANK = 0.2         # nats that a neighbour with photons, but no surface, speaks against a new one
-ENOUGH = 3          # neighbours that must agree on a new surface
-CREATE = 0.6        # nats in favour of a new surface
-SAME = 0.7          # agreement of candidates that need no judgement of their own
-ALONE = 0.5         # nats that a neighbour with fewer surfaces speaks against a further one
-RESOLVED = 0.7      # widths of the matched filter within which depths are one surface, for sure
-FILL_WINDOW = 2.0   # pixels: window of a point that an empty pixel got from its neighbours
-NEVER = -1e30       # evidence that any other exceeds
+# ---- Iterations: the pool (`pooled_step`)
 
-# Gradient steps of the baselines (`pixelwise`, `poisson`).
-INTENSITY_RATE = 0.5        # of the full step: the points of a pixel change together
+WINDOWS = ((2.0, 3), (3.5, 4), (5.0, 8))        # σ and radius, pixels, of each iteration: wide where depths are known
+FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
+SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
+NOISE_SHOWN = 2 / 3     # of the noise that a step takes away, what the distances from the plane show: errors fit then
 
-# The baselines' denoiser (`apss`). Lengths are in pixels, also along the depth.
+# ---- Iterations: the birth/death update (`birth_death`)
+
+PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count
+MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
+VOTE_SIGMA = 1.2        # σ of a vote's weight by distance, pixels
+VOTE_RADIUS = 2         # of the neighbourhood that votes, pixels
+DEAD_PIXEL = -1.0       # log-likelihood ratio of a pixel without photons, at least: it may be dead
+LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
+EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour with photons and no surface speaks against a new one
+FEWER_PENALTY = 0.5     # and one with fewer surfaces against a further one
+BIRTH = 0.6             # log-likelihood ratio that a new surface needs
+RESOLVED = 0.7          # widths of the matched filter's peak within which depths are one surface, for sure
+JUDGED = 0.7            # agreement from which on two candidates are judged as one
+SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
+
+# ---- End (`finalise`)
+
+SHARE_WINDOW = 2.0      # σ of the neighbourhood that tells how far pixels' intensities differ, pixels
+LEAST_SHARE = 0.01      # of its pool's intensity that a point has at least: own photons may say less than none
+
+# ---- Warm start
+
+STAY = 1.5              # log-likelihood ratio by which another depth must be better than that of the last frame
+
+# ---- Geometry and numerics of the pool, not the method's
+
+FINE = 4                # pixels: neighbours up to here are added one by one, and measure the plane
+RIDGE = 1e-3            # pixels²: keeps the plane finite where rounding is all that tells a support from a line
+CELL = 3                # pixels along the side of the cells by which farther ones are added; odd
+
+# ---- Gradient steps of the baselines (`pixelwise`, `poisson`)
+
+INTENSITY_RATE = 0.5    # of the full step: the points of a pixel change together
+
+# ---- The baselines' denoiser (`apss`). Lengths are in pixels, also along the depth.
+
 APSS_REACH = 2.0            # h of the weights (1 − d²/h²)²: one more than the neighbourhood's radius
 APSS_SAME_SURFACE = 4.0     # points nearer in depth than this to a surface's mean join it
 APSS_ENOUGH = 4             # points of a 3 × 3 neighbourhood that make a surface

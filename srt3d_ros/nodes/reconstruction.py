@@ -24,8 +24,8 @@ PARAMETERS = (
     Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins: as the sensor's "
               "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS,
               live=True),
-    Parameter("weighting", AS_PUBLISHED, "Weighting of the sketched data term; auto is identity for pooled and what "
-              "the others are published with.", choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
+    Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto is what they are "
+              "published with.", choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
     Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where this one's photons confirm "
               "them: less error while the scene goes on.", live=True),
     Parameter("pipeline", PIPELINES[0], "latency: a frame is published before the next one begins. throughput: one is "

@@ -75,7 +75,7 @@ from srt3d_ros.core import pooled
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import Sketcher
-pooled.SPREAD, pooled.WINDOWS = 0, ((2.0, 1), (4.0, 1))       # interpretation is slow
+pooled.WINDOWS = ((2.0, 1), (4.0, 1))       # interpretation is slow
 sensor = SensorModel(2, 3, 64, 1e-10, np.ones(3))
 sketcher = Sketcher(sensor, (1, 2, 3), device="cuda")
 sketcher.add(PhotonEvents(np.arange(6, dtype=np.uint32).repeat(50), np.full(300, 20, np.uint16)))

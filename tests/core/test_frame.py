@@ -51,8 +51,8 @@ def test_a_plain_pixel_is_the_signal_times_the_energy_at_its_depth():
     expected = SIGNAL[..., None] * energy * np.exp(1j * DEPTH[..., None] * omega)
     np.testing.assert_allclose(complex_matched(frame), expected, atol=1e-4)
     np.testing.assert_allclose(frame.energy, energy, rtol=1e-6)
-    np.testing.assert_allclose(frame.cycles, np.array(FREQUENCIES) / T, rtol=1e-6)
-    assert (frame.exposure == 1).all() and np.array_equal(frame.noise, np.rint(SIGNAL))
+    np.testing.assert_allclose(frame.bin_frequencies, np.array(FREQUENCIES) / T, rtol=1e-6)
+    assert (frame.exposure == 1).all() and np.array_equal(frame.counts, np.rint(SIGNAL))
     assert frame.num_bins == T and frame.shape == (ROWS, COLS)
 
 
@@ -72,7 +72,7 @@ def test_gain_becomes_an_exposure():
     frame = Matcher(sensor, FREQUENCIES)(exact(sensor, background=20))
     np.testing.assert_allclose(complex_matched(frame) / gain[..., None], calibrated(), rtol=1e-5)
     np.testing.assert_allclose(frame.exposure, gain, rtol=1e-6)
-    np.testing.assert_allclose(frame.noise, gain * (SIGNAL + 20), atol=0.5)
+    np.testing.assert_allclose(frame.counts, gain * (SIGNAL + 20), atol=0.5)
 
 
 def test_a_masked_pixel_counts_for_nothing_whatever_it_saw():
@@ -81,7 +81,7 @@ def test_a_masked_pixel_counts_for_nothing_whatever_it_saw():
     sketch = exact(make())
     sketch.sums[1, 2], sketch.photons[1, 2] = 1e6, 2**31
     frame = Matcher(make(mask=mask), FREQUENCIES)(sketch)
-    assert not frame.matched[1, :, 2].any() and frame.noise[1, 2] == 0 and frame.exposure[1, 2] == 0
+    assert not frame.matched[1, :, 2].any() and frame.counts[1, 2] == 0 and frame.exposure[1, 2] == 0
     np.testing.assert_allclose(complex_matched(frame)[mask], calibrated()[mask], rtol=1e-6)
     assert (frame.exposure[mask] == 1).all()
 
@@ -157,13 +157,13 @@ def test_a_sketch_of_another_sensor_is_refused(sketch, named):
 def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
     sensor = make()
     frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
-    u = np.linspace(0, frame.greatest_response, len(frame.rarity))
+    u = np.linspace(0, frame.max_response, len(frame.background_table))
     response = (np.exp(1j * np.outer(np.arange(T), angular_frequencies(FREQUENCIES, T)))
                 * np.conj(irf_spectrum(sensor, FREQUENCIES))).real.sum(axis=1)
     rng = np.random.default_rng(2)
     means = response[rng.integers(0, T, (20_000, photons))].mean(axis=1)
     for sigmas in (1.0, 2.0, 3.0):
-        reached = (np.sqrt(photons) * np.interp(means, u, frame.rarity) >= sigmas).mean()
+        reached = (np.sqrt(photons) * np.interp(means, u, frame.background_table) >= sigmas).mean()
         bound = np.exp(-sigmas**2 / 2)
         assert reached <= bound + 3 * np.sqrt(bound / 20_000)
 
@@ -171,6 +171,6 @@ def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
 def test_rarity_of_many_photons_is_that_of_the_normal_distribution():
     sensor = make()
     frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
-    u = np.linspace(0, frame.greatest_response, len(frame.rarity))
-    np.testing.assert_allclose(frame.rarity[:6], u[:6] / np.sqrt(frame.total_energy / 2), rtol=0.05)
-    assert (np.diff(frame.rarity) >= 0).all()
+    u = np.linspace(0, frame.max_response, len(frame.background_table))
+    np.testing.assert_allclose(frame.background_table[:6], u[:6] / np.sqrt(frame.total_energy / 2), rtol=0.05)
+    assert (np.diff(frame.background_table) >= 0).all()

@@ -60,10 +60,9 @@ def assert_finite(cloud):
 
 
 @pytest.mark.parametrize("gain", GAINS)
-@pytest.mark.parametrize("weighting", ["identity", "precision"])
-def test_full_pixels_of_the_least_and_the_greatest_gain_give_numbers(gain, weighting):
+def test_full_pixels_of_the_least_and_the_greatest_gain_give_numbers(gain):
     sensor, frequencies = made(gain=np.full((9, 12), gain))
-    pooled = Pooled(sensor, frequencies, surfaces=2, weighting=weighting)
+    pooled = Pooled(sensor, frequencies, surfaces=2)
     for seed in range(4):
         sketch = garbage(sensor, frequencies, seed)
         flat = np.broadcast_to(np.exp(2j * np.pi * np.array(frequencies) / T * 90), sketch.sums.shape)
@@ -117,12 +116,12 @@ def test_a_surface_at_the_ends_of_the_period_is_found_there_whatever_the_delay(d
     assert np.abs(circular_difference(cloud.depth_bins.astype(float), depth, T)).max() < 1.5
 
 
-def test_irfs_of_pixels_that_contradict_each_other_give_numbers_with_any_weighting():
+def test_irfs_of_pixels_that_contradict_each_other_give_numbers():
     irf = np.zeros((20, 10))
     irf[:10, [0, 1]], irf[10:, 6] = 1, 1
     sensor = SensorModel(4, 5, T, 50e-12, irf, irf_ref=4)
     frequencies = choose("auto", sensor)
-    pooled = Pooled(sensor, frequencies, surfaces=4, weighting="precision")
+    pooled = Pooled(sensor, frequencies, surfaces=4)
     for seed in range(8):
         cloud = pooled(garbage(sensor, frequencies, seed, photons=20_000))
         assert_finite(cloud)

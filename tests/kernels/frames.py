@@ -8,13 +8,13 @@ comparison between values that rounding tells apart may be decided either way: o
 
 import numpy as np
 
-from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.pooled import SAME_SURFACE
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.kernels import layout, reference
+from srt3d_ros.kernels.constants import SAME_SURFACE
 
 T = 300
 GATE = SAME_SURFACE**2
@@ -83,11 +83,15 @@ def make_state(frame: Frame, surfaces: int, seed: int, light: float = 1.0) -> np
         std = np.where(rng.random(size) < 0.02, T, rng.uniform(0.1, 2, size))       # T: the photons contradict it
         values = {layout.DEPTH: (depth + rng.normal(0, 1, size)) % T, layout.SLOPE_COL: rng.normal(0.3, 0.5, size),
                   layout.SLOPE_ROW: rng.normal(-0.5, 0.5, size), layout.INTENSITY: light * rng.uniform(1, 60, size),
-                  layout.STD: std, layout.WINDOW: rng.choice([0.7, 1, 2, 2.5, 4], size),
-                  layout.SCORE: rng.uniform(2, 30, size)}
+                  layout.STD: std, layout.SCORE: rng.uniform(2, 30, size), layout.RESIDUAL: rng.uniform(0, 1, size)}
         for field, value in values.items():
             view[:, k, field] = np.where(there, value, 0)
     return state
+
+
+def make_terms(frame: Frame, state: np.ndarray) -> np.ndarray:
+    """`expand` of a state as the kernels take it, by the reference."""
+    return reference.expand(frame.padded, state).astype(np.float32)
 
 
 def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Frame:
@@ -104,7 +108,7 @@ def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:
     """The state with these points, [K, rows, cols], that were measured well; intensity 0 where there is none."""
     state = layout.no_surfaces(*depth.shape[1:], len(depth))
     view = layout.crop(state, *depth.shape[1:])
-    view[:, :, layout.STD], view[:, :, layout.WINDOW], view[:, :, layout.SCORE] = 0.3, 1, 20
+    view[:, :, layout.STD], view[:, :, layout.SCORE] = 0.3, 20
     view[:, :, layout.DEPTH], view[:, :, layout.INTENSITY] = depth.swapaxes(0, 1), intensity.swapaxes(0, 1)
     return state
 

@@ -1,8 +1,7 @@
 """What the tests of the CUDA kernels share."""
 
 from srt3d_ros.core.frame import Frame
-
-from . import reference
+from srt3d_ros.kernels import reference
 
 
 def frame_on(cuda, frame: Frame) -> Frame:

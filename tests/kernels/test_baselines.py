@@ -7,12 +7,12 @@ from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import consecutive
+from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import WEIGHTINGS, weighted_steps
-from srt3d_ros.kernels import cpu
+from srt3d_ros.kernels import cpu, reference
 
-from . import reference_baselines as reference
 from .baseline_frames import SHAPES, SHARE_AT_TIES, T, assert_agree, make_photons, make_points, make_sensor
 
 
@@ -28,7 +28,8 @@ def test_pixelwise(shape, surfaces, weighting, usual):
     depth, intensity = make_points(*shape, surfaces)
     intensity[:, 0][frame.exposure > 0] += 0.5                              # so that there is one
     intensity *= (frame.exposure > 0)[:, None]
-    expected = reference.pixelwise(frame, table, 0.3, usual, depth, intensity)
+    expected = depth.astype(np.float64), intensity.astype(np.float64)
+    reference.pixelwise(frame, table, 0.3, usual, *expected)
     before = depth.copy()
     cpu.pixelwise(frame, table, 0.3, usual, depth, intensity)
     assert not np.array_equal(depth, before)
@@ -43,7 +44,8 @@ def test_poisson(shape, irfs, surfaces):
     depth, intensity = make_points(*shape, surfaces)
     intensity[:, 0] += 0.5
     background = np.random.default_rng(2).uniform(0.001, 0.1, shape).astype(np.float32)
-    *expected, stray = reference.poisson(data, background, 0.3, 20.0, depth, intensity)
+    expected = depth.astype(np.float64), intensity.astype(np.float64)
+    stray = reference.poisson(data, background, 0.3, 20.0, *expected)
     before = depth.copy()
     np.testing.assert_allclose(cpu.poisson(data, background, 0.3, 20.0, depth, intensity), stray, rtol=1e-4, atol=1e-5)
     assert not np.array_equal(depth, before)
@@ -100,6 +102,19 @@ def test_apss_creates_points_among_four_and_removes_those_among_three():
     assert cpu.apss(depth, intensity, None, seen, 5.0, T)[1][1, 0, 1] == 0
     intensity[2, 0, 0], depth[2, 0, 0] = 10, 160                    # a fourth one far behind is another surface's
     assert cpu.apss(depth, intensity, None, seen, 5.0, T)[1][1, 0, 1] == 0
+
+
+@pytest.mark.parametrize("name", ["smle", "srt3d", "rt3d"])
+def test_whole_reconstructions_agree(monkeypatch, name):
+    monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 1)
+    sensor = make_sensor(4, 18)
+    fast, slow = (reconstruct(name, make_photons(sensor), sensor, consecutive(7), surfaces=2, device=device)
+                  for device in ("cpu", "reference"))
+    assert len(fast) > 50
+    for field in ("row", "col", "surface"):
+        assert np.array_equal(getattr(fast, field), getattr(slow, field)), field
+    for field in ("depth_bins", "intensity", "depth_std_bins", "background"):
+        np.testing.assert_allclose(getattr(fast, field), getattr(slow, field), rtol=2e-3, atol=2e-3, err_msg=field)
 
 
 def test_results_do_not_depend_on_the_number_of_threads():

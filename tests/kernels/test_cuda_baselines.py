@@ -13,8 +13,8 @@ from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import weighted_steps
+from srt3d_ros.kernels import reference
 
-from . import reference_baselines as reference
 from .baseline_frames import SHARE_AT_TIES, T, assert_agree, make_photons, make_points, make_sensor
 from .on_device import frame_on
 
@@ -30,7 +30,8 @@ def test_pixelwise(cuda, shape, surfaces, weighting, usual):
     depth, intensity = make_points(*shape, surfaces)
     intensity[:, 0][frame.exposure > 0] += 0.5                              # so that there is one
     intensity *= (frame.exposure > 0)[:, None]
-    expected = reference.pixelwise(frame, table, 0.3, usual, depth, intensity)
+    expected = depth.astype(np.float64), intensity.astype(np.float64)
+    reference.pixelwise(frame, table, 0.3, usual, *expected)
     points = cuda.array(depth), cuda.array(intensity)
     cuda.pixelwise(frame_on(cuda, frame), cuda.array(table), 0.3, usual, *points)
     found = [cuda.numpy(values) for values in points]
@@ -48,7 +49,8 @@ def test_poisson(cuda, shape, irfs, surfaces, ppp):
     depth, intensity = make_points(*shape, surfaces)
     intensity[:, 0] += 0.5
     background = np.random.default_rng(2).uniform(0.001, 0.1, shape).astype(np.float32)
-    *expected, stray = reference.poisson(data, background, 0.3, 20.0, depth, intensity)
+    expected = depth.astype(np.float64), intensity.astype(np.float64)
+    stray = reference.poisson(data, background, 0.3, 20.0, *expected)
     points = cuda.array(depth), cuda.array(intensity)
     maps = {name: cuda.array(getattr(data, name)) for name in ("starts", "toa", "irf", "slope", "exposure")}
     found = cuda.poisson(replace(data, **maps), cuda.array(background), 0.3, 20.0, *points)

@@ -11,12 +11,13 @@ from types import SimpleNamespace
 import pytest
 
 KERNELS = {
-    "apss": ["_apss"], "blur": ["_blur_cols", "_blur_rows"], "collect": ["_collect", "_count"], "descend": ["_descend"],
-    "evidence": ["_evidence"], "explain": ["_explain", "_leave"], "intensity": ["_own_intensity"], "match": ["_match"],
-    "pixelwise": ["_pixelwise"], "poisson": ["_poisson"], "prepare": ["_prepare"], "propose": ["_choose"],
-    "relief": ["_relief"], "search": ["_decide", "_pool_rows"], "settle": ["_excess", "_settle"],
+    "apss": ["_apss"], "birth_death": ["_choose"], "blur": ["_blur_cols", "_blur_rows"],
+    "collect": ["_collect", "_count"], "expand": ["_expand"], "finalise": ["_excess", "_settle"],
+    "likelihood": ["_log_likelihood_ratio"], "match": ["_match"],
+    "pixelwise": ["_pixelwise"], "poisson": ["_poisson"], "pooled_step": ["_coarsen", "_step"],
+    "prepare": ["_prepare"], "residual": ["_residual"], "search": ["_decide", "_pool_rows"],
     "sketch": ["_count", "_find_stray", "_inspect_events", "_place", "_starts", "_sum_rows", "_sum_waves"],
-    "survey": ["survey"]}
+    "undecided": ["undecided"]}
 
 
 def test_kernels_compile_for_an_h100():
@@ -43,37 +44,35 @@ def compile_all() -> list[str]:
     JITFunction.run = compile_only
     driver.set_active(SimpleNamespace(get_current_device=lambda: 0, get_current_stream=lambda device: 0,
                                       get_current_target=lambda: GPUTarget("cuda", 90, 32)))
-    from srt3d_ros.core import layout
-    from srt3d_ros.core.start import window_weights
-    from srt3d_ros.kernels import cuda
+    from srt3d_ros.kernels import cuda, layout
     for module in ("device", "scratch", "sketch"):
         sys.modules[f"srt3d_ros.kernels.cuda.{module}"].DEVICE = "cpu"          # where the arguments lie
 
-    m, surfaces, shape, rows, cols = 10, 2, (16, 76), 4, 64
+    m, surfaces, rows, cols = 10, 2, 4, 64
+    shape = layout.padded_shape(rows, cols)
     maps = {name: torch.zeros(size) for name, size in {
-        "matched": (shape[0], 2 * m, shape[1]), "noise": shape, "exposure": shape, "energy": m, "cycles": m,
-        "moments": 2, "intensity_moments": 2, "rarity": 257}.items()}
-    data = SimpleNamespace(**maps, num_bins=300, greatest_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
-                           shape=(rows, cols))
+        "matched": (shape[0], 2 * m, shape[1]), "counts": shape, "exposure": shape, "energy": m, "bin_frequencies": m,
+        "moments": 2, "intensity_moments": 2, "background_table": 257}.items()}
+    data = SimpleNamespace(**maps, num_bins=300, max_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
+                           resolution_bins=7.0, shape=(rows, cols))
     state = torch.zeros(shape[0], surfaces, layout.FIELDS, shape[1])
-    cuda.blur(torch.zeros(rows, 2 * m, cols), torch.zeros(12), 2)
-    cuda.match(torch.zeros(rows, 2 * m, cols), data.energy, data.cycles, 300, surfaces)
-    cuda.descend(data, state, layout.MARGIN, 23.0)
-    cuda.evidence(data, state)
-    cuda.own_intensity(data, state)
-    cuda.relief(state, 5.0, layout.MARGIN, 23.0, 300)
-    cuda.propose(data, state[:, :1].contiguous(), 1.5, 23.0, 1)
+    cuda.blur(torch.zeros(rows, 2 * m, cols), torch.zeros(7), 2)
+    cuda.match(torch.zeros(rows, 2 * m, cols), data.energy, data.bin_frequencies, 300, surfaces)
+    terms = cuda.expand(data, state, cuda.Scratch())
+    for radius in (3, layout.MARGIN):
+        cuda.pooled_step(data, state, terms, 2.0, radius, 23.0, cuda.Scratch())
+    cuda.log_likelihood_ratio(data, state, terms)
+    cuda.birth_death(data, state[:, :1].contiguous(), terms[:, :1].contiguous(), 23.0)
     image, counts = torch.zeros(rows, cols), torch.zeros(rows, cols, dtype=torch.uint32)
     sums = torch.zeros(rows, cols, m, dtype=torch.complex64)
     for equaliser in (sums, sums[:1, :1]):
         cuda.prepare(sums, counts, equaliser, image)
     for clutter in (None, torch.ones(300)):
         data.clutter = clutter
-        for layer, (sigma, step) in enumerate(((0.0, 1), (6.0, 4))):
-            cuda.search(data, data.matched, state, layer, sigma, window_weights(sigma, step), step, 5.0, cuda.Scratch(),
-                        state if layer else None)
-        intensity, std, _ = cuda.settle(data, counts, state, 5.0, 5.0, layout.MARGIN, 23.0, cuda.Scratch())
-    cuda.leave(data, state, 1)
+        for layer, (sigma, step) in enumerate(((0.0, 1), (6.0, 3))):
+            cuda.search(data, data.matched, state, layer, sigma, step, 5.0, cuda.Scratch(), state if layer else None)
+        intensity, std, _ = cuda.finalise(data, counts, state, terms, 5.0, cuda.Scratch())
+    cuda.residual(data, state, terms, 1)
     cuda.collect(state, intensity, std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)
     cuda.collect(state[:, :1], intensity[:, :1], std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)
     points = torch.zeros(rows, surfaces, cols)

@@ -1,6 +1,7 @@
 """Whole reconstructions by the CUDA kernels against the CPU's and the float64 reference's, frame after frame."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -9,20 +10,23 @@ import torch
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.start import REST_SCALES, SURE_SCALES
+from srt3d_ros.kernels.constants import REST_SCALES, SURE_SCALES
 
 from .frames import DEPTH_TOLERANCE, FAINT, RELATIVE, SHARE_AT_TIES, T, make_sensor, make_sketch
 from .on_device import others
 
 # Of what takes the interpreter long.
-QUICK = {"SPREAD": 0, "WINDOWS": ((2.0, 1), (4.0, 1)), "SURE_SCALES": SURE_SCALES[:2], "REST_SCALES": REST_SCALES[:1]}
-ALL_SCALES = {"SURE_SCALES": SURE_SCALES, "REST_SCALES": REST_SCALES}
+QUICK = {"WINDOWS": ((2.0, 1), (4.0, 1)), "SURE_SCALES": SURE_SCALES[:2], "REST_SCALES": REST_SCALES[:1],
+         "FIRST_STEPS": 1}
+ALL_SCALES = {"SURE_SCALES": SURE_SCALES, "REST_SCALES": REST_SCALES, "FIRST_STEPS": 2}
 FIELDS = ("row", "col", "surface", "depth_bins", "intensity", "depth_std_bins", "xyz", "background")
 
 
-def shorten(cuda, monkeypatch, **settings):
+def shorten(cuda, monkeypatch, spread=0, **settings):
     """Reconstruct in less time than it takes to interpret all steps; on a GPU as always."""
-    if cuda.DEVICE == "cpu":
+    if cuda.device.DEVICE == "cpu":
+        for kernels in (cuda, *others()):
+            monkeypatch.setattr(import_module(f"{kernels.__name__}.birth_death"), "SPREAD", spread)
         for name, value in (QUICK | settings).items():
             monkeypatch.setattr(f"srt3d_ros.core.pooled.{name}", value)
 
@@ -47,13 +51,12 @@ def assert_clouds_agree(one: PointCloud, other: PointCloud, surfaces: int, point
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "light", "options"), [
-    ((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((2, 24), 1, 1, {"weighting": "precision"}),
-    ((4, 24), 1, 1, {"background": "estimate"})])
+    ((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((4, 24), 1, 1, {"background": "estimate"})])
 def test_whole_reconstructions_agree(cuda, monkeypatch, shape, surfaces, light, options):
     if options or surfaces > 1:
         shorten(cuda, monkeypatch)
     else:
-        shorten(cuda, monkeypatch, SPREAD=1, WINDOWS=((2.0, 2), (4.0, 2)), **ALL_SCALES)
+        shorten(cuda, monkeypatch, spread=1, WINDOWS=((2.0, 2), (4.0, 2)), **ALL_SCALES)
     sensor = make_sensor(*shape, seed=5)
     sketch = make_sketch(sensor, 5, light)
     if options:
@@ -97,7 +100,9 @@ def test_frames_begin_with_the_last_ones_surfaces(cuda, monkeypatch):
 
 
 def test_a_sketch_may_lie_anywhere_and_change_once_it_is_submitted_and_warming_up_changes_nothing(cuda, monkeypatch):
-    shorten(cuda, monkeypatch, WARM_FRAMES=1)
+    shorten(cuda, monkeypatch)
+    if cuda.device.DEVICE == "cpu":
+        monkeypatch.setattr(cuda, "WARM_FRAMES", 1)
     sensor = make_sensor(1, 9, seed=1)
     sketch = make_sketch(sensor, 1)
     srt3d = built(monkeypatch, cuda, sensor, sketch.frequencies)

@@ -38,7 +38,7 @@ def test_a_reconstruction_can_be_recorded(cuda, monkeypatch, surfaces, warm, clu
     shape = np.linspace(1, 2, 300) / 450 if clutter else None
     sensor = SensorModel(6, 40, 300, 1e-10, np.ones(9), background_shape=shape)
     srt3d = Pooled(sensor, consecutive(5), surfaces)
-    tensor = partial(torch.zeros, device=cuda.DEVICE)
+    tensor = partial(torch.zeros, device=cuda.device.DEVICE)
     frame = [tensor(6, 40, dtype=torch.uint32), tensor(6, 40, 5, dtype=torch.complex64)]
     srt3d._points(warm, *frame)                             # finds memory, copies constants
     kept = {name: values.data_ptr() for name, values in srt3d._scratch._tensors.items()}

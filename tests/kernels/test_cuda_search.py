@@ -1,15 +1,15 @@
-"""The CUDA kernels of the start, `prepare`, `search` and `leave`, against the float64 reference and the CPU kernels."""
+"""The CUDA kernels of the start: `prepare`, `search` and `residual`, against the float64 reference and the CPU's."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from srt3d_ros.core import layout
 from srt3d_ros.core.frame import Matcher
-from srt3d_ros.core.start import REST_SCALES, SURE_SCALES, window_weights
+from srt3d_ros.kernels import layout
+from srt3d_ros.kernels.constants import REST_SCALES, SURE_SCALES
 
-from .frames import FAINT, T, assert_states_agree, make_frame, make_sensor, make_sketch, make_state
+from .frames import FAINT, T, assert_states_agree, make_frame, make_sensor, make_sketch, make_state, make_terms
 from .on_device import frame_on, others
 
 
@@ -22,9 +22,9 @@ def test_prepare(cuda, shape, each):
     sketch = make_sketch(sensor, seed=2)
     matcher = Matcher(sensor, sketch.frequencies)
     arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used
-    scratch = cuda.Scratch()
-    for maps in (scratch.array("matched", (shape[0] + 12, 2 * len(sketch.frequencies), 44 if shape[1] < 33 else 76)),
-                 scratch.array("noise", (shape[0] + 12, 44 if shape[1] < 33 else 76))):
+    scratch, (padded_rows, padded_cols) = cuda.Scratch(), layout.padded_shape(*shape)
+    for maps in (scratch.array("matched", (padded_rows, 2 * len(sketch.frequencies), padded_cols)),
+                 scratch.array("counts", (padded_rows, padded_cols))):
         maps.fill_(np.nan)
     found = [cuda.numpy(maps) for maps in cuda.prepare(*(cuda.array(a) for a in arguments), scratch)]
     for other in others():
@@ -72,16 +72,15 @@ def test_search_keeps_carried_surfaces_that_photons_confirm(cuda, surfaces, scal
 
 
 def check_search(cuda, frame, state, layer, scale, enough, carried=None):
-    (sigma, step), given = scale, cuda.array(state)
-    weights, padded = window_weights(sigma, step), frame.padded
+    given, padded = cuda.array(state), frame.padded
     on, last = frame_on(cuda, padded), None if carried is None else cuda.array(carried)
-    cuda.search(on, on.matched, given, layer, sigma, weights, step, enough, cuda.Scratch(), last, 2.0)
+    cuda.search(on, on.matched, given, layer, *scale, enough, cuda.Scratch(), last, 2.0)
     found, before = cuda.numpy(given), (state[:, layer, layout.INTENSITY] > 0).sum()
     if frame.shape != (1, 1):
         assert (found[:, layer, layout.INTENSITY] > 0).sum() > before + 10
     for other in others():
         expected = state.copy()
-        other.search(padded, padded.matched, expected, layer, sigma, weights, step, enough, None, carried, 2.0)
+        other.search(padded, padded.matched, expected, layer, *scale, enough, None, carried, 2.0)
         if frame.shape != (1, 1):
             assert_states_agree(found, expected, frame.shape)
         was = expected[:, layer, layout.INTENSITY] == state[:, layer, layout.INTENSITY]
@@ -90,12 +89,14 @@ def check_search(cuda, frame, state, layer, scale, enough, carried=None):
 
 
 @pytest.mark.parametrize(("surfaces", "layer"), [(2, 1), (3, 1)])
-def test_leave(cuda, surfaces, layer):
-    frame = make_frame((4, 33), 1).padded
-    state = make_state(make_frame((4, 33), 1), surfaces, 1)
-    found = cuda.numpy(cuda.leave(frame_on(cuda, frame), cuda.array(state), layer, cuda.Scratch()))
+def test_residual(cuda, surfaces, layer):
+    frame = make_frame((4, 33), 1)
+    state = make_state(frame, surfaces, 1)
+    terms, frame = make_terms(frame, state), frame.padded
+    given = frame_on(cuda, frame), cuda.array(state), cuda.array(terms)
+    found = cuda.numpy(cuda.residual(*given, layer, cuda.Scratch()))
     for other in others():
-        expected = other.leave(frame, state, layer)
+        expected = other.residual(frame, state, terms, layer)
         np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
     assert not np.allclose(found, frame.matched)
 

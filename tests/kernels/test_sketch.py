@@ -4,14 +4,12 @@ import numba
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher, phase_table
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels import reference
 from srt3d_ros.kernels.cpu import rows, sketch
-
-from . import reference
 
 PIXELS, T = 40, 50
 # How far a sum may be off for each photon: table rows are rounded to 24 bits on the CPU, to 16 on CUDA.
@@ -34,12 +32,32 @@ class Device:
         for _ in range(times):
             getattr(self.kernels, function)(*arrays, *fixed, *rest, sums, photons)
         z, n = self.kernels.read_sums(sums, photons, 2 * len(frequencies))
-        return self.numpy(z), self.numpy(n), self.numpy(sums)
+        return self.numpy(z), self.numpy(n), sums if self.kernels is reference else self.numpy(sums)
+
+
+REFERENCE = Device("reference", reference, reference.array, reference.numpy)
+
+
+def expected_of(*arguments, **options):
+    """Sums, complex128 [pixels, m], and numbers of photons, as the reference counts them."""
+    _, photons, sums = REFERENCE.sketch(*arguments, **options)
+    return sums, photons
+
+
+@pytest.fixture(params=["cpu", "cuda", "reference"])
+def any_device(request):
+    """Those of `device`, and the reference."""
+    return REFERENCE if request.param == "reference" else device_named(request.param, request)
 
 
 @pytest.fixture(params=["cpu", "cuda"])
 def device(request):
-    if request.param == "cpu":
+    """What is held against the reference."""
+    return device_named(request.param, request)
+
+
+def device_named(name, request):
+    if name == "cpu":
         return Device("cpu", sketch, np.ascontiguousarray, np.asarray)
     cuda = request.getfixturevalue("cuda")
     from srt3d_ros.kernels.cuda import sketch as on_cuda
@@ -57,7 +75,7 @@ def draw(count=700, dtype=np.uint16, ordered=False, pixels=PIXELS, seed=2):
 def assert_close(found, expected, each):
     (z, n, _), (sums, numbers) = found, expected
     assert z.dtype == np.complex64 and n.dtype == np.uint32 and np.array_equal(n, numbers)
-    assert (np.abs(z - sums.view(np.complex128)) <= each * np.maximum(n, 1)[:, None]).all()
+    assert (np.abs(z - sums) <= each * np.maximum(n, 1)[:, None]).all()
 
 
 @pytest.mark.parametrize("frequencies", [(3,), (1, 3, 24), tuple(range(1, 9)), tuple(range(2, 12)), tuple(range(1, 13)),
@@ -66,7 +84,7 @@ def assert_close(found, expected, each):
 def test_sketch_sizes_of_every_width(device, function, frequencies):
     pixel, toa = draw(200, ordered=function == "sketch_sorted")
     found = device.sketch(function, pixel, toa, frequencies=frequencies)
-    assert_close(found, reference.sketch_unsorted(pixel, toa, phase_table(frequencies, T), PIXELS), EACH[device.name])
+    assert_close(found, expected_of("sketch_unsorted", pixel, toa, frequencies=frequencies), EACH[device.name])
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32])
@@ -74,7 +92,7 @@ def test_sketch_sizes_of_every_width(device, function, frequencies):
 def test_pixels_of_many_photons_and_of_none(device, function, dtype):
     pixel, toa = draw(2_000, dtype, function == "sketch_sorted")
     found = device.sketch(function, pixel, toa, frequencies=(1, 3, 24))
-    expected = reference.sketch_unsorted(pixel, toa, phase_table((1, 3, 24), T), PIXELS)
+    expected = expected_of("sketch_unsorted", pixel, toa, frequencies=(1, 3, 24))
     assert expected[1].max() > rows.MOST and (expected[1] == 0).any()
     assert_close(found, expected, EACH[device.name])
 
@@ -85,8 +103,9 @@ def test_times_with_fractions(device, ordered, frequencies):
     pixel, toa = draw(400, np.float32, ordered)
     found = device.sketch("sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
                           table=False)
-    assert_close(found, reference.sketch_continuous(pixel, toa, angular_frequencies(frequencies, T), PIXELS),
-                 OF_WAVES[device.name])
+    expected = expected_of("sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
+                           table=False)
+    assert_close(found, expected, OF_WAVES[device.name])
 
 
 @pytest.mark.parametrize("k", [1, 50, 1_000, 32_767])
@@ -111,33 +130,34 @@ def test_gates(device, pixels, first_word, no_detection):
     kernels.sketch_gates(device.array(words), kernels.fixed_rows(device.array(table)), first_word, no_detection, sums,
                          photons)
     found = [device.numpy(a) for a in (*kernels.read_sums(sums, photons, 6), sums)]
-    assert_close(found, reference.sketch_gates(words, table, first_word, no_detection)[:2], EACH[device.name])
+    assert_close(found, expected_of("sketch_gates", words, first_word, no_detection, frequencies=(1, 3, 24),
+                                    pixels=pixels), EACH[device.name])
 
 
 def test_gates_of_more_cycles_than_are_read_together():
     words = np.random.default_rng(0).integers(0, T + 1, (2 * sketch.CYCLES + 5, 3)).astype(np.uint16)
     sums, photons = sketch.new_sums(3, 2)
     sketch.sketch_gates(words, sketch.fixed_rows(phase_table((3,), T)), 0, T, sums, photons)
-    expected = reference.sketch_gates(words, phase_table((3,), T), 0, T)[:2]
+    expected = expected_of("sketch_gates", words, 0, T, frequencies=(3,), pixels=3)
     assert_close((*sketch.read_sums(sums, photons, 2), sums), expected, EACH["cpu"])
 
 
 @pytest.mark.parametrize("word", [0, 9, 60, 65_535])
 @pytest.mark.parametrize("pixel", [0, 8, 16])
-def test_a_stray_word_is_found_in_any_pixel(device, word, pixel):
+def test_a_stray_word_is_found_in_any_pixel(any_device, word, pixel):
     words = np.full((5, 17), 3, np.uint16)
     words[2, pixel] = word
-    assert device.kernels.find_stray(device.array(words), 10, 3, T) == word
+    assert any_device.kernels.find_stray(any_device.array(words), 10, 3, T) == word
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
 @pytest.mark.parametrize("where", [0, 99, 4_999, 10_000])
-def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(device, dtype, where, monkeypatch):
+def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(any_device, dtype, where, monkeypatch):
     monkeypatch.setattr(sketch, "PART", 700)
     pixel, toa = np.full(10_001, 5, np.uint32), np.full(10_001, T - 1, dtype)
 
     def inspect(pixel, toa):
-        return device.kernels.inspect_events(device.array(pixel), device.array(toa), 6, T)
+        return any_device.kernels.inspect_events(any_device.array(pixel), any_device.array(toa), 6, T)
 
     assert inspect(pixel, toa) == (True, True)
     wrong = toa.copy()
@@ -186,7 +206,7 @@ def test_unsorted_photons_of_many_more_pixels(device, monkeypatch):
     monkeypatch.setattr(sketch, "BUCKETS", 4)
     pixel, toa = draw(300, pixels=300)
     found = device.sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300)
-    assert_close(found, reference.sketch_unsorted(pixel, toa, phase_table((1, 3), T), 300), EACH[device.name])
+    assert_close(found, expected_of("sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300), EACH[device.name])
 
 
 @pytest.mark.parametrize("function", ["sketch_unsorted", "sketch_continuous"])
@@ -197,7 +217,7 @@ def test_bright_pixels_are_shared_among_programs_and_summed_in_segments(cuda, mo
     pixel, toa = draw(2_000, np.float32 if continuous else np.uint16, pixels=4)
     more = ((1, 3), T, False) if continuous else ()
     found = device.sketch(function, pixel, toa, *more, frequencies=(1, 3), pixels=4, table=not continuous)
-    expected = reference.sketch_continuous(pixel, toa, angular_frequencies((1, 3), T), 4)
+    expected = expected_of("sketch_continuous", pixel, toa, (1, 3), T, False, frequencies=(1, 3), pixels=4, table=False)
     assert on_cuda._parts(2_000, 4) == 3
     assert_close(found, expected, EACH["cuda"])
 
@@ -225,6 +245,18 @@ def test_a_sketcher_on_cuda_gives_the_sketch_of_one_on_the_cpu(cuda):
     assert (np.abs(one.sums - cuda.numpy(other.sums)) <= EACH["cuda"] * np.maximum(one.photons, 1)[..., None]).all()
     sketchers[1].reset()
     assert not sketchers[1].sketch().sums.any() and not cuda.numpy(sketchers[1].sketch().photons).any()
+
+
+def test_a_sketcher_on_the_reference_gives_the_sketch_of_one_on_the_cpu():
+    sensor = SensorModel(4, 10, T, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
+    photons = PhotonEvents(*draw(400))
+    frames = [photons, PhotonEvents(*draw(dtype=np.float32)), PhotonGates.from_events(photons, sensor)]
+    one, other = (Sketcher(sensor, (1, 3, 24), device) for device in ("cpu", "reference"))
+    for sketcher in (one, other):
+        for frame in frames:
+            sketcher.add(frame)
+    assert_close((other.sketch().sums.reshape(PIXELS, 3), other.sketch().photons.ravel(), None),
+                 (one.sketch().sums.reshape(PIXELS, 3), one.sketch().photons.ravel()), OF_WAVES["cpu"])
 
 
 def test_photons_that_lie_on_cuda_are_added_as_often_as_asked_for(cuda):

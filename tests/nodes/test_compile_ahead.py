@@ -17,7 +17,7 @@ kernels = [value for module in modules for value in vars(module).values()
 print(json.dumps(sorted({{f"{{kernel.py_func.__module__}}.{{kernel.__name__}}{{signature}}"
                          for kernel in kernels for signature in kernel.signatures}})))
 """
-AHEAD = "ahead.compile_descend(); ahead.compile_others()"
+AHEAD = "ahead.compile_birth_death(); ahead.compile_others()"
 AT_START = "ahead.warm_up(); Pooled(ahead.ANY_SENSOR, ahead.FREQUENCIES, device='cpu').warm_up()"
 
 
@@ -30,5 +30,5 @@ def compiled(what: str) -> set[str]:
 def test_what_the_nodes_run_at_their_start_has_been_compiled_ahead():
     compiled(AT_START)              # once compiled, what they call among themselves does not show
     at_start = compiled(AT_START)
-    assert len(at_start) > 20 and any("descend" in kernel for kernel in at_start)
+    assert len(at_start) > 20 and any("birth_death" in kernel for kernel in at_start)
     assert at_start <= compiled(AHEAD)

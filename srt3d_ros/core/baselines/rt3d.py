@@ -25,7 +25,7 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import on_device
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.start import window_weights
+from srt3d_ros.kernels.windows import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
 LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface must have come from somewhere
@@ -111,7 +111,7 @@ class RT3D:
 
         Both are float32 [rows, cols], on the device.
         """
-        kernels, weights = self.kernels, self.kernels.array(window_weights(BACKGROUND_WINDOW, 1))
+        kernels, weights = self.kernels, self.kernels.array(window_weights(BACKGROUND_WINDOW))
         least = kernels.array(LEAST_BACKGROUND * seen[:, None])
         pooled = kernels.numpy(kernels.blur(kernels.array(seen[:, None]), weights, 1))[:, 0]
         bins = kernels.array(np.maximum(pooled * self.sensor.num_bins, 1e-6))

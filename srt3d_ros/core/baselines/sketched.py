@@ -41,7 +41,7 @@ class SketchedBaseline:
         frame = self._matcher(sketch)
         depth, intensity = self.points(frame)
         signal = intensity * frame.exposure[:, None]
-        std = self.steps.depth_std(signal, frame.noise[:, None])
+        std = self.steps.depth_std(signal, frame.counts[:, None])
         background = np.maximum(sketch.photons - signal.sum(axis=1), 0)
         return PointCloud.from_layers(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
 
@@ -64,6 +64,6 @@ def matched_filter(frame: Frame, surfaces: int, kernels) -> tuple[np.ndarray, np
 
     The frame lies on the kernels' device, the start does not.
     """
-    found = kernels.match(frame.matched, frame.energy, frame.cycles, frame.num_bins, surfaces)
+    found = kernels.match(frame.matched, frame.energy, frame.bin_frequencies, frame.num_bins, surfaces)
     depth, intensity, exposure = (kernels.numpy(values) for values in (*found, frame.exposure[:, None]))
     return depth, np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)

@@ -13,7 +13,7 @@ import numpy as np
 from srt3d_ros.core.baselines.sketched import SketchedBaseline, matched_filter
 from srt3d_ros.core.frame import Frame
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.start import score_threshold, significance
+from srt3d_ros.core.thresholds import score, score_threshold
 
 STEPS = 10
 RATE = 0.5          # each step halves what is left of the error
@@ -39,8 +39,8 @@ class SMLE(SketchedBaseline):
         there = frame.on(self.kernels)
         depth, intensity = matched_filter(there, self.surfaces, self.kernels)
         if self.false_alarm_rate is not None:
-            score = significance(frame, intensity * frame.exposure[:, None], frame.noise[:, None], 1.0)
-            intensity[score <= score_threshold(self.false_alarm_rate, max(self._matcher.frequencies))] = 0
+            shown = score(frame, intensity * frame.exposure[:, None], frame.counts[:, None])
+            intensity[shown <= score_threshold(self.false_alarm_rate, max(self._matcher.frequencies))] = 0
         depth, intensity = self.kernels.array(depth), self.kernels.array(intensity)
         for _ in range(STEPS):
             self.step(there, RATE, 0.0, depth, intensity)

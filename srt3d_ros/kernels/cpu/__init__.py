@@ -1,4 +1,4 @@
-"""The CPU kernels, in numba: compiled at first use, cached on disk.
+"""The CPU kernels, in numba: `kernels.api` on NumPy arrays, compiled at first use, cached on disk.
 
 Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector registers. The cost of a frame does not
 depend on its photons, and results do not depend on the number of threads: no sum runs across threads
@@ -6,20 +6,19 @@ depend on its photons, and results do not depend on the number of threads: no su
 """
 
 from srt3d_ros.kernels.cpu.apss import apss
+from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
-from srt3d_ros.kernels.cpu.descend import descend
-from srt3d_ros.kernels.cpu.evidence import evidence
-from srt3d_ros.kernels.cpu.explain import explain, leave
-from srt3d_ros.kernels.cpu.intensity import own_intensity
+from srt3d_ros.kernels.cpu.expand import expand
+from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
+from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.pixelwise import pixelwise
 from srt3d_ros.kernels.cpu.poisson import poisson
+from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare
-from srt3d_ros.kernels.cpu.propose import propose
-from srt3d_ros.kernels.cpu.relief import relief
-from srt3d_ros.kernels.cpu.scratch import Pipeline, Scratch, array, numpy
+from srt3d_ros.kernels.cpu.residual import residual
+from srt3d_ros.kernels.cpu.scratch import ON_HOST, WARM_FRAMES, Pipeline, Scratch, array, numpy, photon_array
 from srt3d_ros.kernels.cpu.search import drop_weak, search
-from srt3d_ros.kernels.cpu.settle import collect, settle
 from srt3d_ros.kernels.cpu.sketch import (
     find_stray,
     fixed_rows,
@@ -32,7 +31,7 @@ from srt3d_ros.kernels.cpu.sketch import (
     sketch_unsorted,
 )
 
-__all__ = ["Pipeline", "Scratch", "apss", "array", "blur", "collect", "descend", "drop_weak", "evidence", "explain",
-           "find_stray", "fixed_rows", "inspect_events", "leave", "match", "new_sums", "numpy", "own_intensity",
-           "pixelwise", "poisson", "prepare", "propose", "read_sums", "relief", "search", "settle",
-           "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted"]
+__all__ = ["ON_HOST", "Pipeline", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
+           "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
+           "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
+           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]

@@ -186,24 +186,7 @@ def _apss(depth, intensity, normal, exposure, scale, period, spheres, new_depth,
 
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
-    """One pass of the denoiser.
-
-    The points of a pixel's 3 × 3 neighbourhood whose depths agree make a surface; fewer than 4 points make none. Onto
-    each of the K strongest ones the pixel's point is projected along its line of sight: planes by least squares
-    if there are no normals yet, else algebraic spheres. Intensity is 0.9 of the pixel's own and 0.1 of its neighbours'
-    mean, so that surfaces grow into pixels without a point.
-
-    Args:
-        depth: float32 [rows, K, cols], bins.
-        intensity: float32 [rows, K, cols]; 0 = no point.
-        normal: float32 [2, rows, K, cols], x and y of the unit normals whose z is positive; None in the first pass.
-        exposure: float32 [rows, cols]; pixels with 0 get no point.
-        scale: bins that count as one pixel.
-        num_bins: T.
-
-    Returns:
-        depth, intensity and normal, as above, the strongest point of a pixel first.
-    """
+    """Rows in parallel."""
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
     out = np.zeros_like(depth), np.empty_like(intensity), np.zeros_like(known)
     _apss(depth, intensity, known, exposure, F32(scale), F32(num_bins), normal is not None, *out)

@@ -9,6 +9,7 @@ from srt3d_ros.kernels.cpu.compiling import inline, line
 F32 = np.float32
 HALF, ONE, TWO, ZERO = F32(0.5), F32(1), F32(2), F32(0)
 TINY = F32(1e-12)
+EPSILON = F32(1e-6)        # photons: added nothing, divided by at least this
 
 # sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7 (Chebyshev interpolation): unlike
 # calls of libm they run in vector registers.

@@ -7,8 +7,6 @@ from pathlib import Path
 import numba
 from numba import njit
 
-from srt3d_ros.core import layout, sketch
-
 # OpenMP lets several threads of one process (two nodes on one executor, say) call kernels at once; numba's own
 # work queue would abort. An explicit choice in the environment wins.
 if "NUMBA_THREADING_LAYER" not in os.environ:
@@ -18,7 +16,7 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
 def _sources() -> str:
     """A digest of all that goes into a kernel: numba inlines functions and constants of other files."""
     own = Path(__file__).parent
-    files = [*sorted(own.glob("*.py")), own.parent / "constants.py", Path(layout.__file__), Path(sketch.__file__)]
+    files = [*sorted(own.parent.glob("*.py")), *sorted(own.glob("*.py"))]
     digest = hashlib.sha256()
     for file in files:
         digest.update(file.read_bytes())

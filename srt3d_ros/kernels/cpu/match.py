@@ -5,18 +5,18 @@ from functools import lru_cache
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import BLOCK
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.fields import B, U
+from srt3d_ros.kernels.layout import BLOCK
 
 GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together
 LIST = GROUP * B
 
 
-def steering(cycles, num_bins):
+def steering(bin_frequencies, num_bins):
     """As `_steering`, of float32 [m] cycles per bin."""
-    return _steering(tuple(np.rint(cycles.astype(np.float64) * num_bins)))
+    return _steering(tuple(np.rint(bin_frequencies.astype(np.float64) * num_bins)))
 
 
 @lru_cache
@@ -108,11 +108,11 @@ def peaks(z, cos, sin, odd, cells, period, scratch, place, height):
 
 
 @inline
-def response_at(z, first, step, cycles, depth):
+def response_at(z, first, step, bin_frequencies, depth):
     """The filter's response at a depth, of a pixel whose numbers lie `step` apart in z from `first` on."""
-    response, m = ZERO, len(cycles)
+    response, m = ZERO, len(bin_frequencies)
     for l in range(m):
-        sine, cosine = sincos(cycles[l] * depth)
+        sine, cosine = sincos(bin_frequencies[l] * depth)
         response += z[first + l * step] * cosine + z[first + (m + l) * step] * sine
     return response
 
@@ -134,7 +134,7 @@ def load(z, matched, i, j, width):
 
 
 @parallel
-def _match(matched, energy, cycles, cos, sin, odd, cells, num_bins, depth, intensity):
+def _match(matched, energy, bin_frequencies, cos, sin, odd, cells, num_bins, depth, intensity):
     rows, surfaces, cols = depth.shape
     m, total = len(energy), total_of(energy)
     for i in prange(rows):
@@ -151,28 +151,15 @@ def _match(matched, energy, cycles, cos, sin, odd, cells, num_bins, depth, inten
                 if k + 1 < surfaces:
                     for l in range(m):
                         for x in range(BLOCK):
-                            sine, cosine = sincos(cycles[l] * place[x])
+                            sine, cosine = sincos(bin_frequencies[l] * place[x])
                             z[l * BLOCK + x] -= height[x] / total * energy[l] * cosine
                             z[(m + l) * BLOCK + x] -= height[x] / total * energy[l] * sine
 
 
-def match(matched, energy, cycles, num_bins, surfaces):
-    """The K strongest returns of every pixel by matched filter and matching pursuit.
-
-    The filter's response Σ_l Re(matched_l · exp(−i ω_l t)) has no frequency above max k: a grid of 4 · max k cells and
-    a parabola through the highest one find its peak, however many bins there are.
-
-    Args:
-        matched: float32 [rows, 2m, cols], conj(ĥ_l) · Σ_p exp(i ω_l x_p), real parts before imaginary ones.
-        energy: float32 [m], |ĥ_l|².
-        cycles: float32 [m], k_l / T.
-        num_bins: T.
-        surfaces: K.
-
-    Returns:
-        depth (bins) and intensity (Σ w r), float32 [rows, K, cols].
-    """
+def match(matched, energy, bin_frequencies, num_bins, surfaces, out=None):
+    """Rows in parallel, BLOCK pixels at once; sines from a table (`steering`)."""
     rows, _, cols = matched.shape
-    out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
-    _match(matched, energy, cycles, *steering(cycles, num_bins), num_bins, *out)
+    if out is None:
+        out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
+    _match(matched, energy, bin_frequencies, *steering(bin_frequencies, num_bins), num_bins, *out)
     return out

@@ -11,12 +11,12 @@ RATE = F32(constants.INTENSITY_RATE)
 
 
 @inline
-def _subtract(i, k, rest, exposure, energy, cycles, depth, intensity, sine, cosine):
+def _subtract(i, k, rest, exposure, energy, bin_frequencies, depth, intensity, sine, cosine):
     """Take what surface k explains out of `rest`; keep its phases."""
     m, cols = sine.shape[1:]
     for l in range(m):
         for j in range(cols):
-            s, c = sincos(cycles[l] * depth[i, k, j])
+            s, c = sincos(bin_frequencies[l] * depth[i, k, j])
             seen = exposure[i, j] * intensity[i, k, j] * energy[l]
             rest[l, j] -= seen * c
             rest[m + l, j] -= seen * s
@@ -37,7 +37,8 @@ def _errors(k, rest, table, level, sine, cosine, shift, change):
 
 
 @parallel
-def _pixelwise(matched, photons, exposure, energy, cycles, num_bins, table, rate, usual, reach, depth, intensity):
+def _pixelwise(matched, photons, exposure, energy, bin_frequencies, num_bins, table, rate, usual, reach, depth,
+               intensity):
     rows, surfaces, cols = depth.shape
     m, levels = len(energy), table.shape[0]
     for i in prange(rows):
@@ -46,7 +47,7 @@ def _pixelwise(matched, photons, exposure, energy, cycles, num_bins, table, rate
         shift, change, level = np.empty(cols, np.float32), np.empty(cols, np.float32), np.zeros(cols, np.int64)
         for k in range(surfaces):
             if intensity[i, k].max() > ZERO:            # few rows have a second surface
-                _subtract(i, k, rest, exposure, energy, cycles, depth, intensity, sine, cosine)
+                _subtract(i, k, rest, exposure, energy, bin_frequencies, depth, intensity, sine, cosine)
         for k in range(surfaces):
             if intensity[i, k].max() <= ZERO:
                 continue
@@ -66,21 +67,7 @@ def _pixelwise(matched, photons, exposure, energy, cycles, num_bins, table, rate
                     intensity[i, k, j] = max(after, ZERO)
 
 
-def pixelwise(data, table, rate, usual, depth, intensity):
-    """One gradient step in depth and intensity on n (z − Ψ_θ)ᵀ W (z − Ψ_θ), in place.
-
-    With d_l = (what the points of the pixel leave of matched_l) · exp(−i ω_l t), a linear function of d, the gradient
-    over the curvature, estimates r · (error of t) and the error of r (see `srt3d_ros.core.weighting`). Half of
-    the latter is the step in intensity. In depth the curvature is r² times a constant; for weak points that of the
-    usual intensity bounds it, so that noise does not throw them about.
-
-    Args:
-        data: the frame (see `srt3d_ros.core.frame.Frame`), not padded.
-        table: float32 [levels, 4, m], weights of Re d and Im d for depth, then for intensity, for shares of signal
-            from 0 to 1 of the pixel's photons.
-        rate: of the full step, for depths.
-        usual: intensity below which points move less than their curvature allows; 0 for none.
-        depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
-    """
-    _pixelwise(data.matched, data.noise, data.exposure, data.energy, data.cycles, F32(data.num_bins), table,
-               F32(rate), F32(usual), F32(data.resolution_bins), depth, intensity)
+def pixelwise(frame, table, rate, usual, depth, intensity):
+    """Rows in parallel."""
+    _pixelwise(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, F32(frame.num_bins),
+               table, F32(rate), F32(usual), F32(frame.resolution_bins), depth, intensity)

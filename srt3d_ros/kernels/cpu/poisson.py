@@ -67,26 +67,9 @@ def _poisson(starts, toa, irf, slope, ref, information, num_bins, exposure, back
                     intensity[i, k, j] *= np.exp(min(change, ONE))
 
 
-def poisson(data, background, rate, usual, depth, intensity):
-    """One gradient step in depth and log-intensity on the Poisson likelihood, in place.
-
-    A pixel of gain g expects g (Σ_k r_k h(x − t_k) + b) photons at x. Of each of its photons the share r_k h / (…) is
-    signal of surface k. The sum s_k of these shares makes the gradient g r_k − s_k in log r_k, with curvature g r_k,
-    and the curvature in depth, s_k times the information that a signal photon carries; the gradient over the curvature
-    is the full step. For weak points the curvatures of the usual intensity are taken, so that noise does not throw
-    them about.
-
-    Args:
-        data: the photons and the sensor (see `srt3d_ros.core.baselines.rt3d.Likelihood`).
-        background: float32 [rows, cols], b, photons per bin.
-        rate: of the full step, for depths; half of it is taken for intensities.
-        usual: intensity of a usual point.
-        depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
-
-    Returns:
-        float32 [rows, cols], how many of each pixel's photons are background.
-    """
+def poisson(frame, background, rate, usual, depth, intensity):
+    """Rows in parallel."""
     stray = np.zeros_like(background)
-    _poisson(data.starts, data.toa, data.irf, data.slope, F32(data.ref), F32(data.information), F32(data.num_bins),
-             data.exposure, background, F32(rate), F32(usual), depth, intensity, stray)
+    _poisson(frame.starts, frame.toa, frame.irf, frame.slope, F32(frame.ref), F32(frame.information),
+             F32(frame.num_bins), frame.exposure, background, F32(rate), F32(usual), depth, intensity, stray)
     return stray

@@ -7,6 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+ON_HOST = True
+WARM_FRAMES = 0         # kernels are compiled once for frames of any size
+
 
 class Scratch(dict):
     """Arrays by name; an array lasts until it is asked for again."""
@@ -33,6 +36,13 @@ def array(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values)
 
 
+def photon_array(values: np.ndarray) -> np.ndarray:
+    """A view that cannot be written: numba would compile the kernels anew for photons in read-only memory."""
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view
+
+
 def numpy(values: np.ndarray) -> np.ndarray:
     """The NumPy array of an array on the device."""
     return values
@@ -43,13 +53,17 @@ class Pipeline:
 
     Args:
         function: of the frame's arrays; returns a tuple of arrays.
-        replays: whether it is the same sequence of kernels for every frame.
     """
 
-    def __init__(self, function: Callable, replays: bool = True):
+    def __init__(self, function: Callable):
         self._function = function
 
-    def submit(self, *frame: np.ndarray) -> Callable[[], tuple]:
+    def submit(self, *frame) -> Callable[[], tuple]:
         """Begin a frame; what is returned waits for the results."""
-        results = self._function(*map(array, frame))
+        results = self._function(*(array(_from_device(values)) for values in frame))
         return lambda: results
+
+
+def _from_device(values) -> np.ndarray:
+    """The NumPy array of a tensor, which a sketch on a GPU consists of."""
+    return values if isinstance(values, np.ndarray) else values.cpu().numpy()

@@ -3,167 +3,159 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, WINDOW
-from srt3d_ros.kernels.constants import APART, DIMMEST, FAINTEST, NARROWEST, STAY
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
+from srt3d_ros.kernels.constants import FAINTEST, STAY
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of
 from srt3d_ros.kernels.cpu.blur import pool
-from srt3d_ros.kernels.cpu.compiling import inline, parallel
-from srt3d_ros.kernels.cpu.match import load, peaks, peaks_scratch, response_at, steering
+from srt3d_ros.kernels.cpu.compiling import line, parallel
+from srt3d_ros.kernels.cpu.likelihood import surprise
+from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.windows import window_weights
 
 
 @parallel
-def _find_open(exposure, state, layer, left):
-    rows, cols = left.shape
+def _find_open(exposure, state, layer, is_open):
+    rows, cols = is_open.shape
     for i in prange(rows):
         a = i + MARGIN
         for j in range(cols):
             b = j + MARGIN
-            is_open = exposure[a, b] > ZERO and state[a, layer, INTENSITY, b] == ZERO
+            found = exposure[a, b] > ZERO and state[a, layer, INTENSITY, b] == ZERO
             if layer > 0:
-                is_open = is_open and state[a, layer - 1, INTENSITY, b] > ZERO
-            left[i, j] = ONE if is_open else ZERO
+                found = found and state[a, layer - 1, INTENSITY, b] > ZERO
+            is_open[i, j] = ONE if found else ZERO
 
 
-@inline
-def _score(signal, noise, squash, total, greatest, worth):
-    """Evidence of a matched filter against "background alone", standard deviations; also right for few photons.
+@line
+def _score(response, counts, share, max_response, background_table):
+    """Evidence of a matched filter's response against "background alone", standard deviations.
 
     Args:
-        signal: Σ w r.
-        noise: Σ w² n.
-        squash: Σ w² / Σ w of the window: 1 for a single pixel, 1/2 for a Gaussian.
-        total, greatest, worth: the Frame's total_energy, greatest_response and rarity.
+        response: Σ w R.
+        counts: Σ w² n.
+        share: Σ w² / Σ w of the window: 1 for a single pixel, 1/2 for a Gaussian.
     """
-    photons, steps = max(noise / squash, DIMMEST), len(worth) - 1
-    at = min(max(signal / photons * (total / greatest * F32(steps)), ZERO), F32(steps))
-    low = min(int(at), steps - 1)
-    return np.sqrt(photons / squash) * (worth[low] + (at - F32(low)) * (worth[low + 1] - worth[low]))
+    photons = max(counts / share, EPSILON)
+    return np.sqrt(photons / share) * surprise(response / (photons * max_response), background_table)
 
 
-@inline
-def _std(signal, noise, squash, moments, curvature, period):
-    """Standard deviation of a depth found in a window, bins; arguments as of `_score`."""
-    signal = max(signal, DIMMEST)
-    background = max(noise / squash - signal, ZERO)
-    spread = squash * (signal * moments[0] + background * moments[1])
+@line
+def _std(signal, counts, share, moments, curvature, period):
+    """Standard deviation of a depth found in a window, bins; arguments as of `_score`, signal Σ w r."""
+    signal = max(signal, EPSILON)
+    background = max(counts / share - signal, ZERO)
+    spread = share * (signal * moments[0] + background * moments[1])
     return min(np.sqrt(spread) / (signal * curvature), period)
 
 
-@inline
-def _is_new(state, a, layer, b, depth, intensity, apart, period):
-    """Whether a surface stands beside those that pixel (a, b) already has: resolved from them, and not too faint."""
-    new = intensity > FAINTEST * state[a, 0, INTENSITY, b]
-    for k in range(layer):
-        near = abs(wrap(state[a, k, DEPTH, b] - depth, period)) <= apart
-        new = new and not (near and state[a, k, INTENSITY, b] > ZERO)
-    return new
-
-
-@inline
-def _measure(state, a, layer, b, intensity, std, sigma, score):
-    """Write what a window of σ `sigma` tells of the surface of pixel (a, b)."""
-    state[a, layer, INTENSITY, b], state[a, layer, STD, b] = intensity, std
-    state[a, layer, WINDOW, b], state[a, layer, SCORE, b] = max(sigma, NARROWEST), score
+@line
+def _list_cells(i, top, step, matched, counts, is_open, share, enough, max_response, background_table, bound, listed):
+    """List the cells of row i with an open pixel that may be sure: R(z, t) is at most Σ_l |z_l| at any depth t."""
+    m, found = matched.shape[1] // 2, 0
+    cells = len(bound)
+    bound[:] = ZERO
+    for l in range(m):
+        for j in range(cells):
+            re, im = matched[top + i, l, top + j], matched[top + i, m + l, top + j]
+            bound[j] += np.sqrt(re * re + im * im)
+    for j in range(cells):
+        if _score(bound[j], counts[top + i, 0, top + j], share, max_response, background_table) > enough:
+            for a in range(i * step, min((i + 1) * step, is_open.shape[0])):
+                for b in range(j * step, min((j + 1) * step, is_open.shape[1])):
+                    if is_open[a, b] > ZERO and (found == 0 or listed[found - 1] != j):
+                        listed[found] = j
+                        found += 1
+    return found
 
 
 @parallel
-def _decide(matched, noise, exposure, top, left, step, squash, sigma, enough, energy, curvature, greatest, worth,
-            moments, clutter, cycles, cos, sin, odd, cells, num_bins, is_open, layer, carried, confirmed, state):
+def _search(matched, counts, exposure, top, step, share, enough, energy, curvature, max_response, background_table,
+            moments, clutter, bin_frequencies, cos, sin, odd, cells, num_bins, is_open, layer, carried, confirmed,
+            state):
     rows, cols = is_open.shape
     m, total, period = len(energy), total_of(energy), F32(num_bins)
-    apart, warm, rarest = APART * np.sqrt(total / curvature), carried.shape[0] > 0, worth.max()
+    warm = carried.shape[0] > 0
+    least = min(enough, confirmed) if warm else enough
     for i in prange(-(-rows // step)):
         scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
         place, height = aligned(BLOCK), aligned(BLOCK)
-        last_row = min((i + 1) * step, rows)
-        for first in range(0, -(-cols // step), BLOCK):
-            width = min(BLOCK, -(-cols // step) - first)
-            if is_open[i * step:last_row, first * step:(first + width) * step].sum() == ZERO:
-                continue
-            most = noise[top + i, left + first:left + first + width].max()
-            if not warm and np.sqrt(most) / squash * rarest <= enough:
-                continue                                # so few photons cannot be sure, wherever they are
-            load(z, matched, top + i, left + first, width)
+        width = -(-cols // step)
+        bound, listed = np.empty(width, np.float32), np.empty(width, np.int64)
+        found = _list_cells(i, top, step, matched, counts, is_open, share, least, max_response, background_table,
+                            bound, listed)
+        for first in range(0, found, BLOCK):
+            block = min(BLOCK, found - first)
+            for c in range(2 * m):
+                for x in range(BLOCK):
+                    z[c * BLOCK + x] = matched[top + i, c, top + listed[first + x]] if x < block else ZERO
             peaks(z, cos, sin, odd, cells, period, scratch, place, height)
-            for x in range(width):
-                j = first + x
-                signal, photons, light = height[x] / total, noise[top + i, left + j], exposure[top + i, left + j]
+            for x in range(block):
+                j = listed[first + x]
+                photons, light = counts[top + i, 0, top + j], max(exposure[top + i, 0, top + j], EPSILON)
                 depth = place[x] - period * np.floor(place[x] / period)
-                score = _score(signal, photons, squash, total, greatest, worth)
+                score = _score(height[x], photons, share, max_response, background_table)
                 score /= clutter[int(np.rint(depth)) % len(clutter)]
-                if score <= enough and not warm:
-                    continue
-                intensity = signal / max(light, DIMMEST)
-                for p in range(i * step, last_row):
-                    for q in range(j * step, min((j + 1) * step, cols)):
-                        a, b = p + MARGIN, q + MARGIN
-                        if is_open[p, q] == ZERO:
+                signal = height[x] / total
+                for a in range(i * step + MARGIN, min((i + 1) * step, rows) + MARGIN):
+                    for b in range(j * step + MARGIN, min((j + 1) * step, cols) + MARGIN):
+                        if is_open[a - MARGIN, b - MARGIN] == ZERO:
                             continue
                         if warm and carried[a, layer, INTENSITY, b] > ZERO:
-                            old = response_at(z, x, BLOCK, cycles, carried[a, layer, DEPTH, b]) / total
-                            known = _score(old, photons, squash, total, greatest, worth)
-                            known /= clutter[int(np.rint(carried[a, layer, DEPTH, b])) % len(clutter)]
+                            old = carried[a, layer, DEPTH, b]
+                            response = response_at(z, x, BLOCK, bin_frequencies, old)
+                            known = _score(response, photons, share, max_response, background_table)
+                            known /= clutter[int(np.rint(old)) % len(clutter)]
                             if known > confirmed and score * score - known * known < TWO * F32(STAY):
                                 for f in (DEPTH, SLOPE_COL, SLOPE_ROW):
                                     state[a, layer, f, b] = carried[a, layer, f, b]
-                                std = _std(old, photons, squash, moments, curvature, period)
-                                _measure(state, a, layer, b, old / max(light, DIMMEST), std, sigma, known)
+                                state[a, layer, INTENSITY, b] = response / total / light
+                                state[a, layer, STD, b] = _std(response / total, photons, share, moments, curvature,
+                                                               period)
+                                state[a, layer, SCORE, b] = known
                                 continue
-                        if score > enough and (layer == 0 or _is_new(state, a, layer, b, depth, intensity, apart,
-                                                                     period)):
+                        bright = layer == 0 or signal / light > FAINTEST * state[a, 0, INTENSITY, b]
+                        if score > enough and bright:
                             state[a, layer, DEPTH, b] = depth
                             state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = ZERO, ZERO
-                            std = _std(signal, photons, squash, moments, curvature, period)
-                            _measure(state, a, layer, b, intensity, std, sigma, score)
+                            state[a, layer, INTENSITY, b] = signal / light
+                            state[a, layer, STD, b] = _std(signal, photons, share, moments, curvature, period)
+                            state[a, layer, SCORE, b] = score
 
 
 @parallel
 def _drop_weak(state, weak):
-    tall, surfaces, _, wide = state.shape
-    for i in prange(tall):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    for i in prange(padded_rows):
         for k in range(surfaces):
-            for j in range(wide):
+            for j in range(padded_cols):
                 if state[i, k, SCORE, j] < weak:
                     state[i, k, INTENSITY, j] = ZERO
 
 
 def drop_weak(state, weak):
-    """Remove the points with a score below `weak` standard deviations, in place: they are searched for anew."""
+    """Rows in parallel."""
     _drop_weak(state, F32(weak))
 
 
-def search(data, matched, state, layer, sigma, weights, step, enough, scratch=None, carried=None, confirmed=0.0):
-    """Give the open pixels of which one scale is sure their surface.
-
-    Open are pixels that are used, have no surface `layer`, but one before it. With a window only what open pixels show
-    is pooled, else surfaces would grow over pixels that see background alone.
-
-    Args:
-        data: the frame, padded.
-        matched: float32 [rows', 2m, cols'], the frame's, or what known surfaces leave of it.
-        state: float32 [rows', K, FIELDS, cols'], changed in place.
-        layer: which surface of the pixels is searched for.
-        sigma: of the window, pixels; 0: every pixel on its own.
-        weights: float32, of the window, as for `blur`; not used if sigma is 0.
-        step: pixels along the side of the cells that share a window.
-        enough: the score that is enough, standard deviations.
-        scratch: memory to use.
-        carried: float32 [rows', K, FIELDS, cols'], surfaces of the last frame. One for which there is a score above
-            `confirmed` is kept, unless another is better by STAY nats.
-        confirmed: see there, standard deviations.
-    """
-    rows, cols = data.shape
+def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
+    """Rows of cells in parallel; the cells of a row that may be sure are matched together, BLOCK at a time."""
+    rows, cols = frame.shape
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
     is_open = borrow(scratch, "open", (rows, cols))
-    _find_open(data.exposure, state, layer, is_open)
+    _find_open(frame.exposure, state, layer, is_open)
     if not is_open.any():
         return
-    maps, top, squash = (matched, data.noise, data.exposure), MARGIN, ONE
+    counts, exposure = frame.counts[:, None], frame.exposure[:, None]
+    maps, top, share = (matched, counts, exposure), MARGIN, ONE
     if sigma > 0:
-        maps = pool(*maps, is_open, weights, step, scratch)
-        top, squash = 0, HALF
-    clutter = np.ones(1, np.float32) if data.clutter is None else data.clutter
-    _decide(*maps, top, top, step, squash, F32(sigma), F32(enough), data.energy, F32(data.curvature),
-            F32(data.greatest_response), data.rarity, data.moments, clutter, data.cycles,
-            *steering(data.cycles, data.num_bins), data.num_bins, is_open, layer, carried, F32(confirmed), state)
+        weights = window_weights(sigma / step)
+        maps = (pool(matched, is_open, weights, step, scratch, "sketches"),
+                pool(counts, is_open, weights**2, step, scratch, "counts"),
+                pool(exposure, is_open, weights, step, scratch, "exposure"))
+        top, share = 0, HALF
+    clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
+    _search(*maps, top, step, share, F32(enough), frame.energy, F32(frame.curvature), F32(frame.max_response),
+            frame.background_table, frame.moments, clutter, frame.bin_frequencies,
+            *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, is_open, layer, carried, F32(confirmed),
+            state)

@@ -8,7 +8,7 @@ that no two threads add to one pixel. Per photon of a sorted frame the kernels r
 import numpy as np
 from numba import prange
 
-from srt3d_ros.core.sketch import MAX_PHOTONS
+from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import inline, parallel, serial
 from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, fixed_rows, lanes
@@ -29,7 +29,7 @@ _SIN = tuple(F32(-UNIT * c) for c in (6.28318528, -41.3416807, 81.6024807, -76.5
 
 
 def new_sums(pixels, values):
-    """Sums of no photons, int64 [pixels, lanes], and their numbers, int64 [pixels]."""
+    """Sums are int64 [pixels, lanes] in units of 1 / UNIT."""
     return np.zeros((pixels, lanes(values)), np.int64), np.zeros(pixels, np.int64)
 
 
@@ -44,10 +44,7 @@ def _read_sums(sums, photons, out, numbers):
 
 
 def read_sums(sums, photons, values):
-    """The sums as complex64 [pixels, values / 2] and the numbers of photons as uint32 [pixels].
-
-    A pixel with more than MAX_PHOTONS counts as so many with the same mean.
-    """
+    """Pixels in parallel."""
     out, numbers = np.empty((len(sums), values), np.float32), np.empty(len(sums), np.uint32)
     _read_sums(sums, photons, out, numbers)
     return out.view(np.complex64), numbers
@@ -73,7 +70,7 @@ def _inspect_events(pixel, toa, pixels, num_bins, found):
 
 
 def inspect_events(pixel, toa, pixels, num_bins):
-    """Whether all photons lie inside the sensor, and whether they are sorted by pixel."""
+    """Parts of the photons in parallel."""
     found = np.empty((_parts(len(pixel)), 2), np.bool_)
     _inspect_events(pixel, toa, pixels, toa.dtype.type(num_bins), found)
     outside, unsorted = found.any(axis=0)
@@ -94,11 +91,7 @@ def _find_stray(words, first_word, no_detection, num_bins, stray):
 
 
 def find_stray(words, first_word, no_detection, num_bins):
-    """A word that is neither a bin nor `no_detection`, or −1.
-
-    Args:
-        words: uint16 [G, pixels].
-    """
+    """Parts of the words in parallel."""
     stray = np.full(_parts(words.size), -1, np.int32)
     _find_stray(words.reshape(-1), first_word, np.uint16(no_detection), num_bins, stray)
     return int(stray.max())
@@ -136,15 +129,7 @@ def _sketch_sorted(pixel, toa, rows, sums, photons, parts):
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
-    """Add the table rows of photons that are sorted by pixel.
-
-    Args:
-        pixel: uint32 [N], never decreasing.
-        toa: unsigned integers [N], below T.
-        rows: of `fixed_rows`.
-        sums: int64 [pixels, lanes], of `new_sums`.
-        photons: int64 [pixels].
-    """
+    """The photons are parted at borders between pixels."""
     _sketch_sorted(pixel, toa, rows, sums, photons, _parts(len(pixel)))
 
 
@@ -206,7 +191,7 @@ def _sketch_unsorted(pixel, toa, rows, sums, photons, shift, block):
 
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
-    """As `sketch_sorted` for photons in any order."""
+    """Sorts blocks of photons into buckets of pixels that fit into the cache, then each bucket."""
     shift = min(max((len(sums) // BUCKETS).bit_length(), 5), 16)        # a pixel of a bucket has 16 bits
     _sketch_unsorted(pixel, toa, rows, sums, photons, shift, max(BLOCK, 8 * len(sums)))
 
@@ -306,9 +291,5 @@ def _sketch_gates(words, rows, first_word, no_detection, sums, photons):
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
-    """Add the table rows of the ToA words of a gated array.
-
-    Args:
-        words: uint16 [G, pixels], without stray ones.
-    """
+    """Strips of WIDE pixels in parallel, CYCLES words of each at once."""
     _sketch_gates(words, rows, np.uint16(first_word), np.uint16(no_detection), sums, photons)

@@ -134,19 +134,7 @@ def _apss(depth, intensity, normal, exposure, scale, period, new_depth, new_inte
 
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
-    """One pass of the denoiser.
-
-    Args:
-        depth: float32 [rows, K, cols], bins.
-        intensity: float32 [rows, K, cols]; 0 = no point.
-        normal: float32 [2, rows, K, cols], x and y of the unit normals whose z is positive; None in the first pass.
-        exposure: float32 [rows, cols]; pixels with 0 get no point.
-        scale: bins that count as one pixel.
-        num_bins: T.
-
-    Returns:
-        depth, intensity and normal, as above, the strongest point of a pixel first.
-    """
+    """A thread per pixel."""
     rows, surfaces, cols = depth.shape
     out = torch.empty_like(depth), torch.empty_like(depth), depth.new_empty(2, rows, surfaces, cols)
     points = triton.next_power_of_2(9 * surfaces)

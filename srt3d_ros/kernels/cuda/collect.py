@@ -24,8 +24,9 @@ def _count(intensity, cols, pixels, counts, SURFACES: tl.constexpr, LAYERS: tl.c
 
 
 @triton.jit
-def _collect(state, intensity, std, rays, metres_per_bin, metres, period, counts, ends, cols, wide, pixels, capacity,
-             number, values, xyz, row, col, rank, SURFACES: tl.constexpr, LAYERS: tl.constexpr, PIXELS: tl.constexpr):
+def _collect(state, intensity, std, rays, metres_per_bin, metres, period, counts, ends, cols, padded_cols, pixels,
+             capacity, number, values, xyz, row, col, rank, SURFACES: tl.constexpr, LAYERS: tl.constexpr,
+             PIXELS: tl.constexpr):
     part, k = tl.program_id(0), tl.arange(0, LAYERS)[:, None]
     pixel = part * PIXELS + tl.arange(0, PIXELS)
     inside, i, j = (pixel < pixels)[None, :] & (k < SURFACES), (pixel // cols)[None, :], (pixel % cols)[None, :]
@@ -41,14 +42,14 @@ def _collect(state, intensity, std, rays, metres_per_bin, metres, period, counts
     if part == tl.num_programs(0) - 1:
         tl.store(number, end)
 
-    point = state + ((i + MARGIN) * SURFACES + k) * FIELDS * wide + j + MARGIN
-    depth = tl.load(point + DEPTH * wide, mask=there, other=0.0)
+    point = state + ((i + MARGIN) * SURFACES + k) * FIELDS * padded_cols + j + MARGIN
+    depth = tl.load(point + DEPTH * padded_cols, mask=there, other=0.0)
     depth = tl.where(depth < period, depth, 0.0)            # where rounding made it T
     tl.store(values + n, depth, mask=there)
     tl.store(values + capacity + n, r, mask=there)
     tl.store(values + 2 * capacity + n, tl.load(std + at, mask=there, other=0.0), mask=there)
-    tl.store(values + 3 * capacity + n, tl.load(point + SLOPE_ROW * wide, mask=there, other=0.0), mask=there)
-    tl.store(values + 4 * capacity + n, tl.load(point + SLOPE_COL * wide, mask=there, other=0.0), mask=there)
+    tl.store(values + 3 * capacity + n, tl.load(point + SLOPE_ROW * padded_cols, mask=there, other=0.0), mask=there)
+    tl.store(values + 4 * capacity + n, tl.load(point + SLOPE_COL * padded_cols, mask=there, other=0.0), mask=there)
     range_m, ray = depth * metres_per_bin + metres, rays + (i * cols + j) * 3
     for c in tl.static_range(3):
         tl.store(xyz + 3 * n + c, tl.load(ray + c + k * 0, mask=there, other=0.0) * range_m, mask=there)
@@ -58,18 +59,7 @@ def _collect(state, intensity, std, rays, metres_per_bin, metres, period, counts
 
 
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
-    """The points, sorted by pixel, the strongest of a pixel first; `unpack` reads them.
-
-    Args:
-        state: float32 [rows', K, FIELDS, cols'], gives the depths.
-        intensity, std: of `settle`.
-        rays: float32 [rows, cols, 3], unit vectors.
-        metres_per_bin, metres: range = metres_per_bin · depth + metres.
-        num_bins: T.
-
-    Returns:
-        A tuple of one tensor, uint8 [HEAD + POINT · rows · K · cols].
-    """
+    """All lists in one tensor, uint8 [HEAD + POINT · rows · K · cols], for `unpack`; the host does not wait for it."""
     rows, surfaces, cols = intensity.shape
     pixels, capacity = rows * cols, rows * cols * surfaces
     packed = intensity.new_empty(HEAD + POINT * capacity, dtype=torch.uint8)
@@ -82,14 +72,10 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     return packed,
 
 
-def unpack(packed: torch.Tensor) -> tuple:
-    """The points of `collect`'s tensor, which is in the host's memory, and stays there as long as they do.
-
-    Returns:
-        NumPy arrays row, col (uint16 [N]), rank (uint8 [N]), values (float32 [5, N]): depth, intensity, std, slopes
-        down and to the right, bins and photons; xyz, float32 [N, 3], metres.
-    """
-    number, values, xyz, row, col, rank = (part.numpy() for part in _split(packed))
+def unpack(points: tuple[torch.Tensor]) -> tuple:
+    """NumPy views of the tensor of `collect`; of one in the host's memory they share it."""
+    packed, = points
+    number, values, xyz, row, col, rank = (part.numpy() for part in _split(packed.cpu()))
     n = int(number[0])
     return row[:n], col[:n], rank[:n], values.reshape(5, -1)[:, :n], xyz[:3 * n].reshape(n, 3)
 

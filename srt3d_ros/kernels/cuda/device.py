@@ -15,11 +15,17 @@ import triton
 os.environ.setdefault("TRITON_DEFAULT_FP_FUSION", "1")
 
 DEVICE = "cpu" if triton.knobs.runtime.interpret else "cuda"
+ON_HOST = False                 # not even if they are interpreted: tensors are not NumPy arrays
 
 
 def array(values) -> torch.Tensor:
     """A contiguous copy of a NumPy array on the device."""
     return torch.from_numpy(np.array(values, order="C")).to(DEVICE)
+
+
+def photon_array(values) -> torch.Tensor:
+    """A copy of the photons on the device."""
+    return array(values)
 
 
 def numpy(values: torch.Tensor) -> np.ndarray:

@@ -46,7 +46,7 @@ def peak(re, im, k, num_bins, CELLS: tl.constexpr):
 
 
 @triton.jit
-def _match(matched, energy, cycles, num_bins, m, cols, count, depth, intensity, SURFACES: tl.constexpr,
+def _match(matched, energy, bin_frequencies, num_bins, m, cols, count, depth, intensity, SURFACES: tl.constexpr,
            M: tl.constexpr, PIXELS: tl.constexpr, CELLS: tl.constexpr):
     pixel, l = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS), tl.arange(0, M)
     at = pixel // cols * (2 * m * cols) + pixel % cols
@@ -54,41 +54,26 @@ def _match(matched, energy, cycles, num_bins, m, cols, count, depth, intensity, 
     re = tl.load(matched + at[None, :] + l[:, None] * cols, mask=known, other=0.0)
     im = tl.load(matched + at[None, :] + (m + l)[:, None] * cols, mask=known, other=0.0)
     share = tl.load(energy + l, mask=l < m, other=0.0)
-    cycle = tl.load(cycles + l, mask=l < m, other=0.0)
+    frequency = tl.load(bin_frequencies + l, mask=l < m, other=0.0)
     total = tl.sum(share)
     into = pixel // cols * (SURFACES * cols) + pixel % cols
     for k in tl.static_range(SURFACES):
-        t, value = peak(re, im, tl.floor(cycle * num_bins + 0.5), num_bins, CELLS)
+        t, value = peak(re, im, tl.floor(frequency * num_bins + 0.5), num_bins, CELLS)
         tl.store(depth + into + k * cols, t, mask=pixel < count)
         tl.store(intensity + into + k * cols, value / total, mask=pixel < count)
         if k + 1 < SURFACES:
-            sine, cosine = sincos(cycle[:, None] * t[None, :])
+            sine, cosine = sincos(frequency[:, None] * t[None, :])
             explained = share[:, None] * (value / total)[None, :]
             re -= explained * cosine
             im -= explained * sine
 
 
-def match(matched, energy, cycles, num_bins, surfaces, out=None):
-    """The K strongest returns of every pixel by matched filter and matching pursuit.
-
-    The filter's response Σ_l Re(matched_l · exp(−i ω_l t)) has no frequency above max k: a grid of 4 · max k cells and
-    a parabola through the highest one find its peak, however many bins there are. A pixel's 8m + 8K bytes are read and
-    written once.
-
-    Args:
-        matched: float32 [rows, 2m, cols], conj(ĥ_l) · Σ_p exp(i ω_l x_p), real parts before imaginary ones.
-        energy: float32 [m], |ĥ_l|².
-        cycles: float32 [m], k_l / T.
-        num_bins: T.
-        surfaces: K.
-        out: where both results go.
-
-    Returns:
-        depth (bins) and intensity (Σ w r), float32 [rows, K, cols].
-    """
+def match(matched, energy, bin_frequencies, num_bins, surfaces, out=None):
+    """A pixel's 8m + 8K bytes are read and written once; the grid by tensor cores (`peak`)."""
     rows, channels, cols = matched.shape
     out = tuple(matched.new_empty(rows, surfaces, cols) for _ in range(2)) if out is None else out
     m, count = channels // 2, rows * cols
-    _match[(triton.cdiv(count, PIXELS),)](matched, energy, cycles, num_bins, m, cols, count, *out, SURFACES=surfaces,
-                                          M=max(axis(m), 16), PIXELS=PIXELS, CELLS=CELLS, num_warps=4)
+    _match[(triton.cdiv(count, PIXELS),)](
+        matched, energy, bin_frequencies, num_bins, m, cols, count, *out, SURFACES=surfaces, M=max(axis(m), 16),
+        PIXELS=PIXELS, CELLS=CELLS, num_warps=4)
     return out

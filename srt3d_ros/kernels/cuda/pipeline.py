@@ -16,20 +16,20 @@ from srt3d_ros.kernels.cuda.collect import unpack
 from srt3d_ros.kernels.cuda.device import DEVICE
 
 SLOTS = 2
+WARM_FRAMES = 2 * SLOTS         # the first frame of a slot compiles, the second is recorded
 
 
 class Pipeline:
     """Frames through a sequence of kernels.
 
     Args:
-        function: of the frame's arrays; returns a tuple of tensors, the last one of `collect`. Memory that it keeps may
-            be that of other pipelines too: no two of their frames are computed at once.
-        replays: whether it is the same sequence of kernels for every frame, and waits for none: it is then recorded.
+        function: of the frame's arrays; returns a tuple of tensors, the last one of `collect`. It launches the same
+            kernels for every frame and waits for none, since they are recorded. Memory that it keeps may be that of
+            other pipelines too: no two of their frames are computed at once.
     """
 
-    def __init__(self, function: Callable, replays: bool = True):
-        self._function, self._replays = function, replays
-        self._slots, self._submitted = {}, 0
+    def __init__(self, function: Callable):
+        self._function, self._slots, self._submitted = function, {}, 0
 
     def submit(self, *frame) -> Callable[[], tuple]:
         """Begin a frame; what is returned waits for the results, NumPy arrays, points unpacked.
@@ -43,7 +43,7 @@ class Pipeline:
             return lambda: _read(results)
         key = tuple((values.shape, values.dtype) for values in frame)
         if key not in self._slots:
-            self._slots[key] = [_Slot(self._function, self._replays, frame) for _ in range(SLOTS)]
+            self._slots[key] = [_Slot(self._function, frame) for _ in range(SLOTS)]
         self._submitted += 1
         return self._slots[key][self._submitted % SLOTS].submit(frame)
 
@@ -51,8 +51,8 @@ class Pipeline:
 class _Slot:
     """A frame on its way: its memory on the GPU, and when what is done with it."""
 
-    def __init__(self, function: Callable, replays: bool, frame: list[torch.Tensor]):
-        self._function, self._replays = function, replays
+    def __init__(self, function: Callable, frame: list[torch.Tensor]):
+        self._function = function
         self._frame = [torch.empty(values.shape, dtype=values.dtype, device=DEVICE) for values in frame]
         torch.cuda.synchronize()            # who had this memory before is done with it: other streams will write there
         self._graph, self._results, self._runs = None, (), 0
@@ -86,7 +86,7 @@ class _Slot:
 
     def _compute(self, stream: torch.cuda.Stream) -> None:
         """The first frame compiles and finds its memory; then what the kernels do is recorded, but not yet done."""
-        if self._replays and self._graph is None and self._runs > 0:
+        if self._graph is None and self._runs > 0:
             graph = torch.cuda.CUDAGraph()
             # What other threads do with the GPU meanwhile, such as to wait for a frame, does not spoil the recording.
             with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
@@ -108,8 +108,8 @@ def _waiting(downloaded: torch.cuda.Event, held: list[torch.Tensor]) -> Callable
 
 
 def _read(results) -> tuple:
-    *arrays, points = results
-    return *(values.numpy() for values in arrays), *unpack(points)
+    *arrays, packed = results
+    return *(values.numpy() for values in arrays), *unpack((packed,))
 
 
 def _tensor(values: np.ndarray) -> torch.Tensor:

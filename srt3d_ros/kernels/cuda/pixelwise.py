@@ -15,20 +15,20 @@ RATE = tl.constexpr(constants.INTENSITY_RATE)
 
 
 @triton.jit
-def _pixelwise(matched, noise, exposure, energy, cycles, period, table, rate, usual, depth, intensity, cols, m,
-               LEVELS: tl.constexpr, SURFACES: tl.constexpr, M: tl.constexpr, BLOCK: tl.constexpr):
+def _pixelwise(matched, counts, exposure, energy, bin_frequencies, period, table, rate, usual, depth, intensity, cols,
+               m, LEVELS: tl.constexpr, SURFACES: tl.constexpr, M: tl.constexpr, BLOCK: tl.constexpr):
     i, j = tl.program_id(1), tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside, l = j < cols, tl.arange(0, M)[:, None]
     seen = tl.load(exposure + i * cols + j, mask=inside, other=0.0)
-    photons = tl.maximum(tl.load(noise + i * cols + j, mask=inside, other=0.0), 1.0)
-    cycle, e = tl.load(cycles + l, mask=l < m, other=0.0), tl.load(energy + l, mask=l < m, other=0.0)
-    omega = cycle * TURN
+    photons = tl.maximum(tl.load(counts + i * cols + j, mask=inside, other=0.0), 1.0)
+    frequency, e = tl.load(bin_frequencies + l, mask=l < m, other=0.0), tl.load(energy + l, mask=l < m, other=0.0)
+    omega = frequency * TURN
     reach = tl.sqrt(tl.sum(e) / tl.sum(e * omega * omega))
     at, there = matched + (i * 2 * m + l) * cols + j[None, :], (l < m) & inside[None, :]
     re, im = tl.load(at, mask=there, other=0.0), tl.load(at + m * cols, mask=there, other=0.0)
     for k in tl.static_range(SURFACES):
         place = (i * SURFACES + k) * cols + j
-        sine, cosine = sincos(cycle * tl.load(depth + place, mask=inside, other=0.0)[None, :])
+        sine, cosine = sincos(frequency * tl.load(depth + place, mask=inside, other=0.0)[None, :])
         explained = e * (seen * tl.load(intensity + place, mask=inside, other=0.0))[None, :]
         re, im = re - explained * cosine, im - explained * sine
     for k in tl.static_range(SURFACES):
@@ -36,7 +36,7 @@ def _pixelwise(matched, noise, exposure, energy, cycles, period, table, rate, us
         t, r = tl.load(depth + place, mask=inside, other=0.0), tl.load(intensity + place, mask=inside, other=0.0)
         level = (tl.minimum(seen * r / photons, 1.0) * (LEVELS - 1) + 0.5).to(tl.int32)
         weights = table + level[None, :] * 4 * m + l
-        sine, cosine = sincos(cycle * t[None, :])
+        sine, cosine = sincos(frequency * t[None, :])
         along, across = re * cosine + im * sine, im * cosine - re * sine
         shift = tl.sum(tl.load(weights, mask=l < m, other=0.0) * along
                        + tl.load(weights + m, mask=l < m, other=0.0) * across, axis=0)
@@ -52,22 +52,11 @@ def _pixelwise(matched, noise, exposure, energy, cycles, period, table, rate, us
         tl.store(intensity + place, tl.maximum(grown, 0.0), mask=inside & (r > 0.0))
 
 
-def pixelwise(data, table, rate, usual, depth, intensity):
-    """One gradient step in depth and intensity on n (z − Ψ_θ)ᵀ W (z − Ψ_θ), in place.
-
-    The step is told in kernels/cpu/pixelwise.py.
-
-    Args:
-        data: the frame (see `srt3d_ros.core.frame.Frame`), not padded.
-        table: float32 [levels, 4, m], weights of Re d and Im d for depth, then for intensity, for shares of signal
-            from 0 to 1 of the pixel's photons.
-        rate: of the full step, for depths.
-        usual: intensity below which points move less than their curvature allows; 0 for none.
-        depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
-    """
+def pixelwise(frame, table, rate, usual, depth, intensity):
+    """A program per BLOCK pixels of a row."""
     rows, surfaces, cols = depth.shape
-    m = len(data.energy)
+    m = len(frame.energy)
     _pixelwise[triton.cdiv(cols, BLOCK.value), rows](
-        data.matched, data.noise, data.exposure, data.energy, data.cycles, float(data.num_bins), table, float(rate),
-        float(usual), depth, intensity, cols, m, LEVELS=len(table), SURFACES=surfaces, M=axis(m), BLOCK=BLOCK,
-        num_warps=max(axis(m) // 16, 1))
+        frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, float(frame.num_bins), table,
+        float(rate), float(usual), depth, intensity, cols, m, LEVELS=len(table), SURFACES=surfaces, M=axis(m),
+        BLOCK=BLOCK, num_warps=max(axis(m) // 16, 1))

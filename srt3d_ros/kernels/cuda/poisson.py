@@ -63,26 +63,13 @@ def _poisson(starts, toa, irf, slope, ref, information, period, exposure, backgr
     tl.store(intensity + place, r * tl.exp(tl.minimum(change, 1.0)), mask=there)
 
 
-def poisson(data, background, rate, usual, depth, intensity):
-    """One gradient step in depth and log-intensity on the Poisson likelihood, in place.
-
-    The step is told in kernels/cpu/poisson.py.
-
-    Args:
-        data: the photons and the sensor (see `srt3d_ros.core.baselines.rt3d.Likelihood`).
-        background: float32 [rows, cols], b, photons per bin.
-        rate: of the full step, for depths; half of it is taken for intensities.
-        usual: intensity of a usual point.
-        depth, intensity: float32 [rows, K, cols]; 0 = no point. Changed in place.
-
-    Returns:
-        float32 [rows, cols], how many of each pixel's photons are background.
-    """
+def poisson(frame, background, rate, usual, depth, intensity):
+    """A program per pixel."""
     rows, surfaces, cols = depth.shape
     stray = torch.empty_like(background)
     _poisson[(rows * cols,)](
-        data.starts, data.toa, data.irf, data.slope, float(data.ref), float(data.information), float(data.num_bins),
-        data.exposure, background, float(rate), float(usual), depth, intensity, stray, cols, data.irf.shape[1],
-        SURFACES=surfaces, LAYERS=triton.next_power_of_2(surfaces), PIXEL_IRF=len(data.irf) > 1, PHOTONS=PHOTONS,
-        num_warps=1)
+        frame.starts, frame.toa, frame.irf, frame.slope, float(frame.ref), float(frame.information),
+        float(frame.num_bins), frame.exposure, background, float(rate), float(usual), depth, intensity, stray, cols,
+        frame.irf.shape[1], SURFACES=surfaces, LAYERS=triton.next_power_of_2(surfaces), PIXEL_IRF=len(frame.irf) > 1,
+        PHOTONS=PHOTONS, num_warps=1)
     return stray

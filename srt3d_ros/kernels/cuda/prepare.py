@@ -4,14 +4,15 @@ import torch
 import triton
 import triton.language as tl
 
-from srt3d_ros.core import layout
+from srt3d_ros.kernels import layout
 from srt3d_ros.kernels.cuda.arithmetic import axis
 from srt3d_ros.kernels.cuda.layout import BLOCK, MARGIN
 from srt3d_ros.kernels.cuda.scratch import borrow
 
 
 @triton.jit
-def _prepare(sums, photons, equaliser, used, matched, noise, rows, cols, wide, m, by_row, by_col, M: tl.constexpr):
+def _prepare(sums, photons, equaliser, used, matched, counts, rows, cols, padded_cols, m, by_row, by_col,
+             M: tl.constexpr):
     i, j, l = tl.program_id(1), tl.program_id(0) * BLOCK + tl.arange(0, BLOCK), tl.arange(0, M)[None, :]
     row, col = i - MARGIN, j - MARGIN
     inside = (col >= 0) & (col < tl.where((row >= 0) & (row < rows), cols, 0))
@@ -19,33 +20,22 @@ def _prepare(sums, photons, equaliser, used, matched, noise, rows, cols, wide, m
     re, im = tl.load(sums + at, mask=seen, other=0.0), tl.load(sums + at + 1, mask=seen, other=0.0)
     by = (row * by_row + col * by_col)[:, None] * (2 * m) + 2 * l
     c, d = tl.load(equaliser + by, mask=seen, other=0.0), tl.load(equaliser + by + 1, mask=seen, other=0.0)
-    into, there = matched + (i * 2 * m + l) * wide + j[:, None], (j < wide)[:, None] & (l < m)
+    into, there = matched + (i * 2 * m + l) * padded_cols + j[:, None], (j < padded_cols)[:, None] & (l < m)
     tl.store(into, re * c - im * d, mask=there)
-    tl.store(into + m * wide, re * d + im * c, mask=there)
+    tl.store(into + m * padded_cols, re * d + im * c, mask=there)
     count = tl.load(photons + row * cols + col, mask=inside, other=0).to(tl.float32)
-    tl.store(noise + i * wide + j, count * tl.load(used + row * cols + col, mask=inside, other=0.0), mask=j < wide)
+    count *= tl.load(used + row * cols + col, mask=inside, other=0.0)
+    tl.store(counts + i * padded_cols + j, count, mask=j < padded_cols)
 
 
 def prepare(sums, photons, equaliser, used, scratch=None):
-    """`Frame.matched` and `Frame.noise` of a sketch, padded.
-
-    A pixel's 8m + 8 bytes are read and 8m + 4 written once, margins with them.
-
-    Args:
-        sums: complex64 [rows, cols, m], of `Sketch`.
-        photons: uint32 [rows, cols].
-        equaliser: complex64 [rows or 1, cols or 1, m], conj(ĥ_l) with all that is known of a pixel; 0 masks it.
-        used: float32 [rows, cols], 0 in masked pixels, else 1.
-        scratch: where results may lie until the next call.
-
-    Returns:
-        float32 [rows', 2m, cols'] and [rows', cols'].
-    """
+    """A pixel's 8m + 8 bytes are read and 8m + 4 written once, margins with them."""
     rows, cols, m = sums.shape
-    tall, wide = layout.padded_shape(rows, cols)
-    matched, noise = borrow(scratch, "matched", (tall, 2 * m, wide)), borrow(scratch, "noise", (tall, wide))
+    padded_rows, padded_cols = layout.padded_shape(rows, cols)
+    matched = borrow(scratch, "matched", (padded_rows, 2 * m, padded_cols))
+    counts = borrow(scratch, "counts", (padded_rows, padded_cols))
     by_row, by_col = (equaliser.shape[1] if equaliser.shape[0] > 1 else 0), int(equaliser.shape[1] > 1)
-    _prepare[(triton.cdiv(wide, layout.BLOCK), tall)](
+    _prepare[(triton.cdiv(padded_cols, layout.BLOCK), padded_rows)](
         torch.view_as_real(sums.contiguous()), photons.contiguous(), torch.view_as_real(equaliser), used, matched,
-        noise, rows, cols, wide, m, by_row, by_col, M=axis(m), num_warps=max(axis(m) // 16, 1))
-    return matched, noise
+        counts, rows, cols, padded_cols, m, by_row, by_col, M=axis(m), num_warps=max(axis(m) // 16, 1))
+    return matched, counts

@@ -1,4 +1,4 @@
-"""Photons → sketch on CUDA: the functions of kernels/cpu/sketch.py, on tensors of the device.
+"""Photons → sketch on CUDA: a part of `kernels.api`, on tensors of the device.
 
 Sums are int64 in units of 1 / UNIT and exact: atomic additions give the same sketch in any order. Nothing here has been
 timed on a GPU yet. What is to be expected of an H200 (132 SMs at 1.8 GHz, 4.8 TB/s, 256 kB of first-level cache each):
@@ -17,7 +17,7 @@ import torch
 import triton
 import triton.language as tl
 
-from srt3d_ros.core.sketch import MAX_PHOTONS
+from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cuda.arithmetic import axis, sincos
 from srt3d_ros.kernels.cuda.device import DEVICE
 
@@ -41,16 +41,13 @@ def fixed_rows(table):
 
 
 def new_sums(pixels, values):
-    """Sums of no photons, int64 [pixels, values], and their numbers, int64 [pixels]."""
+    """Sums are int64 [pixels, 2m] in units of 1 / UNIT."""
     sums = torch.zeros(pixels, values, dtype=torch.int64, device=DEVICE)
     return sums, torch.zeros(pixels, dtype=torch.int64, device=DEVICE)
 
 
 def read_sums(sums, photons, values):
-    """The sums as complex64 [pixels, values / 2] and the numbers of photons as uint32 [pixels].
-
-    A pixel with more than MAX_PHOTONS counts as so many with the same mean.
-    """
+    """By torch."""
     share = MAX_PHOTONS / photons.clamp(min=MAX_PHOTONS).to(torch.float64)
     scaled = sums.to(torch.float32) / UNIT * share.to(torch.float32)[:, None]
     return torch.view_as_complex(scaled.view(-1, values // 2, 2)), photons.clamp(max=MAX_PHOTONS).to(torch.uint32)
@@ -75,7 +72,7 @@ def _inspect_events(pixel, toa, count, pixels, num_bins, found, BLOCK: tl.conste
 
 
 def inspect_events(pixel, toa, pixels, num_bins):
-    """Whether all photons lie inside the sensor, and whether they are sorted by pixel; waits for the answer."""
+    """Waits for the answer."""
     found = torch.zeros(2, dtype=torch.int32, device=pixel.device)
     _inspect_events[(triton.cdiv(len(pixel), BLOCK),)](pixel, toa, len(pixel), pixels, num_bins, found, BLOCK=BLOCK)
     outside, drops = found.tolist()
@@ -93,11 +90,7 @@ def _find_stray(words, count, first_word, no_detection, num_bins, stray, BLOCK: 
 
 
 def find_stray(words, first_word, no_detection, num_bins):
-    """A word that is neither a bin nor `no_detection`, or −1; waits for the answer.
-
-    Args:
-        words: uint16 [G, pixels].
-    """
+    """Waits for the answer."""
     count = words.numel()
     stray = torch.full((1,), -1, dtype=torch.int32, device=words.device)
     _find_stray[(triton.cdiv(count, BLOCK),)](words, count, first_word, no_detection, num_bins, stray, BLOCK=BLOCK)
@@ -206,15 +199,7 @@ def _bisect(pixel, pixels):
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
-    """Add the table rows of photons that are sorted by pixel.
-
-    Args:
-        pixel: uint32 [N], never decreasing.
-        toa: unsigned integers [N], below T.
-        rows: of `fixed_rows`.
-        sums: int64 [pixels, 2m], of `new_sums`.
-        photons: int64 [pixels].
-    """
+    """Pixels' first photons by bisection, then a program per pixel or part of it."""
     _add_rows(toa, _bisect(pixel, len(sums)), rows, sums, photons)
 
 
@@ -265,25 +250,12 @@ def sketch_unsorted(pixel, toa, rows, sums, photons):
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
-    """Add exp(2πi k_l x / T) of photons with fractional ToA.
-
-    Args:
-        pixel: uint32 [N].
-        toa: float32 [N].
-        frequencies: integers k_l.
-        num_bins: T.
-        ordered: whether the photons are sorted by pixel.
-        sums, photons: as of `sketch_sorted`.
-    """
+    """As `sketch_sorted` or `sketch_unsorted`, with sines of each photon in the place of table rows."""
     placed, starts = (toa, _bisect(pixel, len(sums))) if ordered else _gather(pixel, toa, len(sums))
     _add_waves(placed, starts, frequencies, num_bins, sums, photons)
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
-    """Add the table rows of the ToA words of a gated array.
-
-    Args:
-        words: uint16 [G, pixels], without stray ones.
-    """
+    """As `sketch_unsorted`."""
     placed, starts = _gather(words, words, words.shape[1], first_word, no_detection, gates=True)
     _add_rows(placed, starts, rows, sums, photons)

@@ -1,0 +1,248 @@
+"""Birth/death update: each pixel's surfaces are chosen anew among its neighbourhood's."""
+
+import numpy as np
+from numba import get_num_threads, prange
+
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.constants import RESOLVED, SPREAD, VOTE_RADIUS, VOTE_SIGMA
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ZERO, fair_order, sincos, total_of
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.fields import B, U
+from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, llr, log_likelihood_ratio
+from srt3d_ros.kernels.cpu.match import response_at
+from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.cpu.surfaces import agreement, distance, is_surface, rise
+from srt3d_ros.kernels.cpu.undecided import OPEN, OWN, undecided, undecided_scratch
+from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MARGIN, MAX_STD, SCORE, SLOPE_COL, SLOPE_ROW, STD
+
+BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
+    "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "JUDGED", "MAX_VOTE", "PRIOR_VOTE"))
+NEVER = F32(-1e30)
+# A vote's weight by distance².
+BY_DISTANCE = tuple(F32(np.exp(-d / (2 * VOTE_SIGMA**2))) for d in range(2 * VOTE_RADIUS**2 + 1))
+
+# Columns of the candidates' tables; NEAR is a list of candidates by itself.
+ROW, COL, SURFACE, COUNT, MINE, FREE, NEAR = range(7)
+AT, TOLERANCE, WEIGHT, VOTE = range(4)
+
+
+@line
+def _collect(i, j, state, own, counts, max_chi2, blur2, max_std, values, info):
+    """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
+
+    Returns:
+        How many there are, how many are the pixel's, and the weight of the pixels around with photons and no surface.
+    """
+    found, mine, blank = 0, 0, ZERO
+    for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
+        for dj in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
+            a, b, weight, first = i + di, j + dj, BY_DISTANCE[di * di + dj * dj], found
+            for k in range(state.shape[1]):
+                if is_surface(state[a, k, INTENSITY, b], state[a, k, STD, b], max_std):
+                    values[found, AT] = state[a, k, DEPTH, b] - rise(state[a, k, SLOPE_COL, b],
+                                                                     state[a, k, SLOPE_ROW, b], F32(dj), F32(di))
+                    values[found, TOLERANCE] = max_chi2 * state[a, k, STD, b] * state[a, k, STD, b] + blur2
+                    values[found, WEIGHT] = weight
+                    values[found, VOTE] = weight * min(max(PRIOR_VOTE + own[a, k, b], ZERO), MAX_VOTE)
+                    info[found, ROW], info[found, COL], info[found, SURFACE], info[found, FREE] = a, b, k, 1
+                    info[found, MINE] = 1 if di == 0 and dj == 0 else 0
+                    found += 1
+            for q in range(first, found):
+                info[q, COUNT] = found - first
+            if di == 0 and dj == 0:
+                mine = found - first
+            elif found == first and counts[a, b] > ZERO:
+                blank += weight
+    return found, mine, blank
+
+
+@inline
+def _agree(q, c, values, period):
+    """How far two candidates are one surface, 0 … 1, and their difference in depth."""
+    e, tolerance = distance(values[q, AT], values[c, AT], period), values[q, TOLERANCE] + values[c, TOLERANCE]
+    return agreement(e, tolerance) if e * e < tolerance else ZERO, e
+
+
+@line
+def _support(c, k, found, values, info, state, period):
+    """What the neighbourhood says of candidate c as the pixel's surface k.
+
+    Returns:
+        The votes (nats), depth, intensity, and which agreeing candidate is the pixel's own or −1.
+    """
+    votes, shift, weight, intensity, mine = ZERO, ZERO, ZERO, ZERO, -1
+    for q in range(found):
+        same, e = _agree(q, c, values, period)
+        w = values[q, WEIGHT]
+        if k > 0 and info[q, MINE] == 0 and info[q, COUNT] <= k:
+            votes -= w * FEWER_PENALTY / F32(info[q, COUNT])
+        elif info[q, FREE] == 1 and info[q, MINE] == 0:
+            votes += values[q, VOTE] * same
+        if info[q, FREE] == 1 and same > ZERO:
+            mine = q if info[q, MINE] == 1 else mine
+            weight += w * same
+            shift += w * same * e
+            intensity += w * same * state[info[q, ROW], info[q, SURFACE], INTENSITY, info[q, COL]]
+    at, intensity = values[c, AT] + shift / weight, intensity / weight
+    if mine >= 0:
+        at = values[mine, AT]
+        intensity = state[info[mine, ROW], info[mine, SURFACE], INTENSITY, info[mine, COL]]
+    return votes, at, intensity, mine
+
+
+@line
+def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, bin_frequencies, period,
+          total, max_response, background_table, moments):
+    """The free candidate with the highest log-likelihood ratio above `least`, own photons and votes, or −1.
+
+    Only candidates of the 3 × 3 neighbourhood are chosen from: farther ones vote.
+
+    Returns:
+        The candidate, the ratio by the pixel's own photons, the depth, which candidate is the pixel's own or −1, and
+        the pixel's photons from there.
+    """
+    best, most, own, at, mine, signal = -1, least, ZERO, ZERO, -1, ZERO
+    close_by = 0                                    # candidates of the 3 × 3 neighbourhood so far, listed in info
+    for c in range(found):
+        if info[c, FREE] == 0 or abs(info[c, ROW] - i) > 1 or abs(info[c, COL] - j) > 1:
+            continue
+        judged = False                              # as one with a candidate before
+        for q in range(close_by):
+            same, _ = _agree(info[q, NEAR], c, values, period)
+            if same > JUDGED:
+                judged = True
+                break
+        info[close_by, NEAR] = c
+        close_by += 1
+        if judged:
+            continue
+        votes, where, intensity, its = _support(c, k, found, values, info, state, period)
+        response = response_at(rest, 0, 1, bin_frequencies, where)
+        likeness = SHARED_LIKENESS if k > 0 else LIKENESS
+        ratio = llr(response, photons, intensity * exposure, likeness, total, max_response, background_table, moments)
+        if ratio + votes > most:
+            best, most, own, at, mine = c, ratio + votes, ratio, where, its
+            signal = max(response, ZERO) / total
+    return best, own, at, mine, signal
+
+
+@line
+def _join(c, found, at, state, values, info, period, record):
+    """Write the mean of the candidates that agree with c, at depth `at`, into `record`."""
+    record[:] = ZERO
+    weight = ZERO
+    for q in range(found):
+        same, _ = _agree(q, c, values, period)
+        if info[q, FREE] == 1 and same > ZERO:
+            w = values[q, WEIGHT] * same
+            weight += w
+            for f in range(len(record)):
+                record[f] += w * state[info[q, ROW], info[q, SURFACE], f, info[q, COL]]
+    for f in range(len(record)):
+        record[f] /= weight
+    record[DEPTH] = at - period * np.floor(at / period)
+    record[SCORE] = ZERO                                            # for its pool to say
+
+
+@line
+def _spend(c, found, values, info, period):
+    """Leave the candidates that agree with c out from now on."""
+    for q in range(found):
+        same, _ = _agree(q, c, values, period)
+        info[q, FREE] = 0 if same > ZERO else info[q, FREE]
+
+
+@line
+def _subtract(rest, at, photons, energy, bin_frequencies):
+    """Take the photons from a surface out of a pixel's sketch."""
+    m = len(energy)
+    for l in range(m):
+        sine, cosine = sincos(bin_frequencies[l] * at)
+        rest[l] -= photons * energy[l] * cosine
+        rest[m + l] -= photons * energy[l] * sine
+
+
+@line
+def _stirred(changed, i, j):
+    """Whether a pixel within reach of (i, j) has changed."""
+    found = False
+    for a in range(i - VOTE_RADIUS, i + VOTE_RADIUS + 1):
+        for b in range(j - VOTE_RADIUS, j + VOTE_RADIUS + 1):
+            found = found or changed[a, b] > 0
+    return found
+
+
+@parallel
+def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_response, background_table, moments,
+            max_chi2, blur2, spreads, changed, before, own_before, after, own_after, changes, order):
+    padded_rows, surfaces, fields, padded_cols = before.shape
+    period, total = F32(num_bins), total_of(energy)
+    most, max_std = (2 * VOTE_RADIUS + 1)**2 * surfaces, F32(MAX_STD) * period
+    flat = before.reshape(-1)
+    for turn in prange(padded_rows - 2 * MARGIN):
+        i = order[turn] + MARGIN
+        values, info = np.empty((most, 4), np.float32), np.empty((most, 7), np.int64)
+        s = undecided_scratch()
+        rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
+        changes[i] = 0
+        for k in range(surfaces):
+            for f in range(fields):
+                after[i, k, f] = before[i, k, f]
+            own_after[i, k] = own_before[i, k]
+        if spreads and changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1].max() == 0:
+            continue
+        for j in range(MARGIN, padded_cols - MARGIN):
+            x = U(j - MARGIN) % B
+            if x == 0:
+                undecided(s, flat, i * surfaces * fields * padded_cols + j, surfaces, U(padded_cols), max_chi2, blur2,
+                          period, max_std)
+            if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO:
+                continue
+            if spreads and (int(s[OWN + x]) == surfaces or not _stirred(changed, i, j)):
+                continue
+            found, had, blank = _collect(i, j, before, own_before, counts, max_chi2, blur2, max_std, values, info)
+            rest[:] = matched[i, :, j]
+            photons = counts[i, j]
+            for k in range(surfaces):
+                least = BIRTH if k > 0 or had == 0 else NEVER
+                least += EMPTY_PENALTY * blank if had == 0 else ZERO
+                c, own, at, mine, signal = _best(
+                    k, least, i, j, found, values, info, before, rest, photons, exposure[i, j], bin_frequencies, period,
+                    total, max_response, background_table, moments)
+                if c < 0:
+                    changes[i, j] |= 1 if before[i, k, INTENSITY, j] > ZERO else 0
+                    after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
+                    continue
+                if mine >= 0:
+                    record[:] = before[i, info[mine, SURFACE], :, j]
+                else:
+                    _join(c, found, at, before, values, info, period, record)
+                changes[i, j] |= 1 if mine < 0 or info[mine, SURFACE] != k else 0
+                after[i, k, :, j], own_after[i, k, j] = record, own
+                if k + 1 < surfaces:
+                    photons = max(photons - signal, HALF) if photons > ZERO else ZERO
+                    _subtract(rest, record[DEPTH], signal, energy, bin_frequencies)
+                    _spend(c, found, values, info, period)
+
+
+def birth_death(frame, state, terms, max_chi2, scratch=None):
+    """Rows in parallel, in an order that shares them fairly; BLOCK pixels are looked at together (`undecided`).
+
+    A step of spreading looks only where the last step has changed something: elsewhere it would decide as before.
+    """
+    # Depths nearer than the sketch can resolve are one surface's, whatever their standard deviations.
+    blur2 = F32(RESOLVED * frame.resolution_bins)**2
+    own = log_likelihood_ratio(frame, state, terms, borrow(scratch, "log_likelihood_ratio", state[:, :, 0].shape))
+    order = fair_order(state.shape[0] - 2 * MARGIN, get_num_threads())
+    changed, changes = (borrow(scratch, name, frame.counts.shape, True).view(np.int32)
+                        for name in ("changed", "changes"))
+    for step in range(1 + SPREAD):
+        after = borrow(scratch, f"proposed {step % 2}", state.shape, scratch is None)
+        own_after = borrow(scratch, f"own {step % 2}", own.shape, scratch is None)
+        _update(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.num_bins,
+                F32(frame.max_response), frame.background_table, frame.intensity_moments, F32(max_chi2), blur2,
+                step > 0, changed, state, own, after, own_after, changes, order)
+        state, own, changed, changes = after, own_after, changes, changed
+        if not changed.any():
+            break
+    return state

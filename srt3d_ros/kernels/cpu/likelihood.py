@@ -1,0 +1,67 @@
+"""How much more likely a pixel's own photons are with a surface than without."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.layout import INTENSITY, VALUE
+
+DEAD_PIXEL, LIKENESS = F32(constants.DEAD_PIXEL), F32(constants.LIKENESS)
+SHARED_LIKENESS = LIKENESS * LIKENESS
+
+
+@inline
+def surprise(mean_response, background_table):
+    """ρ(u), linear between the entries of the table; u as a share of a photon's greatest response, held to [0, 1]."""
+    steps = len(background_table) - 1
+    at = min(max(mean_response, ZERO), ONE) * F32(steps)
+    low = min(int(at), steps - 1)
+    return background_table[low] + (at - F32(low)) * (background_table[low + 1] - background_table[low])
+
+
+@line
+def llr(response, photons, expected, likeness, total, max_response, background_table, moments):
+    """Log-likelihood ratio of "a surface of about this intensity and background" and "background alone", nats.
+
+    Args:
+        response: of the pixel's photons to the matched filter at the surface's depth.
+        photons: of the pixel, those of its other surfaces left out; 0 if it has seen none at all.
+        expected: signal photons that the surface should give, to within the factor `likeness`.
+        moments: the frame's intensity_moments.
+    """
+    dead, response, photons = photons <= ZERO, max(response, ZERO), max(photons, HALF)
+    rare = surprise(response / (photons * max_response), background_table)
+    seen = response / total
+    likely = min(max(seen, expected / likeness), expected * likeness)
+    deviance = likely - seen + (seen * np.log(seen / likely) if seen > ZERO else ZERO)
+    signal, background = likely * moments[0], max(photons - likely, ZERO) * moments[1]
+    ratio = HALF * photons * rare * rare - deviance * signal / (signal + background)
+    return max(ratio, DEAD_PIXEL) if dead else ratio
+
+
+@parallel
+def _log_likelihood_ratio(counts, exposure, total, max_response, background_table, moments, state, terms, out):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    for i in prange(padded_rows):
+        for k in range(surfaces):
+            for j in range(padded_cols):
+                out[i, k, j] = ZERO
+                if state[i, k, INTENSITY, j] > ZERO and exposure[i, j] > ZERO:
+                    others = ZERO
+                    for o in range(surfaces):
+                        others += state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
+                    likeness = SHARED_LIKENESS if others > ZERO else LIKENESS
+                    photons = max(counts[i, j] - others, HALF) if counts[i, j] > ZERO else ZERO
+                    out[i, k, j] = llr(terms[i, k, VALUE, j], photons, state[i, k, INTENSITY, j] * exposure[i, j],
+                                       likeness, total, max_response, background_table, moments)
+
+
+def log_likelihood_ratio(frame, state, terms, out=None):
+    """Rows in parallel."""
+    if out is None:
+        out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
+    _log_likelihood_ratio(frame.counts, frame.exposure, F32(frame.total_energy), F32(frame.max_response),
+                          frame.background_table, frame.intensity_moments, state, terms, out)
+    return out

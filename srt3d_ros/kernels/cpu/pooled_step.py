@@ -1,0 +1,231 @@
+"""Pool the expanded data terms along every point's tangent plane, step to the top of their sum, fit the plane.
+
+A block of BLOCK neighbouring columns goes through each step together, in vector registers. What it needs lies in one
+flat scratch array, at offsets known when compiling, and indices are unsigned: only so can the compiler see that the
+parts do not overlap, and that no index counts from the end.
+"""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, total_of
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.fields import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SQUARES,
+    STD,
+    TERMS,
+    VALUE,
+    B,
+    U,
+)
+from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.cpu.surfaces import agreement, distance, rise
+from srt3d_ros.kernels.layout import BLOCK, FIELDS, MARGIN
+
+# Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane.
+(T, SC, SR, TOLERANCE, W, E,
+ V, G, C, S2, S1, X, SPREAD, CX, CY,
+ P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE) = (U(k * BLOCK) for k in range(24))
+SCRATCH = 24 * BLOCK
+
+
+@inline
+def _begin(s, state, point, padded_cols, max_chi2):
+    """Load the points, and empty the sums."""
+    for x in range(B):
+        s[T + x] = state[point + DEPTH * padded_cols + x]
+        s[SC + x] = state[point + SLOPE_COL * padded_cols + x]
+        s[SR + x] = state[point + SLOPE_ROW * padded_cols + x]
+        std = state[point + STD * padded_cols + x]
+        s[TOLERANCE + x] = max_chi2 * std * std + TINY
+    for x in range(U(SCRATCH) - V):
+        s[V + x] = ZERO
+
+
+@inline
+def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period):
+    """Add the surfaces of the neighbours at (dx, dy) to the pools.
+
+    They count by distance and by agreement with the plane, e bins off which their data terms are moved along it:
+    f(t − e) = v − s e − b e² / 2, f′ = s + b e, −f″ = b.
+    """
+    v, g, c = term + VALUE * padded_cols, term + GRADIENT * padded_cols, term + CURVATURE * padded_cols
+    squares, counts, exposure = term + SQUARES * padded_cols, term + COUNTS * padded_cols, term + EXPOSURE * padded_cols
+    for x in range(B):
+        plane = s[T + x] + rise(s[SC + x], s[SR + x], dx, dy)
+        e = distance(state[at + DEPTH * padded_cols + x], plane, period)
+        std = state[at + STD * padded_cols + x]
+        same = agreement(e, s[TOLERANCE + x] + max_chi2 * std * std)
+        w = near * same * same
+        bend, slope = w * terms[c + x], w * terms[g + x]
+        bend_e = bend * e
+        s[W + x], s[E + x] = w, e
+        s[V + x] += w * terms[v + x] - e * (slope + HALF * bend_e)
+        s[G + x] += slope + bend_e
+        s[C + x] += bend
+        s[SPREAD + x] += bend_e * e
+        s[CX + x] += bend * dx
+        s[CY + x] += bend * dy
+        s[S2 + x] += w * w * terms[squares + x]
+        s[S1 + x] += w * terms[counts + x]
+        s[X + x] += w * terms[exposure + x]
+
+
+@inline
+def _add_to_plane(s, state, at, padded_cols, dx, dy):
+    """Add the neighbours' depths to the sums of the planes, each weighed by its variance."""
+    for x in range(B):
+        std = state[at + STD * padded_cols + x]
+        p = s[W + x] / (std * std + TINY) if state[at + INTENSITY * padded_cols + x] > ZERO else ZERO
+        off = p * s[E + x]
+        s[P + x] += p
+        s[PX + x] += p * dx
+        s[PY + x] += p * dy
+        s[PXX + x] += p * (dx * dx)
+        s[PYY + x] += p * (dy * dy)
+        s[PXY + x] += p * (dx * dy)
+        s[PE + x] += off
+        s[PXE + x] += off * dx
+        s[PYE + x] += off * dy
+
+
+@line
+def _add_window(s, state, terms, cells, i, j, padded_cols, surfaces, radius, weights, max_chi2, period):
+    """Add all neighbours of the points: near ones one by one, farther ones cell by cell."""
+    fine, most = min(radius, FINE), radius * (radius + 1)
+    far = radius // CELL * CELL if radius > FINE else 0
+    for dy in range(-fine, fine + 1):
+        for dx in range(-fine, fine + 1):
+            if dx * dx + dy * dy <= most:
+                near, right, down = weights[abs(dx)] * weights[abs(dy)], F32(dx), F32(dy)
+                pixel = ((i + dy) * surfaces) * padded_cols
+                at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
+                for q in range(U(surfaces)):
+                    mine = at + q * U(FIELDS * padded_cols)
+                    _add(s, state, terms, mine, term + q * TERMS * U(padded_cols), U(padded_cols), right, down, near,
+                         max_chi2, period)
+                    _add_to_plane(s, state, mine, U(padded_cols), right, down)
+    for dy in range(-far, far + 1, CELL):
+        for dx in range(-far, far + 1, CELL):
+            if max(abs(dx), abs(dy)) > FINE and dx * dx + dy * dy <= most:
+                near, right, down = weights[abs(dx)] * weights[abs(dy)], F32(dx), F32(dy)
+                pixel = ((i + dy) * surfaces) * padded_cols
+                at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
+                for q in range(U(surfaces)):
+                    _add(s, state, cells, at + q * U(FIELDS * padded_cols), term + q * TERMS * U(padded_cols),
+                         U(padded_cols), right, down, near, max_chi2, period)
+
+
+@inline
+def _fit_plane(s, steepness):
+    """Turn the planes to the least-squares fit, and the pooled slope with them.
+
+    A slope is held to 0 as by one measurement with variance 1 / steepness.
+    """
+    for x in range(B):
+        p = s[P + x] + TINY
+        ridge = steepness / p + F32(RIDGE)
+        mx, my, me = s[PX + x] / p, s[PY + x] / p, s[PE + x] / p
+        cxx, cyy = s[PXX + x] / p - mx * mx + ridge, s[PYY + x] / p - my * my + ridge
+        cxy = s[PXY + x] / p - mx * my
+        # e is what a neighbour is off the plane so far; the ridge holds the whole slope, not its change.
+        cxe = s[PXE + x] / p - mx * me - ridge * s[SC + x]
+        cye = s[PYE + x] / p - my * me - ridge * s[SR + x]
+        det = cxx * cyy - cxy * cxy
+        turn_col, turn_row = (cyy * cxe - cxy * cye) / det, (cxx * cye - cxy * cxe) / det
+        s[G + x] -= turn_col * s[CX + x] + turn_row * s[CY + x]
+        s[SC + x] += turn_col
+        s[SR + x] += turn_row
+
+
+@inline
+def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvature, period):
+    """Step to the top of the pooled data term and write the next state."""
+    widest = np.sqrt(total / curvature)
+    for x in range(B):
+        seen = state[point + INTENSITY * padded_cols + x] > ZERO
+        least = HALF * max(s[V + x], ZERO) / total * curvature
+        d = min(max(s[G + x] / (max(s[C + x], least) + TINY), -widest), widest)
+        value = s[V + x] + d * (s[G + x] - HALF * d * s[C + x])
+        t = s[T + x] + d
+        strength = max(value, ZERO) / total
+        signal = min(strength, s[S1 + x])
+        variance = (signal * moments[0] + (s[S1 + x] - signal) * moments[1]) * s[S2 + x] / max(s[S1 + x], TINY)
+        std = min(np.sqrt(variance) / max(signal * curvature, TINY), period)
+        out[point + DEPTH * padded_cols + x] = t - period * np.floor(t / period)
+        out[point + SLOPE_COL * padded_cols + x] = s[SC + x]
+        out[point + SLOPE_ROW * padded_cols + x] = s[SR + x]
+        out[point + INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
+        out[point + STD * padded_cols + x] = std if signal > ZERO else period
+        out[point + SCORE * padded_cols + x] = value / np.sqrt(HALF * s[S2 + x] * total + TINY) if seen else ZERO
+        # The distances were measured before the step, and show noise that it takes away.
+        gone = F32(NOISE_SHOWN) * max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
+        spread = s[SPREAD + x] / max(s[C + x], least + TINY) - gone
+        out[point + RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
+
+
+@parallel
+def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, weights, shape, state, terms, cells,
+                 out):
+    padded_rows, surfaces, fields, padded_cols = shape
+    period, total = F32(num_bins), total_of(energy)
+    curvature = total_of(energy * bin_frequencies * bin_frequencies) * F32(4 * np.pi**2)
+    for row in prange(padded_rows - 2 * MARGIN):
+        i = row + MARGIN
+        s = aligned(SCRATCH)
+        for j in range(MARGIN, padded_cols - MARGIN, BLOCK):
+            for k in range(surfaces):
+                point = U((i * surfaces + k) * fields * padded_cols + j)
+                _begin(s, state, point, U(padded_cols), max_chi2)
+                _add_window(s, state, terms, cells, i, j, padded_cols, surfaces, radius, weights, max_chi2, period)
+                _fit_plane(s, curvature / total)
+                _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, period)
+
+
+@parallel
+def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
+    """The data terms of cells of CELL × CELL pixels, along the plane of the middle one's surface."""
+    padded_rows, surfaces, fields, padded_cols = shape
+    for row in prange(padded_rows - 2 * MARGIN):
+        i = row + MARGIN
+        s = aligned(SCRATCH)
+        for j in range(MARGIN, padded_cols - MARGIN, BLOCK):
+            for k in range(surfaces):
+                point = U((i * surfaces + k) * fields * padded_cols + j)
+                _begin(s, state, point, U(padded_cols), max_chi2)
+                for dy in range(-(CELL // 2), CELL // 2 + 1):
+                    for dx in range(-(CELL // 2), CELL // 2 + 1):
+                        pixel = ((i + dy) * surfaces) * padded_cols
+                        at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
+                        for q in range(U(surfaces)):
+                            _add(s, state, terms, at + q * U(FIELDS * padded_cols), term + q * TERMS * U(padded_cols),
+                                 U(padded_cols), F32(dx), F32(dy), ONE, max_chi2, F32(num_bins))
+                into = U((i * surfaces + k) * TERMS * padded_cols + j)
+                for f in range(U(TERMS)):
+                    for x in range(B):
+                        seen = state[point + INTENSITY * U(padded_cols) + x] > ZERO
+                        cells[into + f * U(padded_cols) + x] = s[V + f * B + x] if seen else ZERO
+
+
+def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
+    """Rows in parallel, BLOCK columns in vector registers; cells are summed first, where the radius calls for them."""
+    out = np.zeros_like(state) if out is None else out
+    weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
+    cells, flat = terms, (state.reshape(-1), terms.reshape(-1))
+    if radius > FINE:
+        cells = borrow(scratch, "cells", terms.shape, scratch is None)
+        _coarsen(frame.num_bins, F32(max_chi2), state.shape, *flat, cells.reshape(-1))
+    _pooled_step(frame.energy, frame.bin_frequencies, frame.num_bins, frame.moments, F32(max_chi2), radius, weights,
+                 state.shape, *flat, cells.reshape(-1), out.reshape(-1))
+    return out

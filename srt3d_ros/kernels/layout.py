@@ -1,0 +1,67 @@
+"""How a reconstruction's maps lie in memory, for all kernels.
+
+Maps are padded with MARGIN empty pixels on every side, so that a window needs no bounds checks, and on the right up
+to a whole number of BLOCKs. They are planar: [rows', …, cols'], the columns of one row and channel beside each other.
+
+The state is one map [rows', K, FIELDS, cols'], K surfaces a pixel, with these fields:
+"""
+
+import math
+
+import numpy as np
+
+BLOCK = 32          # columns that are worked on together
+MARGIN = 16         # pixels: the largest radius of a window
+
+DEPTH = 0           # t, bins, in [0, T)
+SLOPE_COL = 1       # tangent plane, bins per pixel to the right
+SLOPE_ROW = 2       # and downwards
+INTENSITY = 3       # r, expected signal photons; 0 = no surface
+STD = 4             # standard deviation of the depth, bins
+SCORE = 5           # evidence against "background alone", standard deviations
+RESIDUAL = 6        # root mean square distance of the neighbours from the tangent plane, bins
+FIELDS = 7
+
+VALUE = 0           # v, the data term of a pixel's photons at the depth of its surface
+GRADIENT = 1        # s, its slope there, per bin
+CURVATURE = 2       # b, its curvature, per bin²
+SQUARES = 3         # Σ w² n
+COUNTS = 4          # Σ w n
+EXPOSURE = 5        # Σ w g
+TERMS = 6
+MAX_STD = 0.125     # of T: a point with a larger standard deviation says nothing of the depth
+
+
+def half_width(radius: int, line: int) -> int:
+    """Pixels on each side of a round window's line, `line` rows from its middle: dx² + dy² ≤ radius · (radius + 1)."""
+    return math.isqrt(radius * (radius + 1) - line * line)
+
+
+def padded_shape(rows: int, cols: int) -> tuple[int, int]:
+    """rows', cols' of an image."""
+    return rows + 2 * MARGIN, -(-cols // BLOCK) * BLOCK + 2 * MARGIN
+
+
+def pad(image: np.ndarray) -> np.ndarray:
+    """float32 [rows, cols] or [rows, cols, C] → [rows', cols'] or [rows', C, cols']."""
+    rows, cols = image.shape[:2]
+    padded_rows, padded_cols = padded_shape(rows, cols)
+    out = np.zeros((padded_rows, *image.shape[2:], padded_cols), np.float32)
+    out[MARGIN:MARGIN + rows, ..., MARGIN:MARGIN + cols] = image if image.ndim == 2 else image.swapaxes(1, 2)
+    return out
+
+
+def crop(padded: np.ndarray, rows: int, cols: int) -> np.ndarray:
+    """The view [rows, …, cols] of a padded map."""
+    return padded[MARGIN:MARGIN + rows, ..., MARGIN:MARGIN + cols]
+
+
+def state_shape(rows: int, cols: int, surfaces: int) -> tuple[int, int, int, int]:
+    """rows', K, FIELDS, cols' of an image's state."""
+    padded_rows, padded_cols = padded_shape(rows, cols)
+    return padded_rows, surfaces, FIELDS, padded_cols
+
+
+def no_surfaces(rows: int, cols: int, surfaces: int) -> np.ndarray:
+    """A state without any surface, float32 [rows', K, FIELDS, cols']."""
+    return np.zeros(state_shape(rows, cols, surfaces), np.float32)

@@ -1,0 +1,36 @@
+"""The executable specification of `kernels.api`: plain NumPy, written to be read, not to be fast.
+
+All arithmetic is float64, so that another backend differs from it by its own rounding only. A pixel's statistics are
+complex numbers z_l here; the maps hold their real parts before their imaginary ones.
+"""
+
+from srt3d_ros.kernels.reference.apss import apss
+from srt3d_ros.kernels.reference.birth_death import birth_death
+from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.reference.expand import expand
+from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
+from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
+from srt3d_ros.kernels.reference.match import match
+from srt3d_ros.kernels.reference.pixelwise import pixelwise
+from srt3d_ros.kernels.reference.poisson import poisson
+from srt3d_ros.kernels.reference.pooled_step import pooled_step
+from srt3d_ros.kernels.reference.prepare import prepare
+from srt3d_ros.kernels.reference.residual import residual
+from srt3d_ros.kernels.reference.scratch import ON_HOST, WARM_FRAMES, Pipeline, Scratch, array, numpy, photon_array
+from srt3d_ros.kernels.reference.search import drop_weak, search
+from srt3d_ros.kernels.reference.sketch import (
+    find_stray,
+    fixed_rows,
+    inspect_events,
+    new_sums,
+    read_sums,
+    sketch_continuous,
+    sketch_gates,
+    sketch_sorted,
+    sketch_unsorted,
+)
+
+__all__ = ["ON_HOST", "Pipeline", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
+           "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
+           "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
+           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]

@@ -1,0 +1,118 @@
+"""A Newton step of every point on the data terms pooled around it: `pooled_step` of `kernels.api`."""
+
+import numpy as np
+
+from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
+from srt3d_ros.kernels.layout import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    GRADIENT,
+    INTENSITY,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    SQUARES,
+    STD,
+    TERMS,
+    VALUE,
+)
+from srt3d_ros.kernels.reference.arithmetic import written
+from srt3d_ros.kernels.reference.surfaces import TINY, agreement, near, plane_depth, wrap
+
+SLOPES = [SLOPE_COL, SLOPE_ROW]
+
+
+def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
+    """Loop over points, vectorised over the window."""
+    state, terms, after = state.astype(np.float64), terms.astype(np.float64), np.zeros(state.shape)
+    cells = coarsen(state, terms, frame.num_bins, max_chi2) if radius > FINE else terms
+    dy, dx = _window(radius)
+    fine = np.maximum(abs(dy), abs(dx)) <= FINE
+    for i, k, j in np.argwhere(state[:, :, INTENSITY] > 0):
+        point, around = state[i, k, :, j], state[i + dy, :, :, j + dx]
+        weight, e = _weigh(point, around, dy, dx, max_chi2, frame.num_bins)
+        weight *= near(dy, dx, sigma)[:, None]
+        shown = np.where(fine[:, None, None], terms[i + dy, :, :, j + dx], cells[i + dy, :, :, j + dx])
+        pooled = _pool(weight, e, shown)
+        slopes = _plane(point, around[fine], weight[fine], e[fine], dy[fine], dx[fine], frame)
+        turned = slopes - point[SLOPES]
+        bend = (weight * shown[..., CURVATURE]).sum(axis=1)
+        pooled[GRADIENT] -= turned @ [bend @ dx, bend @ dy]
+        after[i, k, :, j] = _stepped(point, slopes, pooled, (weight * shown[..., CURVATURE] * e**2).sum(), frame)
+    return written(after, out)
+
+
+def coarsen(state, terms, period, max_chi2):
+    """The terms of the 3 × 3 pixels around each point, pooled along its plane; as `terms`."""
+    half = CELL // 2
+    dy, dx = (d.ravel() for d in np.mgrid[-half:half + 1, -half:half + 1])
+    cells = np.zeros_like(terms)
+    for i, k, j in np.argwhere(state[:, :, INTENSITY] > 0):
+        weight, e = _weigh(state[i, k, :, j], state[i + dy, :, :, j + dx], dy, dx, max_chi2, period)
+        cells[i, k, :, j] = _pool(weight, e, terms[i + dy, :, :, j + dx])
+    return cells
+
+
+def _window(radius) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets of the neighbours that a point pools: all up to FINE pixels, then the centres of cells."""
+    dy, dx = (d.ravel() for d in np.mgrid[-radius:radius + 1, -radius:radius + 1])
+    inside = dx**2 + dy**2 <= radius * (radius + 1)
+    pooled = inside & ((np.maximum(abs(dy), abs(dx)) <= FINE) | ((dx % CELL == 0) & (dy % CELL == 0)))
+    return dy[pooled], dx[pooled]
+
+
+def _weigh(point, around, dy, dx, max_chi2, period) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of neighbours' surfaces [N, K] by how far they lie on the point's plane, and their distances from it."""
+    e = wrap(around[..., DEPTH] - plane_depth(point, dy, dx)[:, None], period)
+    close = agreement(e, max_chi2 * (point[STD]**2 + around[..., STD]**2))
+    return np.where(around[..., INTENSITY] > 0, close**2, 0), e
+
+
+def _pool(weight, e, shown) -> np.ndarray:
+    """The sum [TERMS] of weighted terms, each moved from its surface's depth to the plane, e bins away."""
+    value, gradient, curvature = (shown[..., term] for term in (VALUE, GRADIENT, CURVATURE))
+    pooled = np.zeros(TERMS)
+    pooled[VALUE] = (weight * (value - e * gradient - e**2 * curvature / 2)).sum()
+    pooled[GRADIENT] = (weight * (gradient + e * curvature)).sum()
+    pooled[SQUARES] = (weight**2 * shown[..., SQUARES]).sum()
+    for term in (CURVATURE, COUNTS, EXPOSURE):
+        pooled[term] = (weight * shown[..., term]).sum()
+    return pooled
+
+
+def _plane(point, around, weight, e, dy, dx, frame) -> np.ndarray:
+    """Slopes of the least-squares plane through the surfaces of a window, each weighed by its variance."""
+    f = weight / (around[..., STD]**2 + TINY)
+    dy, dx = (np.broadcast_to(d[:, None], f.shape) for d in (dy, dx))
+    total = f.sum() + TINY
+    rise = e + point[SLOPE_COL] * dx + point[SLOPE_ROW] * dy
+    x, y, rise = (d - (f * d).sum() / total for d in (dx, dy, rise))
+    spread = np.array([[(f * a * b).sum() for a in (x, y)] for b in (x, y)]) / total
+    spread += np.eye(2) * (frame.curvature / frame.total_energy / total + RIDGE)
+    return np.linalg.solve(spread, [(f * x * rise).sum() / total, (f * y * rise).sum() / total])
+
+
+def _stepped(point, slopes, pooled, off_plane, frame) -> np.ndarray:
+    """The point after a Newton step on its pooled data term, measured there; off_plane is Σ w b e²."""
+    total = frame.total_energy
+    value, gradient, curvature, squares, photons, exposure = pooled
+    least = max(value, 0) / total * frame.curvature / 2
+    bend = max(curvature, least) + TINY
+    d = np.clip(gradient / bend, -frame.resolution_bins, frame.resolution_bins)
+    value += d * (gradient - d * curvature / 2)
+
+    strength = max(value, 0) / total
+    signal = min(strength, photons)
+    variance = signal * frame.moments[0] + (photons - signal) * frame.moments[1]
+    std = np.sqrt(variance * squares / max(photons, TINY)) / max(signal * frame.curvature, TINY)
+    score = value / np.sqrt(squares * total / 2 + TINY)
+    after = point.copy()
+    after[DEPTH], after[SLOPES] = (point[DEPTH] + d) % frame.num_bins, slopes
+    after[INTENSITY] = max(strength / max(exposure, TINY), TINY)
+    after[STD] = min(std, frame.num_bins) if signal > 0 else frame.num_bins
+    gone = NOISE_SHOWN * max(point[STD]**2 - after[STD]**2, 0)
+    after[SCORE], after[RESIDUAL] = score, np.sqrt(max(off_plane / bend - gone, 0))
+    return after

@@ -1,0 +1,65 @@
+"""One scale of the start: `search` and `drop_weak` of `kernels.api`."""
+
+import numpy as np
+
+from srt3d_ros.kernels import layout
+from srt3d_ros.kernels.constants import FAINTEST, STAY
+from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio, pixel_z, response_of
+from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.reference.likelihood import surprise
+from srt3d_ros.kernels.reference.match import match
+from srt3d_ros.kernels.windows import window_weights
+
+FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields that a search fills in
+
+
+def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
+    """Pool the open pixels, match every pool, then loop over pixels."""
+    size = frame.shape
+    view, exposure = layout.crop(state, *size), layout.crop(frame.exposure, *size)
+    is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
+    if layer > 0:
+        is_open &= view[:, layer - 1, INTENSITY] > 0
+    maps = layout.crop(matched, *size), layout.crop(frame.counts, *size)[:, None], exposure[:, None]
+    share = 1.0
+    if sigma > 0:
+        weights, share = window_weights(sigma / step), 0.5
+        maps = [blur(values * is_open[:, None], w, step) for values, w in zip(maps, (weights, weights**2, weights))]
+    pooled, counts, light = maps[0], maps[1][:, 0].astype(float), np.maximum(maps[2][:, 0], EPSILON)
+    depth, signal = (found[:, 0] for found in match(pooled, frame.energy, frame.bin_frequencies, frame.num_bins, 1))
+    for i, j in np.argwhere(is_open):
+        cell = i // step, j // step
+
+        def measured(t, slopes, signal):
+            """The fields FOUND of a surface at depth t with this signal in the pixel's cell."""
+            score = _score(frame, signal, counts[cell], share) / noise_ratio(frame, t)
+            return np.array([t, *slopes, signal / light[cell], _std(frame, signal, counts[cell], share), score])
+
+        point = measured(depth[cell] % frame.num_bins, (0, 0), signal[cell])
+        if carried is not None and carried[MARGIN + i, layer, INTENSITY, MARGIN + j] > 0:
+            t, *slopes = carried[MARGIN + i, layer, FOUND[:3], MARGIN + j].astype(float)
+            old = measured(t, slopes, response_of(pixel_z(pooled, *cell), t, frame) / frame.total_energy)
+            if old[-1] > confirmed and point[-1]**2 - old[-1]**2 < 2 * STAY:
+                view[i, layer, FOUND, j] = old
+                continue
+        bright = layer == 0 or signal[cell] / light[cell] > FAINTEST * view[i, 0, INTENSITY, j]
+        if point[-1] > enough and bright:
+            view[i, layer, FOUND, j] = point
+
+
+def _score(frame, signal, counts, share) -> float:
+    photons = max(counts / share, EPSILON)
+    return np.sqrt(photons / share) * surprise(signal * frame.total_energy, photons, frame)
+
+
+def _std(frame, signal, counts, share) -> float:
+    signal = max(signal, EPSILON)
+    background = max(counts / share - signal, 0)
+    spread = share * (signal * frame.moments[0] + background * frame.moments[1])
+    return min(np.sqrt(spread) / (signal * frame.curvature), frame.num_bins)
+
+
+def drop_weak(state, weak):
+    """Vectorised over points."""
+    state[:, :, INTENSITY][state[:, :, SCORE] < weak] = 0

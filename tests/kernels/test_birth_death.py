@@ -1,0 +1,119 @@
+"""Creation, competition and removal of points against the plain reference, and rules that can be seen alone."""
+
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels.constants import BIRTH, FEWER_PENALTY, LIKENESS, MAX_VOTE, VOTE_SIGMA
+
+from .frames import (
+    FAINT,
+    GATE,
+    STATES,
+    T,
+    assert_states_agree,
+    exact_frame,
+    exact_state,
+    make_frame,
+    make_state,
+    make_terms,
+)
+
+CASES = [(shape, surfaces, seed, light, spread) for shape, surfaces, seed in STATES for light in (1, FAINT)
+         for spread in (0, 3)] + [((9, 33), surfaces, seed, light, 1)
+                                        for surfaces in (3, 4) for seed in (2, 3) for light in (1, FAINT)]
+
+
+@pytest.fixture
+def spreading(monkeypatch):
+    """Sets by how many pixels surfaces may grow."""
+    def spread(pixels: int) -> None:
+        for backend in ("cpu", "reference"):
+            monkeypatch.setattr(import_module(f"srt3d_ros.kernels.{backend}.birth_death"), "SPREAD", pixels)
+    return spread
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "seed", "light", "spread"), CASES)
+def test_birth_death(spreading, shape, surfaces, seed, light, spread):
+    spreading(spread)
+    frame = make_frame(shape, seed, light)
+    state = make_state(frame, surfaces, seed, light)
+    before, terms = state.copy(), make_terms(frame, state)
+    fast = cpu.birth_death(frame.padded, state, terms, GATE)
+    assert np.array_equal(state, before) and fast.dtype == np.float32
+    assert_states_agree(fast, reference.birth_death(frame.padded, state, terms, GATE), shape)
+
+
+SHAPE = (7, 9)
+MIDDLE = (3, slice(None), slice(None), 4)       # K surfaces and their fields, of a cropped state
+ALL = np.ones((1, *SHAPE))
+
+
+def chosen(frame, state) -> np.ndarray:
+    """Of the pixel in the middle: depth and intensity, each [K]."""
+    after = cpu.birth_death(frame.padded, state, make_terms(frame, state), GATE)
+    after = layout.crop(after, *SHAPE)[MIDDLE]
+    return after[:, [layout.DEPTH, layout.INTENSITY]].T
+
+
+@pytest.mark.parametrize(("background", "shown"), [(0, 20), (5, 20), (5, 0), (1, 0), (0, 0)])
+def test_a_pixel_gets_its_neighbours_further_surface_if_its_own_photons_show_it(background, shown):
+    depth, signal = np.concatenate([100 * ALL, 200 * ALL]), np.concatenate([30 * ALL, 20 * ALL])
+    state = exact_state(depth, signal)
+    layout.crop(state, *SHAPE)[MIDDLE][1, layout.INTENSITY] = 0
+    signal[1, 3, 4] = shown
+    found = chosen(exact_frame(depth, signal, background), state)
+    np.testing.assert_allclose(found[1], [30, shown], atol=0.01)
+    np.testing.assert_allclose(found[0, :1 + (shown > 0)], [100, 200][:1 + (shown > 0)], atol=0.01)
+
+
+@pytest.mark.parametrize("shown", [4, 20])
+def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
+    state = exact_state(100 * ALL, shown * ALL)
+    layout.crop(state, *SHAPE)[MIDDLE][0, layout.INTENSITY] = 0
+    dark = shown * ALL
+    dark[0, 3, 4] = 0
+    found = chosen(exact_frame(100 * ALL, dark, 0), state)[:, 0]
+    np.testing.assert_allclose(found, [100, shown], atol=0.01)
+
+
+def test_surfaces_grow_by_one_pixel_a_time(spreading):
+    lit = 2 * ALL
+    lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons
+    frame, state = exact_frame(100 * ALL, lit, 0), exact_state(100 * ALL, lit)
+    for spread, filled in ((0, False), (1, True), (4, True)):
+        spreading(spread)
+        assert (chosen(frame, state)[1, 0] > 0) == filled, spread
+
+
+def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
+    depth = np.concatenate([50 * ALL, 150 * ALL, 250 * ALL])
+    near = [(i, j) for i in (2, 3, 4) for j in (3, 4, 5) if (i, j) != (3, 4)]
+    i, j = np.mgrid[1:6, 2:7]
+    weight = np.exp(-((i - 3)**2 + (j - 4)**2) / (2 * VOTE_SIGMA**2))
+    shown = []
+    for with_three in range(9):
+        intensity = np.concatenate([2 * ALL, 2 * ALL, 0 * ALL])
+        for pixel in near[:with_three]:
+            intensity[2][pixel] = 2
+        lit = intensity.copy()
+        lit[:, 3, 4] = 0                                        # the pixel itself has no photons
+        three = intensity[2, 1:6, 2:7] > 0
+        votes = MAX_VOTE * weight[three].sum() - FEWER_PENALTY * (weight[~three].sum() - 1)
+        found = chosen(exact_frame(depth, lit, 0), exact_state(depth, intensity))[1, 2] > 0
+        assert found == (votes - 2 / LIKENESS**2 > BIRTH), with_three
+        shown.append(found)
+    assert set(shown) == {False, True}
+
+
+@pytest.mark.parametrize("had", [0, 20])
+@pytest.mark.parametrize("std", [0.3, T])
+def test_a_pixel_takes_the_side_that_its_photons_show_whatever_one_neighbour_is_worth(std, had):
+    depth = np.where(np.arange(9) < 5, 100.0, 200.0) * ALL
+    state = exact_state(depth, 20 * ALL)
+    view = layout.crop(state, *SHAPE)
+    view[3, 0, [layout.DEPTH, layout.INTENSITY], 4] = 200, had
+    view[2, 0, [layout.DEPTH, layout.STD], 3] = 100 if std < 1 else 250, std
+    np.testing.assert_allclose(chosen(exact_frame(depth, 20 * ALL, 2), state)[:, 0], [100, 20], atol=0.01)

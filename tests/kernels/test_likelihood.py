@@ -1,0 +1,100 @@
+"""The evidence of a pixel's own photons: by formulas that can be written down, and against the plain reference."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
+from srt3d_ros.kernels.cpu.likelihood import llr as kernel
+
+from .frames import FAINT, STATES, T, make_frame, make_state, make_terms
+
+FRAME = make_frame((6, 40), seed=0)
+
+
+def llr(response: float, photons: float, expected: float, likeness=LIKENESS) -> float:
+    values = response, photons, expected, likeness, FRAME.total_energy, FRAME.max_response
+    return float(kernel(*map(np.float32, values), FRAME.background_table, FRAME.intensity_moments))
+
+
+def chernoff(mean_response: float) -> float:
+    """max_λ λu − log E exp(λ · response), over background photons, which fall on any bin; nats per photon."""
+    t = np.arange(0, T, 0.1)
+    amplitudes = np.sqrt(FRAME.energy.astype(float))[:, None]       # some spectrum with these energies: all in phase
+    response = (amplitudes * np.cos(2 * np.pi * FRAME.bin_frequencies.astype(float)[:, None] * t)).sum(axis=0)
+    tilt = np.linspace(0, 60 / response.max(), 4_000)[:, None]
+    return float((tilt[:, 0] * mean_response - np.log(np.exp(tilt * response).mean(axis=1))).max())
+
+
+def test_a_pixel_without_photons_speaks_against_a_surface_but_may_be_dead():
+    # Half the deviance of 0 photons where at least half of the expected ones should be: that many nats.
+    for expected in (1e-6, 0.1, 0.8):
+        background = max(0.5 - expected / 2, 0) * FRAME.intensity_moments[1]
+        signal = expected / 2 * FRAME.intensity_moments[0]
+        assert llr(0, 0, expected) == pytest.approx(-expected / 2 * signal / (signal + background), rel=1e-5)
+    # It may be dead: never more than DEAD_PIXEL against the surface. A pixel that has seen photons is not.
+    assert llr(0, 0, 2.5) == llr(0, 0, 1e6) == DEAD_PIXEL
+    assert llr(0, 1, 1000) == pytest.approx(-500, rel=1e-5)
+
+
+def test_photons_at_the_depth_are_as_rare_as_the_background_makes_them():
+    peak = FRAME.max_response
+    for photons in (1, 3, 10):
+        seen = photons * peak / FRAME.total_energy
+        certain = llr(photons * peak, photons, seen)              # nothing improbable for the surface
+        assert certain == pytest.approx(photons * FRAME.background_table[-1]**2 / 2, rel=1e-5)
+        assert certain == pytest.approx(photons * llr(peak, 1, peak / FRAME.total_energy), rel=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.6])
+def test_rarity_is_chernoffs_bound(share):
+    photons, u = 20, share * FRAME.max_response
+    certain = llr(photons * u, photons, photons * u / FRAME.total_energy)
+    assert certain == pytest.approx(photons * chernoff(u), rel=0.05)
+
+
+def test_many_photons_of_background_are_judged_as_noise_is():
+    # Their response has a variance of n Σ|ĥ|² / 2; a surface of 0 … is as likely as its share of it.
+    photons, standard = 1e5, np.sqrt(1e5 * FRAME.total_energy / 2)
+    for score in (0.5, 2, 5):
+        expected = score * standard / FRAME.total_energy
+        assert llr(score * standard, photons, expected) == pytest.approx(score**2 / 2, rel=0.02)
+    # Without any response: half the squared distance from a surface at half the expected photons.
+    gives = 1_000 / 2
+    variance = (gives * FRAME.intensity_moments[0] + (photons - gives) * FRAME.intensity_moments[1])
+    against = -gives * gives * FRAME.intensity_moments[0] / variance
+    assert llr(0, photons, 2 * gives) == pytest.approx(against, rel=1e-4)
+
+
+@pytest.mark.parametrize("expected", [0.3, 5, 200])
+@pytest.mark.parametrize("photons", [1, 4, 30, 1_000])
+def test_more_response_is_more_evidence(photons, expected):
+    # Up to where the table of rarity ends; signal responds with total_energy / greatest_response of the most at best.
+    response = np.linspace(0, 0.98 * photons * FRAME.max_response, 300)
+    gain = np.array([llr(value, photons, expected) for value in response])
+    assert (np.diff(gain) > 0).all() and gain[0] < 0
+    assert gain[-1] > 1 or expected > 10 * photons
+
+
+def test_a_response_against_the_surface_is_none_at_all():
+    assert llr(-50, 30, 10) == llr(0, 30, 10) < 0
+
+
+def test_intensities_within_a_factor_of_two_are_one_surfaces():
+    photons, seen = 400, 40
+    response = seen * FRAME.total_energy
+    free = llr(response, photons, seen)
+    assert llr(response, photons, seen * 1.99) == llr(response, photons, seen * 0.51) == free
+    assert llr(response, photons, seen * 3) < free and llr(response, photons, seen / 3) < free
+
+
+@pytest.mark.parametrize("light", [1, FAINT])
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), [*STATES[::2], ((6, 40), 4, 3)])
+def test_log_likelihood_ratio(shape, surfaces, seed, light):
+    frame = make_frame(shape, seed, light)
+    state = make_state(frame, surfaces, seed, light)
+    terms = make_terms(frame, state)
+    fast, slow = (kernels.log_likelihood_ratio(frame.padded, state, terms) for kernels in (cpu, reference))
+    np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
+    assert (fast > 1).sum() > 10 and (fast < -0.5).sum() > 10
+    assert (fast[state[:, :, layout.INTENSITY] == 0] == 0).all()

@@ -1,0 +1,138 @@
+"""Expansion of the data terms and their pools: the CPU kernels against the plain reference, and what both must do."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN
+
+from .frames import GATE, STATES, T, assert_states_agree, exact_frame, exact_state, make_frame, make_state, make_terms
+
+FAR = 8                     # a radius with cells
+BOTH = pytest.mark.parametrize("kernels", [cpu, reference])
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), [*STATES[::2], ((6, 40), 4, 3)])
+def test_expand(shape, surfaces, seed):
+    frame = make_frame(shape, seed)
+    state = make_state(frame, surfaces, seed)
+    before = state.copy()
+    fast, slow = cpu.expand(frame.padded, state), reference.expand(frame.padded, state)
+    assert fast.dtype == np.float32 and fast.shape == slow.shape and np.array_equal(state, before)
+    for term in range(layout.TERMS):
+        one, other = fast[:, :, term], slow[:, :, term]
+        np.testing.assert_allclose(one, other, atol=1e-5 * np.abs(other).max(), err_msg=str(term))
+    nowhere = (state[:, :, layout.INTENSITY] == 0)[:, :, None].repeat(layout.TERMS, 2)
+    assert (fast[nowhere] == 0).all() and (fast[:, :, layout.CURVATURE] > 0).sum() > 100
+
+
+@BOTH
+def test_terms_are_value_gradient_and_curvature_of_the_response(kernels):
+    frame = make_frame((6, 40), 1)
+    state = make_state(frame, 2, 1)
+    steps = np.array([-0.5, 0, 0.5], np.float32)
+
+    def shifted(step: float) -> np.ndarray:
+        moved = state.copy()
+        moved[:, 0, layout.DEPTH] += step
+        return np.float64(kernels.expand(frame.padded, moved)[:, 0])
+
+    low, here, high = map(shifted, steps)
+    value = [terms[:, layout.VALUE] for terms in (low, here, high)]
+    scale = np.abs(here[:, layout.GRADIENT]).max()
+    np.testing.assert_allclose(here[:, layout.GRADIENT], value[2] - value[0], atol=0.02 * scale)
+    np.testing.assert_allclose(here[:, layout.CURVATURE], (high - low)[:, layout.GRADIENT] * -1,
+                               atol=0.02 * np.abs(here[:, layout.CURVATURE]).max())
+
+
+@BOTH
+def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
+    depth = np.concatenate([np.full((1, 3, 40), 100.0), np.full((1, 3, 40), 104.0)])
+    photons = np.concatenate([np.full((1, 3, 40), 30.0), np.full((1, 3, 40), 20.0)])
+    frame, state = exact_frame(depth, photons, 5), exact_state(depth, photons)
+    terms = layout.crop(kernels.expand(frame.padded, state), 3, 40)
+    for k, shown in enumerate((30, 20)):
+        np.testing.assert_allclose(terms[:, k, layout.VALUE], shown * frame.total_energy, rtol=1e-4)
+        np.testing.assert_allclose(terms[:, k, layout.CURVATURE], shown * frame.curvature, rtol=1e-4)
+        np.testing.assert_allclose(terms[:, k, layout.GRADIENT], 0, atol=1e-3 * shown * frame.curvature)
+    assert (terms[:, :, layout.SQUARES] == 55).all() and (terms[:, :, layout.COUNTS] == 55).all()
+    assert (terms[:, :, layout.EXPOSURE] == 1).all()
+
+
+@pytest.mark.parametrize(("sigma", "radius"), [(0.5, 1), (2.0, 3), (3.5, FINE), (4.0, FINE + 1), (5.0, FAR),
+                                               (1e3, layout.MARGIN)])
+@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::3])
+def test_pooled_step(shape, surfaces, seed, sigma, radius):
+    frame = make_frame(shape, seed)
+    state = make_state(frame, surfaces, seed)
+    terms = make_terms(frame, state)
+    before, known = state.copy(), terms.copy()
+    fast = cpu.pooled_step(frame.padded, state, terms, sigma, radius, GATE)
+    assert np.array_equal(state, before) and np.array_equal(terms, known) and fast.dtype == np.float32
+    assert_states_agree(fast, reference.pooled_step(frame.padded, state, terms, sigma, radius, GATE), shape)
+
+
+@BOTH
+def test_a_pixel_on_its_own_steps_to_the_top_of_its_own_response(kernels):
+    depth, photons = np.full((1, 3, 33), 120.0), np.full((1, 3, 33), 40.0)
+    alone = np.zeros(depth.shape)
+    alone[0, 1, 5::9] = 40
+    frame, state = exact_frame(depth, photons, 10), exact_state(depth + 0.5, alone)
+    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, GATE)
+    found = layout.crop(after, 3, 33)[1, 0, :, 5::9]
+    np.testing.assert_allclose(found[layout.DEPTH], 120, atol=0.01)
+    np.testing.assert_allclose(found[layout.INTENSITY], 40, rtol=0.02)
+
+
+@BOTH
+@pytest.mark.parametrize("radius", [3, FAR])
+def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels, radius):
+    y, x = np.mgrid[:19, :32]
+    depth = (295 + 0.6 * x - 0.4 * y)[None] % T
+    lit = np.full(depth.shape, 20.0)
+    frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
+    view = layout.crop(state, 19, 32)
+    view[:, :, layout.STD] = 1
+    state[:] = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, GATE)   # the slopes
+    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, GATE)
+    view = layout.crop(after, 19, 32)[:, 0]
+    away = (view[:, layout.DEPTH] - depth[0] + T / 2) % T - T / 2
+    inner = np.s_[FAR:-FAR, FAR:-FAR]
+    np.testing.assert_allclose(away[inner], 0, atol=0.02)
+    np.testing.assert_allclose(view[:, layout.SLOPE_COL][inner], 0.6, atol=0.02)
+    np.testing.assert_allclose(view[:, layout.SLOPE_ROW][inner], -0.4, atol=0.02)
+    np.testing.assert_allclose(view[:, layout.RESIDUAL][inner], 0, atol=0.02)
+
+
+@BOTH
+def test_cells_pool_what_their_pixels_would(kernels):
+    """On a flat surface that all pixels show alike, in a window that is as good as even: intensity and std say so."""
+    depth, lit = np.full((1, 35, 35), 50.0), np.full((1, 35, 35), 20.0)
+    frame, state = exact_frame(depth, lit, 10), exact_state(depth, lit)
+    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FAR, GATE)
+    found = layout.crop(after, 35, 35)[17, 0, :, 17]
+    dy, dx = np.mgrid[-FAR:FAR + 1, -FAR:FAR + 1]
+    centres = (dx % CELL == 0) & (dy % CELL == 0) & (np.maximum(abs(dx), abs(dy)) > FINE)
+    cells = (centres & (dx**2 + dy**2 <= FAR * (FAR + 1))).sum()
+    pixels = (2 * FINE + 1)**2 + CELL**2 * cells
+    variance = (20 * frame.moments[0] + 10 * frame.moments[1]) / pixels / (20 * frame.curvature)**2
+    assert found[layout.INTENSITY] == pytest.approx(20, rel=1e-3)
+    assert found[layout.STD] == pytest.approx(np.sqrt(variance), rel=1e-2)
+
+
+@BOTH
+def test_the_residual_is_the_distance_of_the_neighbours_from_the_plane(kernels):
+    """Depths alternate by ± 0.2 bins, from row to row and column to column; less the noise that goes."""
+    y, x = np.mgrid[:13, :33]
+    depth, lit = (50 + 0.2 * (-1.0)**(x + y))[None], np.full((1, 13, 33), 20.0)
+    frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
+    layout.crop(state, 13, 33)[:, :, layout.STD] = 0.5
+    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FINE, GATE)
+    point = layout.crop(after, 13, 33)[6, 0, :, 16]
+    dy, dx = np.mgrid[-FINE:FINE + 1, -FINE:FINE + 1]
+    inside = dx**2 + dy**2 <= FINE * (FINE + 1)
+    close = (1 - 0.4**2 / (2 * GATE * 0.5**2))**2
+    other = close * (inside & ((dx + dy) % 2 == 1)).sum()
+    mean = 0.4**2 * other / (other + (inside & ((dx + dy) % 2 == 0)).sum())
+    gone = NOISE_SHOWN * (0.5**2 - point[layout.STD]**2)
+    assert point[layout.RESIDUAL] == pytest.approx(np.sqrt(max(mean - gone, 0)), rel=0.05, abs=0.02)
