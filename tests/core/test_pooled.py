@@ -194,7 +194,7 @@ def test_a_surface_does_not_grow_over_pixels_that_see_background_alone(ppp, sbr)
         cloud = reconstruct(PhotonEvents(pixel, toa), sensor)
         assert (cloud.col < 32).sum() > 0.995 * 48 * 32 and (cloud.col == 32).sum() < 48
         beyond += (cloud.col > 33).sum()
-    assert beyond <= 2                  # of 4 × 48 × 30 pixels, some of which look like the surface by chance
+    assert beyond <= 4                  # of 4 × 48 × 30 pixels, some of which look like the surface by chance
 
 
 @pytest.mark.parametrize(("gap", "ppp", "sbr"), [(150, 50, 10), (150, 50, 1), (40, 50, 10), (150, 15, 10)])
