@@ -152,7 +152,8 @@ class Kernels(Protocol):
         a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
         The cell's open pixels get depth t, slopes 0, intensity S / G and standard deviation
-        √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be brighter than FAINTEST of the first.
+        √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,
+        and brighter than FAINTEST of the first.
 
         Args:
             matched: float32 [rows', 2m, cols'], z: of the frame, or of `residual`.

@@ -14,6 +14,7 @@ SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))    # σ and size of the cells, pixe
 REST_SCALES = ((3.0, 2), (6.0, 3))              # and those for what is still open after the first iteration
 SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
 WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
+APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
 FAINTEST = 0.05         # of a pixel's first surface that a further one must give: less may be a wrong IRF's
 
 # ---- Iterations: the pool (`pooled_step`)

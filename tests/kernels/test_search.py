@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import cpu, layout, reference
-from srt3d_ros.kernels.constants import FAINTEST, REST_SCALES, SURE_SCALES
+from srt3d_ros.kernels.constants import REST_SCALES, SURE_SCALES
 
 from .frames import SHAPES, assert_states_agree, make_frame, make_state, make_terms
 
@@ -31,7 +31,7 @@ def test_search_of_first_surfaces(shape, scale):
 
 
 @pytest.mark.parametrize("scale", SCALES[:3])
-def test_search_of_second_surfaces_leaves_out_what_is_faint_beside_the_first(scale):
+def test_search_of_second_surfaces_leaves_out_what_is_not_resolved_from_the_first(scale):
     shape = SHAPES[1]
     frame = make_frame(shape, seed=2)
     state = make_state(frame, 2, 3)
@@ -40,8 +40,8 @@ def test_search_of_second_surfaces_leaves_out_what_is_faint_beside_the_first(sca
     assert_states_agree(fast, slow, shape)
     view = layout.crop(fast, *shape)
     both = (view[:, :, layout.INTENSITY] > 0).all(axis=1)
-    first, second = view[:, 0, layout.INTENSITY][both], view[:, 1, layout.INTENSITY][both]
-    assert both.any() and (second > FAINTEST * first).all()
+    apart = np.abs(view[:, 0, layout.DEPTH] - view[:, 1, layout.DEPTH])[both]
+    assert both.any() and np.minimum(apart, frame.num_bins - apart).min() > 3.9 * frame.resolution_bins
 
 
 @pytest.mark.parametrize("scale", SCALES[:3])

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.constants import FAINTEST, STAY
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of
+from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.likelihood import surprise
@@ -50,6 +50,16 @@ def _std(signal, counts, share, moments, curvature, period):
 
 
 @line
+def _is_new(state, a, layer, b, depth, intensity, apart, period):
+    """Whether a surface stands beside those that pixel (a, b) already has: resolved from them, and not too faint."""
+    new = layer == 0 or intensity > FAINTEST * state[a, 0, INTENSITY, b]
+    for k in range(layer):
+        near = abs(wrap(state[a, k, DEPTH, b] - depth, period)) <= apart
+        new = new and not (near and state[a, k, INTENSITY, b] > ZERO)
+    return new
+
+
+@line
 def _list_cells(i, top, step, matched, counts, is_open, share, enough, max_response, background_table, bound, listed):
     """List the cells of row i with an open pixel that may be sure: R(z, t) is at most Σ_l |z_l| at any depth t."""
     m, found = matched.shape[1] // 2, 0
@@ -75,7 +85,7 @@ def _search(matched, counts, exposure, top, step, share, enough, energy, curvatu
             state):
     rows, cols = is_open.shape
     m, total, period = len(energy), total_of(energy), F32(num_bins)
-    warm = carried.shape[0] > 0
+    apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
     least = min(enough, confirmed) if warm else enough
     for i in prange(-(-rows // step)):
         scratch, z = peaks_scratch(cells), aligned(2 * m * BLOCK)
@@ -114,8 +124,7 @@ def _search(matched, counts, exposure, top, step, share, enough, energy, curvatu
                                                                period)
                                 state[a, layer, SCORE, b] = known
                                 continue
-                        bright = layer == 0 or signal / light > FAINTEST * state[a, 0, INTENSITY, b]
-                        if score > enough and bright:
+                        if score > enough and _is_new(state, a, layer, b, depth, signal / light, apart, period):
                             state[a, layer, DEPTH, b] = depth
                             state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = ZERO, ZERO
                             state[a, layer, INTENSITY, b] = signal / light

@@ -10,7 +10,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels import constants, layout
-from srt3d_ros.kernels.cuda.arithmetic import EPSILON, axis, sincos
+from srt3d_ros.kernels.cuda.arithmetic import EPSILON, axis, sincos, wrap
 from srt3d_ros.kernels.cuda.layout import DEPTH, FIELDS, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW
 from srt3d_ros.kernels.cuda.likelihood import surprise
 from srt3d_ros.kernels.cuda.match import CELLS, PIXELS, peak
@@ -85,6 +85,23 @@ def _std(signal, counts, share, moments, curvature, period):
 
 
 @triton.jit
+def _is_new(first, depth, intensity, apart, period, new, padded_cols, LAYER: tl.constexpr):
+    """Which of the surfaces `new` stand beside those their pixels have: resolved from them, and not too faint.
+
+    Args:
+        first: pointers to the records of the pixels' first surfaces.
+    """
+    if LAYER > 0:
+        new = new & (intensity > tl.load(first + INTENSITY * padded_cols, mask=new, other=0.0) * FAINTEST)
+    for k in tl.static_range(LAYER):
+        known = first + k * FIELDS * padded_cols
+        e = wrap(tl.load(known + DEPTH * padded_cols, mask=new, other=0.0) - depth, period)
+        there = tl.load(known + INTENSITY * padded_cols, mask=new, other=0.0) > 0.0
+        new = new & ~((tl.abs(e) <= apart) & there)
+    return new
+
+
+@triton.jit
 def _pool_cols(matched, counts, light, line, across, line_of_one, weights, row, cell, cols, m, STEP: tl.constexpr,
                TAPS: tl.constexpr, M: tl.constexpr, PIXELS: tl.constexpr):
     """Sums over columns: of the sketch, its real and its imaginary parts; of exposure, and of noise.
@@ -110,7 +127,7 @@ def _pool_cols(matched, counts, light, line, across, line_of_one, weights, row, 
 
 @triton.jit
 def _decide(matched, counts, light, line, across, line_of_one, exposure, state, carried, weights, share, enough,
-            confirmed, bin_frequencies, total, curvature, max_response, background_table, moments, clutter,
+            confirmed, bin_frequencies, total, curvature, apart, max_response, background_table, moments, clutter,
             period, rows, cols, padded_cols, m, WARM: tl.constexpr, LAYER: tl.constexpr, SURFACES: tl.constexpr,
             STEP: tl.constexpr, TAPS: tl.constexpr, STEPS: tl.constexpr, BINS: tl.constexpr, M: tl.constexpr,
             PIXELS: tl.constexpr, CELLS: tl.constexpr):
@@ -144,10 +161,7 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, state, 
         inside = j < tl.where(i < rows, cols, 0)
         room = _is_open(exposure, state, i, j, inside, padded_cols, LAYER, SURFACES)
         first = record_of(state, i + MARGIN, 0, j + MARGIN, padded_cols, SURFACES)
-        new = room & (score > enough)
-        if LAYER > 0:
-            least = tl.load(first + INTENSITY * padded_cols, mask=new, other=0.0) * FAINTEST
-            new = new & (signal / light_of > least)
+        new = _is_new(first, depth, signal / light_of, apart, period, room & (score > enough), padded_cols, LAYER)
         into = first + LAYER * FIELDS * padded_cols
         if WARM:
             old = record_of(carried, i + MARGIN, LAYER, j + MARGIN, padded_cols, SURFACES)
@@ -188,8 +202,9 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     _decide[(triton.cdiv(triton.cdiv(cols, step), PIXELS), high)](
         *maps, *lines, frame.exposure, state, state if carried is None else carried, weights, share, enough,
         confirmed, frame.bin_frequencies, frame.total_energy, frame.curvature,
-        frame.max_response, frame.background_table, frame.moments, clutter, float(frame.num_bins), rows, cols,
-        padded_cols, m, WARM=carried is not None, **sizes, STEPS=len(frame.background_table) - 1, BINS=bins,
+        constants.APART * frame.resolution_bins, frame.max_response, frame.background_table, frame.moments, clutter,
+        float(frame.num_bins), rows, cols, padded_cols, m, WARM=carried is not None, **sizes,
+        STEPS=len(frame.background_table) - 1, BINS=bins,
         M=max(axis(m), 16), PIXELS=PIXELS, CELLS=CELLS, num_warps=4)
 
 

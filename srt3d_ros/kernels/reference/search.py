@@ -3,12 +3,13 @@
 import numpy as np
 
 from srt3d_ros.kernels import layout
-from srt3d_ros.kernels.constants import FAINTEST, STAY
+from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
 from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio, pixel_z, response_of
 from srt3d_ros.kernels.reference.blur import blur
 from srt3d_ros.kernels.reference.likelihood import surprise
 from srt3d_ros.kernels.reference.match import match
+from srt3d_ros.kernels.reference.surfaces import wrap
 from srt3d_ros.kernels.windows import window_weights
 
 FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields that a search fills in
@@ -43,8 +44,8 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
             if old[-1] > confirmed and point[-1]**2 - old[-1]**2 < 2 * STAY:
                 view[i, layer, FOUND, j] = old
                 continue
-        bright = layer == 0 or signal[cell] / light[cell] > FAINTEST * view[i, 0, INTENSITY, j]
-        if point[-1] > enough and bright:
+        known = view[i, :layer, :, j]
+        if point[-1] > enough and (layer == 0 or _is_new(frame, known, point[0], signal[cell] / light[cell])):
             view[i, layer, FOUND, j] = point
 
 
@@ -58,6 +59,12 @@ def _std(frame, signal, counts, share) -> float:
     background = max(counts / share - signal, 0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])
     return min(np.sqrt(spread) / (signal * frame.curvature), frame.num_bins)
+
+
+def _is_new(frame, known, depth, intensity) -> bool:
+    """Whether a point is a surface beside the known ones [k, FIELDS] of its pixel: resolved, not too faint."""
+    apart = np.abs(wrap(known[:, DEPTH] - depth, frame.num_bins)) > APART * frame.resolution_bins
+    return bool((apart | (known[:, INTENSITY] == 0)).all() and intensity > FAINTEST * known[0, INTENSITY])
 
 
 def drop_weak(state, weak):
