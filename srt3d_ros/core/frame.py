@@ -127,8 +127,7 @@ class Matcher:
         self._constants = {
             "exposure": self._exposure, "energy": energy, "bin_frequencies": bin_frequencies,
             "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
-            "max_response": max_response,
-            "background_table": background_table, **curvatures(energy, bin_frequencies)}
+            "max_response": max_response, "background_table": background_table, **curvatures(energy, bin_frequencies)}
 
     def __call__(self, sketch: Sketch) -> Frame:
         """The Frame of a sketch that was taken with this sensor and these frequencies."""

@@ -6,8 +6,6 @@ to a whole number of BLOCKs. They are planar: [rows', …, cols'], the columns o
 The state is one map [rows', K, FIELDS, cols'], K surfaces a pixel, with these fields:
 """
 
-import math
-
 import numpy as np
 
 BLOCK = 32          # columns that are worked on together
@@ -30,11 +28,6 @@ COUNTS = 4          # Σ w n
 EXPOSURE = 5        # Σ w g
 TERMS = 6
 MAX_STD = 0.125     # of T: a point with a larger standard deviation says nothing of the depth
-
-
-def half_width(radius: int, line: int) -> int:
-    """Pixels on each side of a round window's line, `line` rows from its middle: dx² + dy² ≤ radius · (radius + 1)."""
-    return math.isqrt(radius * (radius + 1) - line * line)
 
 
 def padded_shape(rows: int, cols: int) -> tuple[int, int]:

@@ -5,10 +5,10 @@ from numba import get_num_threads, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import RESOLVED, SPREAD, VOTE_RADIUS, VOTE_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ZERO, fair_order, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, fair_order, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.fields import B, U
-from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, llr, log_likelihood_ratio
+from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import response_at
 from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.surfaces import agreement, distance, is_surface, rise
@@ -220,7 +220,7 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
                 changes[i, j] |= 1 if mine < 0 or info[mine, SURFACE] != k else 0
                 after[i, k, :, j], own_after[i, k, j] = record, own
                 if k + 1 < surfaces:
-                    photons = max(photons - signal, HALF) if photons > ZERO else ZERO
+                    photons = left(photons, signal)
                     _subtract(rest, record[DEPTH], signal, energy, bin_frequencies)
                     _spend(c, found, values, info, period)
 

@@ -21,6 +21,12 @@ def surprise(mean_response, background_table):
     return background_table[low] + (at - F32(low)) * (background_table[low + 1] - background_table[low])
 
 
+@inline
+def left(photons, explained):
+    """The photons of a pixel without those that are explained, at least 1/2; 0 if it has seen none at all."""
+    return max(photons - explained, HALF) if photons > ZERO else ZERO
+
+
 @line
 def llr(response, photons, expected, likeness, total, max_response, background_table, moments):
     """Log-likelihood ratio of "a surface of about this intensity and background" and "background alone", nats.
@@ -53,7 +59,7 @@ def _log_likelihood_ratio(counts, exposure, total, max_response, background_tabl
                     for o in range(surfaces):
                         others += state[i, o, INTENSITY, j] * exposure[i, j] if o != k else ZERO
                     likeness = SHARED_LIKENESS if others > ZERO else LIKENESS
-                    photons = max(counts[i, j] - others, HALF) if counts[i, j] > ZERO else ZERO
+                    photons = left(counts[i, j], others)
                     out[i, k, j] = llr(terms[i, k, VALUE, j], photons, state[i, k, INTENSITY, j] * exposure[i, j],
                                        likeness, total, max_response, background_table, moments)
 

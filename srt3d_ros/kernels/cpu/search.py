@@ -4,12 +4,13 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
-from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of
 from srt3d_ros.kernels.cpu.blur import pool
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.likelihood import surprise
 from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.cpu.surfaces import distance
 from srt3d_ros.kernels.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.windows import window_weights
 
@@ -54,7 +55,7 @@ def _is_new(state, a, layer, b, depth, intensity, apart, period):
     """Whether a surface stands beside those that pixel (a, b) already has: resolved from them, and not too faint."""
     new = layer == 0 or intensity > FAINTEST * state[a, 0, INTENSITY, b]
     for k in range(layer):
-        near = abs(wrap(state[a, k, DEPTH, b] - depth, period)) <= apart
+        near = abs(distance(state[a, k, DEPTH, b], depth, period)) <= apart
         new = new and not (near and state[a, k, INTENSITY, b] > ZERO)
     return new
 
