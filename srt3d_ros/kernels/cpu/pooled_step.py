@@ -9,7 +9,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, TINY, ZERO, aligned, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, aligned, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.fields import (
     COUNTS,
@@ -33,11 +33,13 @@ from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.surfaces import agreement, distance, rise
 from srt3d_ros.kernels.layout import BLOCK, FIELDS, MARGIN
 
-# Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane.
-(T, SC, SR, TOLERANCE, W, E,
+# Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
+# sums of the row of neighbours that is being added, each of 1, dx or dx².
+(T, SC, SR, TOLERANCE, W, E, PER,
  V, G, C, S2, S1, X, SPREAD, CX, CY,
- P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE) = (U(k * BLOCK) for k in range(24))
-SCRATCH = 24 * BLOCK
+ P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE,
+ ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(29))
+SCRATCH = 29 * BLOCK
 
 
 @inline
@@ -73,41 +75,62 @@ def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period)
         s[W + x], s[E + x] = w, e
         s[V + x] += w * terms[v + x] - e * (slope + HALF * bend_e)
         s[G + x] += slope + bend_e
-        s[C + x] += bend
         s[SPREAD + x] += bend_e * e
+        s[ROW_C + x] += bend
         s[CX + x] += bend * dx
-        s[CY + x] += bend * dy
         s[S2 + x] += w * w * terms[squares + x]
         s[S1 + x] += w * terms[counts + x]
         s[X + x] += w * terms[exposure + x]
 
 
 @inline
-def _add_to_plane(s, state, at, padded_cols, dx, dy):
+def _add_to_plane(s, state, at, padded_cols, dx):
     """Add the neighbours' depths to the sums of the planes, each weighed by its variance."""
     for x in range(B):
         std = state[at + STD * padded_cols + x]
         p = s[W + x] / (std * std + TINY) if state[at + INTENSITY * padded_cols + x] > ZERO else ZERO
         off = p * s[E + x]
-        s[P + x] += p
-        s[PX + x] += p * dx
-        s[PY + x] += p * dy
+        s[ROW_P + x] += p
+        s[ROW_PX + x] += p * dx
         s[PXX + x] += p * (dx * dx)
-        s[PYY + x] += p * (dy * dy)
-        s[PXY + x] += p * (dx * dy)
-        s[PE + x] += off
+        s[ROW_PE + x] += off
         s[PXE + x] += off * dx
-        s[PYE + x] += off * dy
+
+
+@inline
+def _begin_row(s):
+    """Empty the sums of a row."""
+    for x in range(U(SCRATCH) - ROW_C):
+        s[ROW_C + x] = ZERO
+
+
+@inline
+def _end_row(s, dy):
+    """Add the sums of a row of neighbours, dy below the points, to those of the window."""
+    for x in range(B):
+        s[C + x] += s[ROW_C + x]
+        s[CY + x] += s[ROW_C + x] * dy
+        s[P + x] += s[ROW_P + x]
+        s[PX + x] += s[ROW_PX + x]
+        s[PY + x] += s[ROW_P + x] * dy
+        s[PYY + x] += s[ROW_P + x] * (dy * dy)
+        s[PXY + x] += s[ROW_PX + x] * dy
+        s[PE + x] += s[ROW_PE + x]
+        s[PYE + x] += s[ROW_PE + x] * dy
 
 
 @line
-def _add_window(s, state, terms, cells, i, j, padded_cols, surfaces, radius, weights, max_chi2, period):
-    """Add all neighbours of the points: near ones one by one, farther ones cell by cell."""
-    fine, most = min(radius, FINE), radius * (radius + 1)
-    far = radius // CELL * CELL if radius > FINE else 0
-    for dy in range(-fine, fine + 1):
-        for dx in range(-fine, fine + 1):
-            if dx * dx + dy * dy <= most:
+def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest, most, weights, in_plane, max_chi2,
+              period):
+    """Add every step-th neighbour that is more than `nearest` and up to `reach` away, and dx² + dy² up to `most`.
+
+    Args:
+        in_plane: whether they also count for the planes.
+    """
+    for dy in range(-reach, reach + 1, step):
+        _begin_row(s)
+        for dx in range(-reach, reach + 1, step):
+            if max(abs(dx), abs(dy)) > nearest and dx * dx + dy * dy <= most:
                 near, right, down = weights[abs(dx)] * weights[abs(dy)], F32(dx), F32(dy)
                 pixel = ((i + dy) * surfaces) * padded_cols
                 at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
@@ -115,16 +138,9 @@ def _add_window(s, state, terms, cells, i, j, padded_cols, surfaces, radius, wei
                     mine = at + q * U(FIELDS * padded_cols)
                     _add(s, state, terms, mine, term + q * TERMS * U(padded_cols), U(padded_cols), right, down, near,
                          max_chi2, period)
-                    _add_to_plane(s, state, mine, U(padded_cols), right, down)
-    for dy in range(-far, far + 1, CELL):
-        for dx in range(-far, far + 1, CELL):
-            if max(abs(dx), abs(dy)) > FINE and dx * dx + dy * dy <= most:
-                near, right, down = weights[abs(dx)] * weights[abs(dy)], F32(dx), F32(dy)
-                pixel = ((i + dy) * surfaces) * padded_cols
-                at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
-                for q in range(U(surfaces)):
-                    _add(s, state, cells, at + q * U(FIELDS * padded_cols), term + q * TERMS * U(padded_cols),
-                         U(padded_cols), right, down, near, max_chi2, period)
+                    if in_plane:
+                        _add_to_plane(s, state, mine, U(padded_cols), right)
+        _end_row(s, F32(dy))
 
 
 @inline
@@ -179,7 +195,7 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
 def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, weights, shape, state, terms, cells,
                  out):
     padded_rows, surfaces, fields, padded_cols = shape
-    period, total = F32(num_bins), total_of(energy)
+    period, total, most = F32(num_bins), total_of(energy), radius * (radius + 1)
     curvature = total_of(energy * bin_frequencies * bin_frequencies) * F32(4 * np.pi**2)
     for row in prange(padded_rows - 2 * MARGIN):
         i = row + MARGIN
@@ -188,7 +204,12 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, w
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * padded_cols + j)
                 _begin(s, state, point, U(padded_cols), max_chi2)
-                _add_window(s, state, terms, cells, i, j, padded_cols, surfaces, radius, weights, max_chi2, period)
+                # Near neighbours one by one, farther ones cell by cell.
+                _add_grid(s, state, terms, i, j, padded_cols, surfaces, min(radius, FINE), 1, -1, most, weights, True,
+                          max_chi2, period)
+                if radius > FINE:
+                    _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, FINE, most,
+                              weights, False, max_chi2, period)
                 _fit_plane(s, curvature / total)
                 _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, period)
 
@@ -197,6 +218,7 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, w
 def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
     """The data terms of cells of CELL × CELL pixels, along the plane of the middle one's surface."""
     padded_rows, surfaces, fields, padded_cols = shape
+    half, weights = CELL // 2, np.ones(CELL // 2 + 1, np.float32)
     for row in prange(padded_rows - 2 * MARGIN):
         i = row + MARGIN
         s = aligned(SCRATCH)
@@ -204,13 +226,8 @@ def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * padded_cols + j)
                 _begin(s, state, point, U(padded_cols), max_chi2)
-                for dy in range(-(CELL // 2), CELL // 2 + 1):
-                    for dx in range(-(CELL // 2), CELL // 2 + 1):
-                        pixel = ((i + dy) * surfaces) * padded_cols
-                        at, term = U(pixel * FIELDS + j + dx), U(pixel * TERMS + j + dx)
-                        for q in range(U(surfaces)):
-                            _add(s, state, terms, at + q * U(FIELDS * padded_cols), term + q * TERMS * U(padded_cols),
-                                 U(padded_cols), F32(dx), F32(dy), ONE, max_chi2, F32(num_bins))
+                _add_grid(s, state, terms, i, j, padded_cols, surfaces, half, 1, -1, 2 * half**2, weights, False,
+                          max_chi2, F32(num_bins))
                 into = U((i * surfaces + k) * TERMS * padded_cols + j)
                 for f in range(U(TERMS)):
                     for x in range(B):
