@@ -58,10 +58,12 @@ def nodes(ros):
     """Sketcher and reconstructor, under the names that the page has."""
     graph = Graph("/")
     graph.reconstructor, graph.sketcher = (graph.start(name) for name in ("reconstructor", "sketcher"))
-    for process in graph.processes:
-        process.ready()
-    yield graph
-    graph.close()
+    try:
+        for process in graph.processes:
+            process.ready()
+        yield graph
+    finally:
+        graph.close()
 
 
 class Driver:
