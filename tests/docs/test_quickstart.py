@@ -84,12 +84,11 @@ def test_step_3_shows_the_example_which_is_forty_lines_of_rclpy_and_numpy(page, 
 
 @dataclass
 class Run:
-    """What came of step 4, and of the bag of step 5: the last cloud, and both terminals after Ctrl-C."""
+    """What came of step 4: the last cloud, and both terminals after Ctrl-C."""
 
     cloud: PointCloud2
     up: Process
     driver: Process
-    bag: Process
 
 
 @pytest.fixture(scope="module")
@@ -104,24 +103,25 @@ def run(ros, page, checkout):
         graph.processes += [driver, up]
         graph.wait(lambda: len(clouds) > 3, "clouds")
         up.end(signal.SIGINT)
-        bag = _record(page, checkout)
+        _record(page, checkout, graph)
         driver.end(signal.SIGINT)
     finally:
         graph.close()
-    yield Run(clouds[-1], up, driver, bag)
+    yield Run(clouds[-1], up, driver)
     shutil.rmtree(checkout / "wall", ignore_errors=True)        # 300 MB
 
 
-def _record(page: str, folder: Path) -> Process:
+def _record(page: str, folder: Path, graph: Graph) -> None:
     """Step 5's bag; of more than its second, if the machine is too busy for the messages that its snippet reads."""
     command = typed(page, "5", "bag-record")
     frames = int(re.search(r"range\((\d+)\)", pages.fenced(pages.section(page, "^5"), "python"))[1])
     while True:
         bag = terminal(folder, command)
+        graph.processes.append(bag)
         assert bag.code() == 0, bag.text
         with Bag(folder / "wall") as recorded:
             if sum(topic.messages for topic in recorded.topics if topic.name == "/gates") >= frames:
-                return bag
+                return
         shutil.rmtree(folder / "wall")
         command = re.sub(r"(--max-duration) (\d+)", lambda option: f"{option[1]} {2 * int(option[2])}", command)
 
