@@ -36,6 +36,16 @@ def repository() -> Path:
 
 
 @pytest.fixture(scope="session")
+def ros():
+    """rclpy, initialised once for all tests of a process."""
+    import rclpy
+
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture(scope="session")
 def attack(repository):
     """A function that imports a script of scripts/attacks by its name."""
     folder = str(repository / "scripts" / "attacks")

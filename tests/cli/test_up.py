@@ -76,18 +76,6 @@ def test_a_mistake_is_one_line(options, line, tmp_path):
     assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("page", ["docs/quickstart-driver.md", "docs/robot-stack.md", "README.md"])
-def test_the_commands_in_the_documentation_exist(repository, page):
-    lines = (repository / page).read_text().splitlines()
-    commands = [line.split("#")[0].split()[1:] for line in lines if line.startswith("    srt3d ")]
-    assert commands
-    for words in commands:
-        args = main.parser((words[0],)).parse_args(words)
-        if words[0] == "up":
-            assert up.ros_arguments(args, PIPELINE, str(repository / "config" / "srt3d.yaml"))
-            assert up.parameters_yaml(args, PIPELINE)
-
-
 @pytest.mark.parametrize("rule", ["points:=/robot/cloud", "/spad/raw:=photons", "sketcher:photons:=raw",
                                   "sketch/sensor:=description", "~/reset:=forget"])
 def test_what_ros_2_can_remap_can_be(rule, tmp_path):

@@ -30,10 +30,14 @@ namespaces = itertools.count()
 
 
 class Graph:
-    """A namespace with nodes in it, and the test's own node, which spins in a thread."""
+    """A namespace with nodes in it, and the test's own node, which spins in a thread.
 
-    def __init__(self):
-        self.namespace = f"/test{next(namespaces)}_{os.getpid()}"
+    Args:
+        namespace: a new one unless given; "/" is that of commands which name none.
+    """
+
+    def __init__(self, namespace: str = ""):
+        self.namespace = namespace or f"/test{next(namespaces)}_{os.getpid()}"
         self.node = rclpy.create_node("tester", namespace=self.namespace)
         self.processes: list[Process] = []
         self._nodes: dict[str, tuple[str, Process]] = {}        # by name: kind, and its last process
@@ -207,13 +211,6 @@ def check_balance(kind: str, report: dict[str, str]) -> None:
     for balance in INTERFACES[kind].books if kind in INTERFACES else (FRAMES,):
         came, out, dropped = (int(report.get(key, 0)) for key in (balance.came_in, balance.out, balance.dropped))
         assert came == out + dropped, f"{kind} ended: expected {came} = {out} + {dropped}, as {balance}: {report}"
-
-
-@pytest.fixture(scope="session")
-def ros():
-    rclpy.init()
-    yield
-    rclpy.try_shutdown()
 
 
 @pytest.fixture

@@ -1,0 +1,161 @@
+"""docs/quickstart-driver.md does what it says: its own blocks are run, from the description to the measured IRF."""
+
+import json
+import re
+import shlex
+import shutil
+import signal
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from scripts.attacks.process import Process
+from srt3d_ros.datasets.bag import Bag
+from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.messages import points as points_message
+from tests.docs import pages
+from tests.nodes.conftest import Graph
+
+PAGE = "docs/quickstart-driver.md"
+DRIVER = "examples/spad_driver.py"
+COMPILE_S = 900.0       # on a slow machine with other work, once
+
+
+@pytest.fixture(scope="module")
+def page(repository) -> str:
+    return (repository / PAGE).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def checkout(repository, tmp_path_factory) -> Path:
+    """What step 1 leaves: a folder with the files that the page names, and `python` and `srt3d` for its terminals."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for name in ("config", "examples"):
+        (folder / name).symlink_to(repository / name)
+    programs = folder / "bin"
+    programs.mkdir()
+    for name, module in (("python", ""), ("srt3d", "-m srt3d_ros.cli.main")):
+        (programs / name).write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {module} "$@"\n')
+        (programs / name).chmod(0o755)
+    return folder
+
+
+def terminal(folder: Path, typed: str) -> Process:
+    """A shell in this folder in which the lines are typed; what signals reach is the last line's program."""
+    *before, last = [line for line in typed.splitlines() if line.strip()]
+    path = f"PATH={shlex.quote(str(folder / 'bin'))}:$PATH"
+    return Process(["bash", "-ec", "\n".join([f"cd {shlex.quote(str(folder))}", path, *before, f"exec {last}"])])
+
+
+def typed(page: str, step: str, text: str) -> str:
+    """The indented block of a step that has this text."""
+    (block,) = [block for block in pages.indented(pages.section(page, f"^{step}")) if text in block]
+    return block
+
+
+def describe(page: str, folder: Path) -> Path:
+    """Write the sensor.json of step 2, under the name that the page gives it."""
+    path = folder / "my_sensor.json"
+    path.write_text(pages.fenced(pages.section(page, "^2"), "json"))
+    return path
+
+
+def test_step_2_checks_the_description_as_shown(page, checkout):
+    command = typed(page, "2", "open_sensor")
+    path = describe(page, checkout)
+    check = terminal(checkout, command)
+    assert check.code() == 0, check.text
+    assert " ".join(check.text.split()) in pages.inline(pages.section(page, "^2"))
+    path.write_text(path.read_text().replace("num_bins", "numbins"))
+    check = terminal(checkout, command)
+    assert check.code() != 0 and "numbins" in check.lines[-1]
+
+
+def test_step_3_shows_the_example_which_is_forty_lines_of_rclpy_and_numpy(page, repository):
+    shown = pages.fenced(pages.section(page, "^3"), "python")
+    assert shown == (repository / DRIVER).read_text(encoding="utf-8")
+    assert len([line for line in shown.splitlines() if line.strip()]) <= 40
+    assert "srt3d_ros" not in re.sub('""".*?"""', "", shown)
+
+
+@dataclass
+class Run:
+    """What came of step 4: the last cloud, and both terminals after Ctrl-C."""
+
+    cloud: PointCloud2
+    up: Process
+    driver: Process
+
+
+@pytest.fixture(scope="module")
+def run(ros, page, checkout):
+    """Steps 1 (what of it needs no network), 4, and 5 up to the bag."""
+    compiled = terminal(checkout, next(line for line in typed(page, "1", "compile").splitlines() if "compile" in line))
+    assert compiled.code(COMPILE_S) == 0, compiled.text
+    graph = Graph("/")
+    clouds = graph.collect(PointCloud2, "/points")
+    try:
+        driver, up = (terminal(checkout, typed(page, "4", text)) for text in (DRIVER, "srt3d up"))
+        graph.processes += [driver, up]
+        graph.wait(lambda: len(clouds) > 3, "clouds")
+        up.end(signal.SIGINT)
+        _record(page, checkout, graph)
+        driver.end(signal.SIGINT)
+    finally:
+        graph.close()
+    yield Run(clouds[-1], up, driver)
+    shutil.rmtree(checkout / "wall", ignore_errors=True)        # 300 MB
+
+
+def _record(page: str, folder: Path, graph: Graph) -> None:
+    """Step 5's bag; of more than its second, if the machine is too busy for the messages that its snippet reads."""
+    command = typed(page, "5", "bag-record")
+    frames = int(re.search(r"range\((\d+)\)", pages.fenced(pages.section(page, "^5"), "python"))[1])
+    while True:
+        bag = terminal(folder, command)
+        graph.processes.append(bag)
+        assert bag.code() == 0, bag.text
+        with Bag(folder / "wall") as recorded:
+            if sum(topic.messages for topic in recorded.topics if topic.name == "/gates") >= frames:
+                return
+        shutil.rmtree(folder / "wall")
+        command = re.sub(r"(--max-duration) (\d+)", lambda option: f"{option[1]} {2 * int(option[2])}", command)
+
+
+def test_step_4_gives_clouds_where_the_page_says(run, page):
+    range_said, bin_said = re.search(r"points are all ([\d.]+) m\s+away, which is bin (\d+)", page).groups()
+    header, columns = points_message.decode(run.cloud)
+    range_m = np.linalg.norm(columns["xyz"], axis=1)
+    assert header.frame_id == "spad_optical"
+    assert len(range_m) > 0.9 * 32 * 32
+    assert np.median(range_m) == pytest.approx(float(range_said), abs=0.01)
+    assert np.percentile(np.abs(range_m - float(range_said)), 95) < 0.05
+    assert float(range_said) == pytest.approx(int(bin_said) * 250e-12 * 299_792_458 / 2, abs=0.005)
+
+
+def test_step_4_says_what_runs_and_ends_in_order(run):
+    assert run.up.returncode == 0 and "Traceback" not in run.up.text, run.up.text
+    assert all(name in run.up.text for name in ("/sketcher", "/reconstructor", "/recorder", "/gates", "/points"))
+    assert run.driver.returncode == 0 and "Traceback" not in run.driver.text, run.driver.text
+
+
+def test_the_recording_of_step_4_opens(run, checkout):
+    review = terminal(checkout, "srt3d review run.rrd --no-report --json")
+    assert review.code() == 0, review.text
+    assert json.loads(review.text)["frames"] > 0
+
+
+def test_step_5_finds_the_impulse_response_that_the_page_says(run, page, checkout, monkeypatch):
+    step = pages.section(page, "^5")
+    found = [float(value) for value in re.search(r"finds ((?:[\d.]+, )+[\d.]+\d)", step)[1].split(", ")]
+    path = describe(page, checkout)
+    monkeypatch.chdir(checkout)
+    exec(pages.fenced(step, "python"), {})
+    sensor = json.loads(path.read_text())
+    half = len(found) // 2
+    assert sensor["irf"][sensor["irf_ref"] - half:][:len(found)] == pytest.approx(found, abs=0.01)
+    assert open_sensor(path).irf_ref == sensor["irf_ref"]
