@@ -42,7 +42,7 @@ def gain(cloud, sensor, seen, kept) -> float:
         points = cloud.surface == rank
         depth, strength = np.zeros(pixels), np.zeros(pixels)
         depth[pixel[points]], strength[pixel[points]] = cloud.depth_bins[points], intensity[points]
-        low, between = np.divmod((kept.toa - depth[at] + sensor.irf_ref) % bins, 1)
+        low, between = np.divmod((sensor.toa_positions(kept.toa) - depth[at] + sensor.irf_ref) % bins, 1)
         low = low.astype(int)
         density += strength[at] * ((1 - between) * irf[low % bins] + between * irf[(low + 1) % bins])
     photon_terms = np.log(density * bins / without[at]).sum()

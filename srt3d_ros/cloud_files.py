@@ -12,7 +12,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.new_files import appearing_whole
 
-_SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
+_SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "toa_reference")
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 
@@ -20,9 +20,10 @@ _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
 def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
     """Write a cloud in the format that the suffix of `path` names; the file appears whole, or not at all.
 
-    .npz: row, col (uint16), depth_bins (float32: the bin on which irf[irf_ref] sits), intensity (expected signal
+    .npz: row, col (uint16), depth_bins (float32: see SensorModel), intensity (expected signal
     photons), depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected
-    photons), frequencies, stamp_ns, and of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m.
+    photons), frequencies, stamp_ns, and of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m,
+    toa_reference.
     .ply: binary, x y z intensity, and the intensity's colour as red green blue. .pcd: 0.7, binary, x y z intensity.
     .rrd: a recording of one frame (needs rerun-sdk).
 

@@ -1,8 +1,9 @@
 """The background's part of a sketch, where it does not spread evenly over the bins: known or estimated, and taken out.
 
-B background photons that spread over the bins like β(b) add B·β̂_l to the sums of a sketch, β̂_l = Σ_b β(b) exp(i ω_l b);
-evenly spread ones add nothing in expectation. Fog before the scene, a dead time, or a gate that opens slowly give such
-backgrounds. Their part is taken from the sums, so that every later step sees a background that is flat.
+B background photons that spread over the bins like β(b) add B·β̂_l to the sums of a sketch, with
+β̂_l = Σ_b β(b) exp(i ω_l x_b) and x_b the centre of bin b; evenly spread ones add nothing in expectation. Fog before the
+scene, a dead time, or a gate that opens slowly give such backgrounds. Their part is taken from the sums, so that every
+later step sees a background that is flat.
 """
 
 from dataclasses import dataclass, replace
@@ -127,9 +128,9 @@ def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
         used &= sensor.mask.reshape(-1)
     kept = used[events.pixel]
     late = 0 if sensor.delay_bins is None else sensor.delay_bins.reshape(-1)[events.pixel[kept]]
-    bins = np.floor(events.toa[kept] - late + (0.5 if sensor.delay_bins is not None else 0)).astype(np.int64)
+    bins = sensor.toa_bins(sensor.toa_positions(events.toa[kept]) - late)
     require(len(bins) > 0, "dark frame", "no photons", "photons in pixels that are not masked")
-    histogram = np.bincount(bins % sensor.num_bins, minlength=sensor.num_bins)
+    histogram = np.bincount(bins, minlength=sensor.num_bins)
     return (histogram / histogram.sum()).astype(np.float32)
 
 
@@ -178,7 +179,7 @@ def _sharpened(frame: Frame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.nd
 
 def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """What a background photon adds to `Frame.matched` on average, float32 [rows or 1, 2m, cols or 1]."""
-    sums = np.exp(1j * np.outer(omega, np.arange(len(shape)))) @ shape
+    sums = np.exp(1j * np.outer(omega, np.arange(len(shape)) + matcher.sensor.first_bin_center)) @ shape
     late = matcher.sensor.delay_bins
     if late is not None:
         sums = sums * np.exp(1j * omega * late[..., None])
@@ -188,7 +189,8 @@ def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarr
 def _clutter(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """`Frame.clutter`: √(variance of a background photon's response at each bin / that in an even background)."""
     spectrum = matcher.spectrum
-    response = (np.exp(1j * np.outer(np.arange(len(shape)), omega)) @ np.conj(spectrum)).real
+    centers = np.arange(len(shape)) + matcher.sensor.first_bin_center
+    response = (np.exp(1j * np.outer(centers, omega)) @ np.conj(spectrum)).real
     spread = np.fft.rfft(shape)
     mean, square = (np.fft.irfft(np.conj(np.fft.rfft(values)) * spread, len(shape))
                     for values in (response, response**2))

@@ -28,7 +28,7 @@ class PointCloud:
 
     Args:
         row, col: uint16 [N].
-        depth_bins: float32 [N], the bin on which irf[irf_ref] sits, in [0, T).
+        depth_bins: float32 [N], depth (see SensorModel), in [0, T).
         intensity: float32 [N], expected signal photons of that return in the frame.
         depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and where photons are pooled also
             what the surface does within the pool.

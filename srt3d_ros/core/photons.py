@@ -19,7 +19,7 @@ class PhotonEvents:
 
     Args:
         pixel: uint32 [N], row · cols + col.
-        toa: uint16, uint32 or float32 [N], time of arrival in bins, 0 ≤ toa < T.
+        toa: uint16, uint32 or float32 [N], time of arrival in bins, 0 ≤ toa < T. What 5 and 5.0 mean: SensorModel.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
     """
 
@@ -80,7 +80,7 @@ class PhotonGates:
 
     @classmethod
     def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonGates":
-        """The same photons as gates: the i-th photon of a pixel falls into cycle i. Fractions of bins are cut off.
+        """The same photons as gates: the i-th photon of a pixel falls into cycle i. A float ToA becomes its bin.
 
         Raises:
             InvalidInput: a photon lies outside the sensor or has no word of its own, the busiest pixel has too many
@@ -95,7 +95,7 @@ class PhotonGates:
         cycles = max(int(counts.max()), 1)
         require(cycles * sensor.pixels <= MAX_WORDS, "gates", f"{cycles} cycles of {sensor.pixels} pixels",
                 f"at most {MAX_WORDS} words: send events instead")
-        written = events.toa[order].astype(np.uint32) + np.uint32(form.first_word)
+        written = sensor.toa_bins(events.toa[order]).astype(np.uint32) + np.uint32(form.first_word)
         highest = int(written.max(initial=0))
         require(highest <= 65_535, "gates word", highest, f"16 bits (first_word is {form.first_word})")
         require(not (written == form.no_detection).any(), "toa", form.no_detection - form.first_word,

@@ -35,7 +35,8 @@ class Sketcher:
         require(device in (*DEVICES[1:], REFERENCE), "device", device, "cpu or cuda")
         _, kernels = kernels_for(device)
         self._kernels = kernels
-        self._rows = kernels.fixed_rows(kernels.array(phase_table(self.frequencies, sensor.num_bins)))
+        table = phase_table(self.frequencies, sensor.num_bins, sensor.first_bin_center)
+        self._rows = kernels.fixed_rows(kernels.array(table))
         self._sums, self._photons = kernels.new_sums(sensor.pixels, 2 * len(self.frequencies))
         self._stamp_ns: int | None = None
         if not kernels.ON_HOST:         # else there is nothing to bring
@@ -96,10 +97,12 @@ class Sketcher:
         self._stamp_ns = stamp_ns if self._stamp_ns is None else min(self._stamp_ns, stamp_ns)
 
 
-def phase_table(frequencies, num_bins: int) -> np.ndarray:
-    """exp(i ω_l b) for every bin b, re and im interleaved; float32 [T, 2m]."""
-    # k·b is reduced modulo T in integers, so that the phase is exact for large k·b.
-    turns = np.outer(np.arange(num_bins), np.asarray(frequencies)) % num_bins / num_bins
+def phase_table(frequencies, num_bins: int, first_bin_center: float = 0.0) -> np.ndarray:
+    """exp(i ω_l x) for the centre x of every bin, re and im interleaved; float32 [T, 2m]."""
+    # In half bins, so that k·x is reduced modulo T in integers and the phase is exact for large k·x.
+    period = 2 * num_bins
+    centers = 2 * np.arange(num_bins) + round(2 * first_bin_center)
+    turns = np.outer(centers, np.asarray(frequencies)) % period / period
     return np.exp(2j * np.pi * turns).astype(np.complex64).view(np.float32)
 
 

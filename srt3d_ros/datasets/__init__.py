@@ -19,8 +19,9 @@ def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **ov
         frame: which message of a bag's photons, from 0; files have one frame.
         photons_topic: the topic of a bag's photons, if it has several.
         overrides: what the file does not say, or says wrongly: num_bins, bin_width_s, irf (array or path), irf_ref,
-            toa_offset_bins, range_offset_m, gate (first bin, number of bins), fov_deg, rows, cols. They win over the
-            sidecar FILE.json ("head.mat.json" for head.mat), which has the same names and wins over the file.
+            toa_offset_bins, range_offset_m, toa_reference, gate (first bin, number of bins), fov_deg, rows, cols. They
+            win over the sidecar FILE.json ("head.mat.json" for head.mat), which has the same names and wins over the
+            file.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.

@@ -91,6 +91,8 @@ def read(path: str | Path, options: dict) -> Photons:
     sensor = apply_to(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
     reference = _reference(layout, variables, first, bins, (content.rows, content.cols))
+    if reference is not None:       # these are numbers of bins
+        reference = reference + np.float32(sensor.first_bin_center)
     return Photons(sensor, events, reference, path.stem, notes + dropped)
 
 

@@ -25,8 +25,9 @@ FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one
 MAX_SURFACES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
 INTENSITY = "ref_refl_photons"
-KNOWN = (*REQUIRED, *SCALARS, *MAPS, *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg", "projection",
-         "projection_values", "distortion", "gate_words", "frame_id", "stamp_ns")
+TEXTS = ("frame_id", "toa_reference")
+KNOWN = (*REQUIRED, *SCALARS, *MAPS, *TEXTS, *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg", "projection",
+         "projection_values", "distortion", "gate_words", "stamp_ns")
 
 
 def read(path: str | Path) -> Photons:
@@ -70,9 +71,9 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     kind = sensor.projection.kind
     arrays = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
               "irf": sensor.irf, "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns),
-              "frame_id": sensor.frame_id, "projection": kind,
+              "projection": kind,
               "projection_values": np.array([getattr(sensor.projection, name) for name in PROJECTIONS[kind][1]])}
-    arrays |= {name: getattr(sensor, name) for name in (*SCALARS, *MAPS) if getattr(sensor, name) is not None}
+    arrays |= {name: getattr(sensor, name) for name in (*SCALARS, *MAPS, *TEXTS) if getattr(sensor, name) is not None}
     if getattr(sensor.projection, "distortion", None):
         arrays["distortion"] = np.array(astuple(sensor.projection.distortion))
     if sensor.gates is not None:
@@ -90,8 +91,7 @@ def _sensor(arrays: dict[str, np.ndarray]) -> SensorModel:
     known = {name: _scalar(arrays, name) for name in ("rows", "cols", "num_bins", "bin_width_s", *SCALARS)
              if name in arrays}
     known |= {name: _numbers(arrays, name) for name in ("irf", *MAPS) if name in arrays}
-    if "frame_id" in arrays:
-        known["frame_id"] = _text(arrays, "frame_id")
+    known |= {name: _text(arrays, name) for name in TEXTS if name in arrays}
     if "gate_words" in arrays:
         words = _numbers(arrays, "gate_words")
         require(words.shape == (2,), "gate_words shape", words.shape, "[2]: first word, no-detection word")

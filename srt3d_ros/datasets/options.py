@@ -10,8 +10,8 @@ from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import json_text
 
-NAMES = ("num_bins", "bin_width_s", "irf", "irf_ref", "toa_offset_bins", "range_offset_m", "gate", "fov_deg",
-         "rows", "cols")
+NAMES = ("num_bins", "bin_width_s", "irf", "irf_ref", "toa_offset_bins", "range_offset_m", "toa_reference", "gate",
+         "fov_deg", "rows", "cols")
 MAX_SIDECAR_BYTES = 16 * 2**20
 MAX_GATE_BIN = 2**31
 
@@ -43,7 +43,7 @@ def gather(path: Path, overrides: dict) -> dict:
 
 def apply_to(sensor: SensorModel, options: dict) -> SensorModel:
     """The sensor with the options in place of its own values; `gate`, `rows` and `cols` are not its concern."""
-    names = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "irf_ref")
+    names = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
     changes = {name: options[name] for name in names if name in options}
     if "irf" in options:
         changes |= {"irf": options["irf"], "irf_ref": options.get("irf_ref")}

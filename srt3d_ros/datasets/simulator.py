@@ -64,7 +64,7 @@ class Simulator:
         """Photons of frame k, sorted by pixel, stamped k / frame_rate_hz; and the true depths.
 
         Returns:
-            The photons, and float32 [S, rows, cols]: the bin of each surface in [0, T), NaN = no surface.
+            The photons, and float32 [S, rows, cols]: the depth of each surface, bins in [0, T), NaN = no surface.
         """
         depth, signal, background = self.expected(k)
         events = self._draw(depth, signal, background, np.random.default_rng([self._seed, k]))
@@ -106,7 +106,7 @@ class Simulator:
         # ToA = floor(where the IRF would start + a draw from it); a background photon may start anywhere.
         late = 0 if sensor.delay_bins is None else sensor.delay_bins
         starts = np.full((sensor.pixels, surfaces + 1), np.nan, np.float32)
-        starts[:, :surfaces] = (depth + late - sensor.irf_ref).reshape(surfaces, -1).T
+        starts[:, :surfaces] = (depth + late - sensor.irf_ref - sensor.first_bin_center).reshape(surfaces, -1).T
         start = np.repeat(starts.ravel(), counts.ravel())
         toa = self._draw_irf(pixel, random)
         toa += start

@@ -135,7 +135,8 @@ def of_files(files: list[str], tolerance: Tolerance | None = None, surfaces: int
 
 def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, sensor: SensorModel) -> np.ndarray:
     """How many photons of each pixel lie within `bins` of a depth, int [rows, cols]; 0 where the depth is NaN."""
-    apart = np.abs(circular_difference(frame.toa.astype(np.float64), depth_bins.ravel()[frame.pixel], sensor.num_bins))
+    position = sensor.toa_positions(frame.toa).astype(np.float64)
+    apart = np.abs(circular_difference(position, depth_bins.ravel()[frame.pixel], sensor.num_bins))
     return np.bincount(frame.pixel[apart <= bins], minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
 
 

@@ -54,7 +54,7 @@ def to_object(sensor: SensorModel) -> dict:
     content = {"schema_version": schema["schema_version"]}
     for field in schema["fields"][1:]:
         value = getattr(sensor, field["name"])
-        if value is None:
+        if value is None or "default" in field and value == field["default"]:
             continue
         if field["type"] == "array":
             value = json_text.write_array(value, field["dtype"])

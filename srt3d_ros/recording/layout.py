@@ -131,7 +131,8 @@ def tell(stream: rr.RecordingStream, name: str, facts: Mapping) -> None:
 def sensor_properties(sensor: SensorModel) -> dict:
     """The sensor, as far as a recording tells it."""
     facts = {name: getattr(sensor, name) for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref",
-                                                      "toa_offset_bins", "range_offset_m", "frame_id")}
+                                                      "toa_offset_bins", "range_offset_m", "frame_id",
+                                                      "toa_reference")}
     facts["projection"] = sensor.projection.kind
     facts |= {name: list(astuple(value)) if is_dataclass(value) else float(value)
               for name, value in vars(sensor.projection).items()}

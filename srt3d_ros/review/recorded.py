@@ -17,6 +17,7 @@ _STAGE = re.compile(r"latency_(?:(?P<stage>\w+)_)?ms")
 _PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 _EXACT = ("rows", "cols", "num_bins", "irf_ref")
 _MEASURED = ("bin_width_s", "toa_offset_bins", "range_offset_m")
+_NAMED = ("frame_id", "toa_reference")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +87,10 @@ class Recorded:
         try:
             projection = _projection(facts)
             irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
-            return SensorModel(irf=irf, projection=projection, frame_id=str(facts.get("frame_id", "lidar")),
+            return SensorModel(irf=irf, projection=projection,
                                **{name: int(facts[name]) for name in _EXACT},
-                               **{name: float(facts[name]) for name in _MEASURED if name in facts})
+                               **{name: float(facts[name]) for name in _MEASURED if name in facts},
+                               **{name: str(facts[name]) for name in _NAMED if name in facts})
         except (KeyError, TypeError, ValueError, InvalidInput):
             return None
 

@@ -106,8 +106,8 @@ def test_no_photons_are_one_empty_cycle():
     assert gates.to_events(SENSOR).photons == 0
 
 
-def test_fractions_of_bins_are_cut_off():
-    gates = PhotonGates.from_events(events([1], [99.75], np.float32), SENSOR)
+def test_floats_become_the_bin_that_they_lie_in():
+    gates = PhotonGates.from_events(events([1], [98.75], np.float32), SENSOR)
     assert gates.words[0, 0, 1] == 109
 
 

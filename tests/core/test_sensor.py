@@ -32,7 +32,8 @@ REFUSED = [
     ("bin_width_s", 0.0, "bin_width_s"), ("bin_width_s", -1e-10, "bin_width_s"),
     ("bin_width_s", float("nan"), "bin_width_s"), ("bin_width_s", "narrow", "bin_width_s"),
     ("toa_offset_bins", float("inf"), "toa_offset_bins"), ("toa_offset_bins", None, "toa_offset_bins"),
-    ("range_offset_m", float("nan"), "range_offset_m"),
+    ("range_offset_m", float("nan"), "range_offset_m"), ("toa_reference", "edge", "toa_reference"),
+    ("toa_reference", None, "toa_reference"), ("toa_reference", ["bin_edge"], "toa_reference"),
     ("bin_width_s", 1e-320, "bin_width_s"), ("bin_width_s", 2.0, "bin_width_s"),
     ("toa_offset_bins", 1e15, "range"), ("toa_offset_bins", -1e300, "range"), ("range_offset_m", 2e12, "range"),
     ("gain", holed(1e-5), "gain"), ("gain", holed(1e5), "gain"), ("gain", holed(1e300), "gain"),
@@ -143,11 +144,11 @@ def test_it_cannot_be_changed():
 
 FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.full(SHAPE, 2.0),
         "delay_bins": np.ones(SHAPE), "mask": np.eye(2, 3, dtype=bool), "projection": Pinhole(1, 1, 0, 0),
-        "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50)}
+        "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50), "toa_reference": "bin_center"}
 OTHER = {"rows": 3, "cols": 2, "num_bins": 51, "bin_width_s": 2e-10, "irf": [1.0, 3, 2, 0], "irf_ref": 0,
          "toa_offset_bins": 7.25, "range_offset_m": 0.2, "gain": holed(2), "delay_bins": None, "mask": holed(0),
          "projection": Pinhole(1, 1, 0, 1), "gates": GateWords(0, 1), "frame_id": "other",
-         "background_shape": np.arange(50)}
+         "background_shape": np.arange(50), "toa_reference": "bin_edge"}
 
 
 def test_same_as_sees_equal_values_in_other_arrays():

@@ -34,7 +34,7 @@ def write(tmp_path, **changes):
 def assert_same_sensor(a: SensorModel, b: SensorModel):
     np.testing.assert_allclose(a.irf, b.irf, rtol=1e-6)
     for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
-                 "projection", "gates", "frame_id"):
+                 "projection", "gates", "frame_id", "toa_reference"):
         assert getattr(a, name) == getattr(b, name), name
     for name in ("gain", "delay_bins", "mask", "background_shape"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
@@ -42,7 +42,8 @@ def assert_same_sensor(a: SensorModel, b: SensorModel):
 
 @pytest.mark.parametrize("sensor", [
     SENSOR,
-    SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad"),
+    SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad",
+                   toa_reference="bin_edge"),
     SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
                    projection=AngularScan(0.1, -0.2, 0.3, 0.4)),
     SENSOR.replace(projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5))),
@@ -103,6 +104,8 @@ def test_no_photons_is_a_frame_too(tmp_path):
 MALFORMED = {
     "no rows": ({"rows": None}, "rows"), "no toa": ({"toa": None}, "toa"), "no IRF": ({"irf": None}, "irf"),
     "no bin width": ({"bin_width_s": None}, "bin_width_s"),
+    "unknown reference of ToA": ({"toa_reference": "edge"}, "toa_reference"),
+    "a number as reference of ToA": ({"toa_reference": 0.5}, "toa_reference dtype"),
     "rows of text": ({"rows": "two"}, "rows dtype"), "two rows": ({"rows": [2, 2]}, "rows shape"),
     "half a row": ({"rows": 2.5}, "rows"), "no rows at all": ({"rows": 0}, "rows"),
     "NaN bin width": ({"bin_width_s": np.nan}, "bin_width_s"), "bin width 0": ({"bin_width_s": 0.0}, "bin_width_s"),

@@ -29,7 +29,8 @@ def sidecar(path, text) -> None:
 
 
 def test_options_replace_what_the_file_says(path):
-    given = {"num_bins": 60, "bin_width_s": 2e-10, "toa_offset_bins": 1.5, "range_offset_m": 3}
+    given = {"num_bins": 60, "bin_width_s": 2e-10, "toa_offset_bins": 1.5, "range_offset_m": 3,
+             "toa_reference": "bin_edge"}
     sensor = open_photons(path, fov_deg=20, **given).sensor
     assert {name: getattr(sensor, name) for name in given} == given
     assert sensor.projection == Pinhole.from_fov(2, 3, 20) and sensor.irf_ref == 0
@@ -77,7 +78,8 @@ def test_a_gate_cuts_the_background_too(path):
 @pytest.mark.parametrize(("field", "options"), [
     ("gate", {"gate": (40, 20)}), ("num_bins", {"num_bins": 1}), ("toa", {"num_bins": 40}), ("rows", {"rows": 3}),
     ("option name", {"width": 3}), ("irf", {"irf": "response.bin"}), ("irf", {"irf": "absent.npy"}),
-    ("fov_deg", {"fov_deg": "wide"}), ("irf shape", {"irf": np.ones((2, 2, 2))}),
+    ("fov_deg", {"fov_deg": "wide"}), ("toa_reference", {"toa_reference": "edge"}),
+    ("irf shape", {"irf": np.ones((2, 2, 2))}),
 ])
 def test_unusable_options_are_named(path, field, options):
     with pytest.raises(InvalidInput) as caught:
@@ -88,6 +90,7 @@ def test_unusable_options_are_named(path, field, options):
 @pytest.mark.parametrize(("text", "field"), [
     ("{", "a.npz.json"), ("[1]", "a.npz.json"), ("[" * 100_000, "a.npz.json"), ('"text"', "a.npz.json"),
     ({"bins": 3}, "a.npz.json name"), ({"num_bins": "many"}, "num_bins"), ({"bin_width_s": None}, "bin_width_s"),
+    ({"toa_reference": 0.5}, "toa_reference"),
     ('{"num_bins": 1' + "0" * 5000 + "}", "a.npz.json"), ('{"fov_deg": 1' + "0" * 400 + "}", "fov_deg"),
     ('{"gate": [1' + "0" * 400 + ", 2]}", "gate"), ('{"irf": [1' + "0" * 400 + "]}", "irf"),
     ('{"bin_width_s": NaN}', "JSON"), ('{"rows": 2, "rows": 2}', "repeated key"),

@@ -40,7 +40,7 @@ def refused(content) -> InvalidInput:
 
 
 @pytest.mark.parametrize(("name", "content"), [
-    ("sensor", FULL),
+    ("sensor", FULL), ("sensor_edge", FULL.replace(toa_reference="bin_edge")),
     ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01))))])
 def test_text_is_the_golden_one(name, content):
     golden = (GOLDEN / f"{name}.json").read_text()
@@ -55,7 +55,7 @@ def test_every_field_makes_the_trip():
 @pytest.mark.parametrize("changes", [
     {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)},
     {"projection": Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 1e-3, -2e-3, 0.01))},
-    {"gain": None, "delay_bins": None, "mask": None, "gates": None},
+    {"toa_reference": "bin_edge"}, {"gain": None, "delay_bins": None, "mask": None, "gates": None},
     {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}, {"background_shape": np.arange(100)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)
@@ -74,6 +74,8 @@ def test_plain_lists_and_defaults_are_taken():
     content = plain() | {"gain": [[1, 1, 1], [2, 2, 2]], "mask": [[True, True, False], [True] * 3]}
     model = sensor.from_json(json.dumps(content))
     assert model.irf.tolist() == pytest.approx([1 / 4.5, 2 / 4.5, 1.5 / 4.5])
+    assert model.toa_reference == "bin_center" and sensor.from_json(json.dumps(
+        content | {"toa_reference": "bin_center"})).same_as(model)
     assert model.irf_ref == 1 and model.frame_id == "lidar" and isinstance(model.projection, Pinhole)
     assert model.gain[1].tolist() == [2, 2, 2] and model.mask[0].tolist() == [True, True, False]
 
@@ -158,6 +160,9 @@ MALFORMED = [
     ("gates without no_detection", {"gates": {"first_word": 0}}, "gates.no_detection"),
     ("gates word of 17 bits", {"gates": {"first_word": 0, "no_detection": 65_536}}, "gates.no_detection"),
     ("gates with an unknown key", {"gates": {"first_word": 0, "no_detection": 1, "last": 2}}, "gates.unknown key"),
+    ("toa_reference unknown", {"toa_reference": "edge"}, "toa_reference"),
+    ("toa_reference a number", {"toa_reference": 0.5}, "toa_reference"),
+    ("toa_reference a list", {"toa_reference": ["bin_edge"]}, "toa_reference"),
     ("frame_id a number", {"frame_id": 3}, "frame_id"),
     ("frame_id with NUL", {"frame_id": "a\0b"}, "frame_id"),
 ]

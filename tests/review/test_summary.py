@@ -82,6 +82,13 @@ def test_the_sensor_is_found_again(recorded, ball):
     assert np.allclose(sensor.irf, ball[1].irf) and np.array_equal(sensor.rays, ball[1].rays)
 
 
+def test_the_reference_of_toa_is_found_again(tmp_path, ball):
+    cloud, sensor = ball
+    with RecordingWriter(tmp_path / "a.rrd", sensor.replace(toa_reference="bin_edge")) as writer:
+        writer.log_cloud(5, 0, cloud.xyz, cloud.intensity)
+    assert Recorded.read(tmp_path / "a.rrd").sensor.toa_reference == "bin_edge"
+
+
 def test_durations_are_said_in_minutes(summary):
     assert "5 min 0 s" in words.words(summary | {"duration_s": 299.96})
 

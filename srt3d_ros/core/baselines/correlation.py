@@ -59,7 +59,7 @@ class _Filters:
     """The IRF's logarithm and windows, and what is done with them to some pixels' histograms."""
 
     def __init__(self, sensor: SensorModel):
-        self.num_bins, self.ref = sensor.num_bins, sensor.irf_ref
+        self.num_bins, self.ref, self.center = sensor.num_bins, sensor.irf_ref, sensor.first_bin_center
         irf = np.atleast_2d(sensor.irf)
         self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
         self.size = _fast_length(sensor.num_bins + self.overlap)
@@ -69,7 +69,7 @@ class _Filters:
     def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
         """Depth, signal photons and probability of a false alarm, [K, pixels], and background per bin [pixels]."""
         toa = photons.toa[photons.starts[first]:photons.starts[last]]
-        bins = torch.from_numpy(np.rint(toa).astype(np.int64) % self.num_bins)
+        bins = torch.from_numpy(np.rint(toa - np.float32(self.center)).astype(np.int64) % self.num_bins)
         pixel = torch.from_numpy(np.repeat(np.arange(last - first), photons.counts[first:last]))
         found = []
         for _ in range(surfaces):
@@ -77,7 +77,7 @@ class _Filters:
             place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
             body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
             near, left = (torch.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
-            found.append((begin + self.ref + shift, near, _chance(near, left, self.body, self.num_bins)))
+            found.append((begin + self.ref + self.center + shift, near, _chance(near, left, self.body, self.num_bins)))
             pixel, bins = pixel[~whole], bins[~whole]
         outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
         background = torch.bincount(pixel, minlength=last - first) / outside

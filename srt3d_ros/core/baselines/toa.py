@@ -14,7 +14,7 @@ class PixelToa:
 
     Args:
         starts: int64 [rows · cols + 1]; the photons of pixel p are starts[p] … starts[p + 1] − 1.
-        toa: float32 [N], as measured: the pixels' delays are still in it.
+        toa: float32 [N], positions on the axis of depths, as measured: the pixels' delays are still in them.
         stamp_ns: of the frame.
     """
 
@@ -45,7 +45,7 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PixelToa:
         used = sensor.mask.ravel()[pixel]
         pixel, toa = pixel[used], toa[used]
     starts = np.searchsorted(pixel, np.arange(sensor.pixels + 1, dtype=np.uint32))
-    return PixelToa(starts, toa.astype(np.float32), frame.stamp_ns)
+    return PixelToa(starts, sensor.toa_positions(toa), frame.stamp_ns)
 
 
 def exposure(sensor: SensorModel) -> np.ndarray:
