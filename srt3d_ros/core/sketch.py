@@ -34,7 +34,7 @@ class Sketch:
         frequencies: the integers k_l.
         sums: complex64 [rows, cols, m]; may lie on a device, as a tensor, like the photons.
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
-        stamp_ns: start of acquisition of the earliest photons.
+        stamp_ns: start of acquisition of the earliest photons; of a window, see WindowSketcher.
     """
 
     frequencies: tuple[int, ...]

@@ -10,6 +10,12 @@ from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import require
 
 MAX_WINDOW_BYTES = 2**31
+# Which instant the stamp of a window is, of the starts of acquisition of its frames.
+WINDOW_STAMPS = {
+    "oldest": min,
+    "middle": lambda stamps_ns: (min(stamps_ns) + max(stamps_ns)) // 2,
+    "newest": max,
+}
 Sums = tuple[np.ndarray, np.ndarray]
 
 
@@ -22,13 +28,17 @@ class WindowSketcher(Sketcher):
     Args:
         sensor, frequencies: as for a Sketcher, on the CPU.
         window_frames: W, 1 or more.
+        window_stamp: a key of WINDOW_STAMPS: the start of the oldest frame, that of the newest, or half-way between
+            the two. For W = 1 all are the start of the frame.
 
     Raises:
         InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1):
+    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, window_stamp: str = "newest"):
         super().__init__(sensor, frequencies)
+        require(window_stamp in WINDOW_STAMPS, "window_stamp", window_stamp, ", ".join(WINDOW_STAMPS))
+        self._stamp_of = WINDOW_STAMPS[window_stamp]
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
         self._before: deque[Sums | None] = deque([None])
         self._stamps_ns: deque[int] = deque()
@@ -56,7 +66,7 @@ class WindowSketcher(Sketcher):
         before = self._before[-1]
         self.newest_photons = int((self._photons if before is None else self._photons - before[1]).sum())
         self._stamps_ns.append(self._stamp_ns or 0)
-        self._stamp_ns = min(self._stamps_ns)
+        self._stamp_ns = self._stamp_of(self._stamps_ns)
         sketch = self._sketch_since(self._before[0])
         if self.window_frames == 1:             # cheaper than to keep what was added before
             self.reset()

@@ -316,6 +316,8 @@ class PipelineNode(ManagedNode):
 
     def close(self) -> None:
         """Stop in order: finish the frame in hand, publish the last diagnostics, leave the graph."""
+        if self.state in ("inactive", "active") and not (self._starting or self.finished.is_set()):
+            self.get_logger().info("shutting down")     # else it has been, never started, or has said why it ends
         self.stop_frames("shutdown")
         for stage in self._stages:
             stage.close(self.finish_s)

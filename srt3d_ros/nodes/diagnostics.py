@@ -3,17 +3,17 @@
 Totals count from the start of the node and never fall; the node's interface says in which equations they balance.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, the books ceased to balance, or more than half of the frames that
-            came in were dropped or lost
-    WARN    a frame was dropped or lost, the node waits for something, no frame came for 2 s, or frames are more than
-            2 s old when they leave
+    ERROR   something failed that should not have, the books ceased to balance, the node finds that its inputs
+            contradict each other, or more than half of the frames that came in were dropped or lost
+    WARN    a frame was dropped or lost, time is simulated and there is no clock, the node waits for something, no frame
+            came for 2 s, frames are more than 2 s old when they leave, or stamped ahead of the node's clock
     OK      otherwise, also with nothing to do
 """
 
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -34,6 +34,10 @@ POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
 SILENCE_S = 2.0         # without a frame: worth a warning
 OLD_S = 2.0             # median latency that is worth a warning
+# As much ahead of the clock as is worth one: clocks that NTP keeps differ by milliseconds, but a simulated one may tick
+# at only 10 Hz, and be late on a busy machine.
+AHEAD_S = 0.5
+CLOCK = "/clock"
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
@@ -52,6 +56,7 @@ class Diagnostics:
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
+        self._contradiction: Callable[[], str] = str
         self._topics: dict[str, str] = {}   # on which frames may come, and of what type
         self._silent_since = 0.0            # when a frame last came in, or was first to be expected
         self._any_frame = False             # since then
@@ -117,6 +122,10 @@ class Diagnostics:
         with self._lock:
             self._waiting_for = what
 
+    def ask_for_contradictions(self, find: Callable[[], str]) -> None:
+        """Call `find` at each report; what it returns, unless empty, is an error for as long. It must not call this."""
+        self._contradiction = find
+
     def show(self, **values: object) -> None:
         """Report these values as they are, until changed."""
         with self._lock:
@@ -167,6 +176,27 @@ class Diagnostics:
         p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
         return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
 
+    def _untimely(self, frames: int) -> str:
+        """Whether the frames that left since the last report were too old or stamped ahead of the clock, in words."""
+        newest_s = list(self._latencies_s)[-frames:] if frames else [0.0]
+        age_s = float(np.median(newest_s))
+        if age_s > OLD_S:
+            return f"frames are {age_s:.1f} s old: behind, or stamped by another clock"
+        if age_s < -AHEAD_S:
+            return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: by another clock, unknown to tf"
+        return ""
+
+    def _missing_clock(self) -> str:
+        """Whether time is simulated and stands still for lack of a clock, in words."""
+        if not self._node.get_parameter("use_sim_time").value:
+            return ""
+        if not (publishers := self._node.count_publishers(CLOCK)):
+            return f"use_sim_time is true, but nobody publishes {CLOCK}"
+        if self._node.get_clock().now().nanoseconds:
+            return ""
+        return (f"use_sim_time is true and {publishers} {'publish' if publishers > 1 else 'publishes'} {CLOCK}, "
+                "but the clock stands at 0")
+
     def _silence(self, seconds: float) -> str:
         """Since when no frame has come, or who could send one."""
         if self._any_frame:
@@ -189,6 +219,8 @@ class Diagnostics:
                 f"{name} {amount}" for name, amount in missing.items() if amount)
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
+        if contradiction := self._contradiction():
+            return DiagnosticStatus.ERROR, contradiction
         if new_drops or new["message_lost"]:
             sent, gone = new["frames_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             causes = [f"{n} {cause}" for cause, n in new_drops.items()]
@@ -198,12 +230,14 @@ class Diagnostics:
             several = "".join(f"; {count} publish {topic}" for topic in self._topics
                               if (count := self._node.count_publishers(topic)) > 1)
             return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
+        if no_clock := self._missing_clock():
+            return DiagnosticStatus.WARN, no_clock
         if self._waiting_for:
             return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
         if self._topics and now - self._silent_since > SILENCE_S:
             return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
-        if new["frames_out"] and (age_s := np.median(self._latencies_s)) > OLD_S:
-            return DiagnosticStatus.WARN, f"frames are {age_s:.1f} s old: behind, or stamped by another clock"
+        if untimely := self._untimely(new["frames_out"]):
+            return DiagnosticStatus.WARN, untimely
         return DiagnosticStatus.OK, ""
 
 

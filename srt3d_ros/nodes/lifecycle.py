@@ -17,7 +17,7 @@ class ManagedNode(LifecycleNode):
         super().__init__(name, **options)
         self.state = "unconfigured"
         self.problem: Exception | None = None       # why the last transition failed
-        self._starting = False
+        self._starting = False      # true in `start`, and after a `start` that failed
         self._refuse_impossible_transitions()
 
     def configure(self) -> None:
@@ -38,35 +38,33 @@ class ManagedNode(LifecycleNode):
     def start(self) -> None:
         """Configure and activate; raises what they raise."""
         self._starting = True
-        try:
-            for trigger in (self.trigger_configure, self.trigger_activate):
-                if trigger() != TransitionCallbackReturn.SUCCESS:
-                    raise self.problem
-        finally:
-            self._starting = False
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                raise self.problem
+        self._starting = False
         self._refuse_impossible_transitions()
 
     def on_configure(self, _) -> TransitionCallbackReturn:
         """`ros2 lifecycle set … configure`."""
-        return self._step(self.configure, "inactive", self.cleanup)
+        return self._step(self.configure, "inactive", "configured", self.cleanup)
 
     def on_activate(self, _) -> TransitionCallbackReturn:
         """`ros2 lifecycle set … activate`."""
-        return self._step(self.activate, "active", self.deactivate)
+        return self._step(self.activate, "active", "ready", self.deactivate)
 
     def on_deactivate(self, _) -> TransitionCallbackReturn:
         """`ros2 lifecycle set … deactivate`."""
-        return self._step(self.deactivate, "inactive")
+        return self._step(self.deactivate, "inactive", "deactivated")
 
     def on_cleanup(self, _) -> TransitionCallbackReturn:
         """`ros2 lifecycle set … cleanup`."""
-        return self._step(self.cleanup, "unconfigured")
+        return self._step(self.cleanup, "unconfigured", "cleaned up")
 
     def on_shutdown(self, _) -> TransitionCallbackReturn:
         """`ros2 lifecycle set … shutdown`: the node is of no more use; its process ends when it is told to."""
         if self.state == "active":
             self.deactivate()
-        return self._step(self.cleanup, "finalized")
+        return self._step(self.cleanup, "finalized", "finalized")
 
     def _refuse_impossible_transitions(self) -> None:
         """Answer no. rclpy lets the exception for a transition that the state does not have end the process."""
@@ -84,7 +82,8 @@ class ManagedNode(LifecycleNode):
 
         service.callback = guarded
 
-    def _step(self, step: Callable[[], None], state: str, undo: Callable[[], None] = lambda: None):
+    def _step(self, step: Callable[[], None], state: str, done: str, undo: Callable[[], None] = lambda: None):
+        """Take a step; log `done` if somebody else asked for it: who calls `start` logs that."""
         try:
             step()
         except Exception as problem:
@@ -94,4 +93,6 @@ class ManagedNode(LifecycleNode):
                 self.refused(problem)
             return TransitionCallbackReturn.FAILURE
         self.state = state
+        if not self._starting:
+            self.get_logger().info(done)
         return TransitionCallbackReturn.SUCCESS

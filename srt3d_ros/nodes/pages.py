@@ -20,9 +20,11 @@ also transient local, depth 1. It can be set for every topic, as in
 `depth` and `durability` likewise."""
 LEVELS = """\
 Once a second, whatever the subscribers; totals count from the start and never fall. ERROR: something failed that should
-not have, the books do not balance, or more than half of the last second's frames were dropped or lost. WARN: a frame
-was dropped (each cause is counted as `dropped.<cause>`) or lost on the way here (`message_lost`), the node waits for
-something, no frame came for 2 s, or frames are more than 2 s old when they leave (median). OK otherwise."""
+not have, the books do not balance, two inputs contradict each other, or more than half of the last second's frames were
+dropped or lost. WARN: a frame was dropped (each cause is counted as `dropped.<cause>`) or lost on the way here
+(`message_lost`), `use_sim_time` is true and there is no /clock, the node waits for something, no frame came for 2 s, or
+the last second's frames left more than 2 s old or were stamped more than 0.5 s ahead of the node's clock (median). OK
+otherwise. The percentiles of the latency are those of the newest 200 frames."""
 BOOKS = """\
 In every report, the last one included, which a node publishes as `finalized` when it is told to end:
 

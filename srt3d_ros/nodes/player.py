@@ -39,8 +39,9 @@ PARAMETERS = (
     Parameter("duration_s", 0.0, "Time to send for, a bag's own, then exit; 0: no limit. Needs a rate.", "s", 0, 10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
-    Parameter("in_flight", 4, "When lossless: frames sent that `points` may still have to answer; more than "
-              "packets_per_frame × window_frames of the sketcher.", low=1, high=1000),
+    Parameter("in_flight", 4, "When lossless: messages sent that `points` may still have to answer; at least twice the "
+              "sketcher's packets_per_frame, with `window_stamp: oldest` packets_per_frame × (window_frames + 1).",
+              low=1, high=1000),
     Parameter("ppp", 15.0, "Simulator: mean photons a pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),

@@ -28,6 +28,7 @@ from srt3d_ros.nodes.interface import Interface, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstruction import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.sensor_choice import in_words
 from srt3d_ros.nodes.worker import Dropped
 
 IN_FLIGHT = 2           # frames that may be under way at once
@@ -147,6 +148,7 @@ class ReconstructorNode(PipelineNode):
             if self._described is not None:
                 self.drop_older()
             self._described = sensor, frequencies
+            self.get_logger().info(f"sketches: {in_words(sensor)}, {len(frequencies)} frequencies")
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
                               frequencies=" ".join(map(str, frequencies)))
         self.release_frames()

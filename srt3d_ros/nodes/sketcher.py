@@ -10,10 +10,8 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
 from srt3d_ros.core.framing import Framing
-from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.window import WindowSketcher
-from srt3d_ros.datasets.sensor_file import open_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
@@ -26,6 +24,7 @@ from srt3d_ros.nodes.books import PACKETS, PHOTONS
 from srt3d_ros.nodes.interface import Interface, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.sensor_choice import SensorChoice
 from srt3d_ros.nodes.sketching import ANY_SENSOR, PARAMETERS, frequencies_for, warm_up
 from srt3d_ros.nodes.worker import Dropped
 
@@ -45,7 +44,8 @@ INTERFACE = Interface(
         "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
         "Photons are dropped with their whole packet, never one by one. Those of `photons` are counted as the message "
         "announces them; those of `gates` as they are read: of `gates` that never were (`queue`, `malformed`, "
-        "`no_sensor`, `outdated`, `inactive`, `shutdown`), the packets are counted and the photons are not known.",
+        "`no_sensor`, `contradiction`, `outdated`, `inactive`, `shutdown`), the packets are counted and the photons "
+        "are not known.",
         "Another sensor, other frequencies, and stamps that begin again start a new window.",
     ),
     books=(PACKETS, PHOTONS),
@@ -64,21 +64,20 @@ class SketcherNode(PipelineNode):
     """
 
     interface = INTERFACE
-    _described: SensorModel | None = None       # as on `sensor`
-    _lens: tuple[int, int, Pinhole] | None = None
-    _sensor: SensorModel | None = None          # what both make
+    _sensor: SensorModel | None = None
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
     _silence: Timer | None = None
     _open = (0, 0)          # packets of the open frame that are sketched, and their photons
 
     def configure(self) -> None:
         """Compile and advertise."""
+        self._choice = SensorChoice(self.parameters["sensor_file"], self.resolve_topic_name("sensor"),
+                                    self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
         self._check(self.parameters.as_dict())
-        path = self.parameters["sensor_file"]
-        self._from_file = sensor_message.encode(open_sensor(path)) if path else None
         warm_up()
-        if path:
-            self._file_sensor = self.advertise("sensor")
+        if self._choice.file is not None:
+            self._file_publisher = self.advertise("sensor")
+            self.diagnostics.ask_for_contradictions(self._contradiction)
         self._sketches = self.advertise("sketch")
         self._sketch_sensor = self.advertise("sketch/sensor")
         self.serve("reset", self._reset)
@@ -91,10 +90,15 @@ class SketcherNode(PipelineNode):
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
-        self.hold_frames_for("a sensor description on sensor")
-        if self._from_file is not None:
-            self._file_sensor.publish(self._from_file)      # also to this node: who follows a file follows the topic
-        self._echo = self._from_file and self._from_file.data
+        self._echo = ""
+        self._choice.begin()
+        if self._choice.file is None:
+            self.hold_frames_for("a sensor description on sensor")
+        else:
+            message = sensor_message.encode(self._choice.file)
+            self._file_publisher.publish(message)
+            self._echo = message.data       # comes back, and must not end what a driver contradicts
+            self.worker.call(self._look)
         self.follow("sensor", self._on_sensor)
         self.listen("sensor/camera_info", self._hear_camera_info)
         self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message), photons_message.announced)
@@ -106,7 +110,8 @@ class SketcherNode(PipelineNode):
         super().deactivate()
         self.destroy_timer(self._silence)
         self._silence = None
-        self._described = self._lens = self._sensor = self._sketcher = None
+        self._choice.forget()
+        self._sensor = self._sketcher = None
 
     def forget(self) -> None:
         """Begin a new frame and a new window."""
@@ -133,17 +138,24 @@ class SketcherNode(PipelineNode):
     # ---- What the photons are sketched with
 
     def _on_sensor(self, message: String) -> None:
-        if message.data == self._echo:              # the file's, which comes back once
-            self._echo = None
-            if self._described is not None:
-                return
-        elif self._from_file is not None:
-            self.get_logger().info("the description on sensor is used instead of sensor_file")
+        if message.data == self._echo:
+            self._echo = ""
+            return
         described = sensor_message.decode(message)
-        if self._described is not None and not described.same_as(self._described):
-            self.drop_older()
-        self._described = described
-        self._look()
+        if self._choice.file is None:
+            if self._choice.replace(described):
+                self.drop_older()
+            self._look()
+        elif problem := self._choice.compare(described):
+            self.forget()       # photons of the other sensor may be among those of the open frame
+            raise problem
+
+    def _contradiction(self) -> str:
+        """How `sensor` contradicts sensor_file; over once nobody but this node publishes `sensor`."""
+        topic = self._file_publisher.topic_name
+        if self._choice.contradiction and self.count_publishers(topic) <= 1:
+            self._choice.agree(f"nobody else publishes {topic} any more")
+        return self._choice.contradiction
 
     def _hear_camera_info(self, raw: bytes) -> None:
         content = raw[:STAMP.start] + raw[STAMP.stop:]
@@ -152,9 +164,9 @@ class SketcherNode(PipelineNode):
             self.worker.call(self._on_camera_info, raw)
 
     def _on_camera_info(self, raw: bytes) -> None:
-        self._lens = None
+        self._choice.look_through(None)
         try:
-            self._lens = decode_camera_info(_read_camera_info(raw))
+            self._choice.look_through(decode_camera_info(_read_camera_info(raw)))
         except InvalidInput as problem:
             self._refuse_lens(str(problem))
         self._look()
@@ -166,16 +178,9 @@ class SketcherNode(PipelineNode):
 
     def _look(self) -> None:
         """Put sensor and lens together."""
-        if self._described is None:
-            return
-        self._sensor = self._described
-        if self._lens is not None:
-            rows, cols, lens = self._lens
-            if (rows, cols) == (self._sensor.rows, self._sensor.cols):
-                self._sensor = self._sensor.replace(projection=lens)
-            else:
-                self._refuse_lens(f"its pixels are {rows} × {cols}: expected {self._sensor.rows} × {self._sensor.cols}")
-        self._adopt()
+        self._sensor = self._choice.sensor()
+        if self._sensor is not None:
+            self._adopt()
 
     def _adopt(self) -> None:
         """Sketch from now on as sensor and parameters say; what they leave as it was goes on."""
@@ -193,7 +198,7 @@ class SketcherNode(PipelineNode):
             raise
         if before is None or frequencies != before.frequencies or not self._sensor.same_as(before.sensor):
             self.forget()
-            self._sketcher = WindowSketcher(self._sensor, frequencies, frames)
+            self._sketcher = WindowSketcher(self._sensor, frequencies, frames, values["window_stamp"])
         else:
             self._sketcher = before
             if frames == before.window_frames:
@@ -206,7 +211,7 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters that the present sensor, or that no sensor, could be sketched with."""
-        sensor = self._sensor or ANY_SENSOR
+        sensor = self._sensor or self._choice.file or ANY_SENSOR
         WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
 
     def _make_framing(self) -> Framing:
@@ -217,6 +222,8 @@ class SketcherNode(PipelineNode):
 
     def _on_packet(self, raw: bytes, codec) -> None:
         self._last_packet_ns = self.now_ns()
+        if self._choice.contradiction:
+            raise Dropped("contradiction", self._choice.contradiction)
         if self._sketcher is None:
             raise Dropped("no_sensor", "there is no description of the sensor that can be used")
         header, photons = codec.decode_cdr(raw, self._sketcher.sensor)

@@ -6,13 +6,15 @@ from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
 from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
-from srt3d_ros.core.window import WindowSketcher
+from srt3d_ros.core.window import WINDOW_STAMPS, WindowSketcher
 from srt3d_ros.nodes.interface import LOSSLESS
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, or "
-              "a photon file.", form="a path"),
+              "a photon file. It is used whoever starts first. A driver that publishes `sensor` all the same must say "
+              "the same: otherwise photons are dropped (`contradiction`), and log and /diagnostics name the first key "
+              "that differs, as an error.", form="a path"),
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
               "them.", low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
@@ -27,8 +29,14 @@ PARAMETERS = (
               1000, live=True),
     Parameter("gap_s", 1.0, "Stamps that fall back or leap ahead by more say that driver, bag or clock began again: "
               "frame and window begin anew. More than the time between packets.", "s", 1e-3, 10_000, live=True),
-    Parameter("window_frames", 1, "Frames that each sketch covers, the newest and those before it: a sliding window.",
+    Parameter("window_frames", 1, "Frames, not messages, that each sketch covers, the newest and those before it: a "
+              "sliding window. With packets_per_frame 2, a window of 3 frames covers 6 messages.",
               low=1, high=1000, live=True),
+    Parameter("window_stamp", "newest", "Which instant the stamp of a window is, for who looks tf up by it and for the "
+              "latencies in /diagnostics: the start of acquisition of its newest frame, of its oldest, or half-way "
+              "between. With window_frames 1 all three are the start of the frame. With `newest`, tf is right for the "
+              "newest photons, and the oldest are off by the sensor's motion since; with `middle`, both by half of it.",
+              choices=tuple(WINDOW_STAMPS)),
     Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),

@@ -37,6 +37,11 @@ def assert_same(sketch, expected):
     assert sketch.stamp_ns == expected.stamp_ns
 
 
+def windows(width: int) -> WindowSketcher:
+    """Stamped as `directly` stamps the photons."""
+    return WindowSketcher(SENSOR, FREQUENCIES, width, "oldest")
+
+
 def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
     sketches = []
     for frame in of:
@@ -50,15 +55,29 @@ def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
 @pytest.mark.parametrize("width", [1, 2, 5, 50])
 def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
     sent = frames(20)
-    sketcher = WindowSketcher(SENSOR, FREQUENCIES, width)
+    sketcher = windows(width)
     for k, sketch in enumerate(slide(sketcher, sent)):
         assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
     assert sketcher.newest_photons == sent[-1].photons
 
 
+@pytest.mark.parametrize("stamp, expected", [("oldest", [0, 0, 0, 1_000]), ("middle", [0, 500, 1_000, 2_000]),
+                                             ("newest", [0, 1_000, 2_000, 3_000])])
+def test_the_stamp_of_a_window_is_the_instant_that_was_chosen(stamp, expected):
+    sketches = slide(WindowSketcher(SENSOR, FREQUENCIES, 3, stamp), frames(4))
+    assert [sketch.stamp_ns for sketch in sketches] == expected
+    alone = slide(WindowSketcher(SENSOR, FREQUENCIES, 1, stamp), frames(4))
+    assert [sketch.stamp_ns for sketch in alone] == [0, 1_000, 2_000, 3_000]       # of one frame: its start
+
+
+def test_a_stamp_that_there_is_not_is_refused():
+    with pytest.raises(InvalidInput, match="window_stamp .*latest.*: expected oldest, middle, newest"):
+        WindowSketcher(SENSOR, FREQUENCIES, 3, "latest")
+
+
 def test_sums_that_run_over_change_nothing():
     sent = frames(8)
-    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 3)
+    sketcher = windows(3)
     slide(sketcher, sent[:3])
     for kept in (sketcher._sums, *(sums for sums, _ in filter(None, sketcher._before))):
         kept += np.int64(2**63 - 1 - 10**6)                         # years later
@@ -69,7 +88,7 @@ def test_sums_that_run_over_change_nothing():
 
 def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     packet = PhotonEvents(np.full(1_000, 7, np.uint32), np.full(1_000, 25, np.uint16))
-    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 2)
+    sketcher = windows(2)
     sketcher.add(packet)
     many = sketcher._sums * 2_999_999, sketcher._photons * 2_999_999        # as if it had come so often more
     sketcher.reset()
@@ -84,7 +103,7 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
 
 def test_the_width_may_change_while_it_runs():
     sent = frames(16)
-    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 4)
+    sketcher = windows(4)
     slide(sketcher, sent[:6])
     for width, first, last in ((2, 6, 8), (1, 8, 10), (3, 10, 14), (3, 14, 16)):
         sketcher.resize(width)
@@ -93,7 +112,7 @@ def test_the_width_may_change_while_it_runs():
 
 def test_a_window_that_gets_narrower_in_the_middle_of_a_frame_ends_with_that_frame():
     sent = frames(5)
-    sketcher = WindowSketcher(SENSOR, FREQUENCIES, 4)
+    sketcher = windows(4)
     slide(sketcher, sent[:4])
     sketcher.add(sent[4])
     sketcher.resize(2)
@@ -103,7 +122,7 @@ def test_a_window_that_gets_narrower_in_the_middle_of_a_frame_ends_with_that_fra
 @pytest.mark.parametrize("width", [1, 3])
 def test_after_a_reset_nothing_of_the_past_remains(width):
     sent = frames(6)
-    sketcher = WindowSketcher(SENSOR, FREQUENCIES, width)
+    sketcher = windows(width)
     slide(sketcher, sent[:4])
     sketcher.add(sent[4])
     sketcher.reset()
@@ -116,7 +135,7 @@ def test_a_frame_costs_the_same_in_any_window(monkeypatch):
     original = WindowSketcher._copy
     monkeypatch.setattr(WindowSketcher, "_copy", lambda self, into: copies.append(into) or original(self, into))
     for width in (2, 20):
-        sketcher = WindowSketcher(SENSOR, FREQUENCIES, width)
+        sketcher = windows(width)
         slide(sketcher, frames(2 * width))
         copies.clear()
         slide(sketcher, frames(10))

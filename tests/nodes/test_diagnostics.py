@@ -1,7 +1,11 @@
 """/diagnostics: totals that balance, levels that follow from them."""
 
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from srt3d_ros.nodes import diagnostics as module
@@ -107,6 +111,56 @@ def test_old_frames_are_a_warning_while_they_leave(counted):
     report = latest()
     assert report["level"] == DiagnosticStatus.WARN
     assert report["message"] == "frames are 66.4 s old: behind, or stamped by another clock"
+    assert latest()["level"] == DiagnosticStatus.OK
+
+
+def test_the_warning_of_untimely_frames_ends_with_its_cause(counted):
+    diagnostics, latest, _ = counted
+    for latency_s, message in ((66.4, "frames are 66.4 s old: behind, or stamped by another clock"),
+                               (-3600, "frames are stamped 3600.0 s ahead of this node's clock: by another clock, "
+                                       "unknown to tf")):
+        for _ in range(150):
+            diagnostics.received()
+            diagnostics.sent(latency_s)
+        report = latest()
+        assert (report["level"], report["message"]) == (DiagnosticStatus.WARN, message)
+        diagnostics.received()
+        diagnostics.sent(0.01)
+        report = latest()
+        assert report["level"] == DiagnosticStatus.OK, report["message"]
+        assert float(report["latency_p50_ms"]) == 1e3 * latency_s       # of the newest 200, most of them untimely
+    diagnostics.sent(-0.1)          # as far as clocks may be apart
+    assert latest()["level"] == DiagnosticStatus.OK
+
+
+def test_simulated_time_without_a_clock_is_a_warning(graph, counted):
+    _, latest, node = counted
+    node.set_parameters([Parameter("use_sim_time", value=True)])
+    report = latest()
+    assert (report["level"], report["message"]) == (
+        DiagnosticStatus.WARN, "use_sim_time is true, but nobody publishes /clock")
+    publisher = graph.matched(graph.node.create_publisher(Clock, "/clock", 1))
+    graph.wait(lambda: node.count_publishers("/clock"), "the clock's publisher")
+    assert latest()["message"] == "use_sim_time is true and 1 publishes /clock, but the clock stands at 0"
+    publisher.publish(Clock(clock=Time(sec=5)))
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    graph.wait(lambda: executor.spin_once(0.01) or node.get_clock().now().nanoseconds, "simulated time")
+    executor.remove_node(node)
+    assert latest()["level"] == DiagnosticStatus.OK
+    graph.node.destroy_publisher(publisher)
+    graph.wait(lambda: not node.count_publishers("/clock"), "the end of the clock")
+    assert latest()["message"] == "use_sim_time is true, but nobody publishes /clock"
+
+
+def test_a_contradiction_is_an_error_as_long_as_it_lasts(counted):
+    diagnostics, latest, _ = counted
+    found = ["rows is 3: expected 4"]
+    diagnostics.ask_for_contradictions(lambda: found[0])
+    for _ in range(2):
+        report = latest()
+        assert (report["level"], report["message"]) == (DiagnosticStatus.ERROR, "rows is 3: expected 4")
+    found[0] = ""
     assert latest()["level"] == DiagnosticStatus.OK
 
 

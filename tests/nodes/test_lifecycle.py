@@ -44,6 +44,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_then_works(graph, se
     assert graph.reports("sketcher", "state", "inactive")["message"] == "inactive"
     assert photons.get_subscription_count() == 0
     assert change("sketcher", "activate")
+    node.says("]: ready")
     graph.reports("sketcher", "rows", sensor.rows)
     graph.matched(photons).publish(photons_message.encode_cdr(events, sensor, "spad"))
     graph.wait(lambda: sketches, "a sketch")
@@ -71,6 +72,9 @@ def test_deactivated_a_node_leaves_its_inputs_and_goes_on_where_it_is_activated_
     report = graph.reports("reconstructor", "frames_out", 2)
     assert report["frames_in"] == "2" and report["dropped"] == "0"
     assert node.end(signal.SIGINT) == 0 and "Traceback" not in node.text
+    said = [line.split("]: ")[1] for line in node.lines if "]: sketches: " not in line and "computing" not in line]
+    again = ["deactivated", "cleaned up", "configured", "ready"]
+    assert said == ["ready", "deactivated", "ready", *again, "shutting down"]
 
 
 def test_shut_down_a_node_is_finalized_and_a_signal_ends_it(graph, change):
@@ -79,6 +83,7 @@ def test_shut_down_a_node_is_finalized_and_a_signal_ends_it(graph, change):
     assert graph.call(GetState, "recorder/get_state", GetState.Request()).current_state.id == \
         State.PRIMARY_STATE_FINALIZED
     assert node.end(signal.SIGTERM) == 0
+    assert node.text.count("]: finalized") == 1 and "shutting down" not in node.text
 
 
 def test_a_transition_that_fails_says_why_and_can_be_tried_again(graph, change, tmp_path):

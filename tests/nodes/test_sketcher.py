@@ -6,20 +6,19 @@ import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from rclpy.time import Time
+from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from srt3d_ros.core.distortion import PlumbBob
+from scripts.attacks.process import DEADLINE_S
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.nodes import base
 from tests.nodes.conftest import check_outdated_are_dropped
 
@@ -112,9 +111,24 @@ def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
         photons.publish(photons_at(events, sensor, STAMP_NS + k))
     graph.wait(lambda: len(sketches) == 4, "4 frames of 8 packets")
     decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
-    assert [header.stamp_ns - STAMP_NS for header, _ in decoded] == [0, 0, 0, 2]     # of the window's first photons
+    assert [header.stamp_ns - STAMP_NS for header, _ in decoded] == [0, 2, 4, 6]     # where its newest frame began
     assert [int(sketch.photons[0, 0]) for _, sketch in decoded] == [80, 160, 240, 240]
     np.testing.assert_array_equal(decoded[2][1].sums, decoded[3][1].sums)            # to the bit: the same photons
+
+
+def test_a_window_may_be_stamped_with_the_start_of_its_oldest_frame_and_is_as_old_as_its_stamp(graph, sensor, events):
+    sketches = graph.collect(PointCloud2, "sketch")
+    graph.start("sketcher", window_frames=3, window_stamp="oldest", lossless=True, gap_s=100).ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    now_ns = graph.node.get_clock().now().nanoseconds
+    for age_s in (70, 60, 50, 40, 30):
+        photons.publish(photons_at(events, sensor, now_ns - age_s * 10**9))
+    graph.wait(lambda: len(sketches) == 5, "5 sketches")
+    ages_s = [round((now_ns - Time.from_msg(sketch.header.stamp).nanoseconds) * 1e-9) for sketch in sketches]
+    assert ages_s == [70, 70, 70, 60, 50]
+    latency_s = float(graph.reports("sketcher", "frames_out", 5)["latency_p50_ms"]) / 1e3
+    assert 70 <= latency_s < 70 + DEADLINE_S
 
 
 def test_frames_by_stamp_and_every_packet_in_the_books(graph, sensor, events):
@@ -164,37 +178,6 @@ def test_a_frame_that_never_gets_its_packets_is_counted_and_a_reset_gives_one_up
     assert [int(np.frombuffer(sketch.data, np.uint32, 1)[0]) for sketch in sketches] == [120] * 3      # no old windows
     report = graph.reports("sketcher", "frames_out", 3)
     assert [int(report[key]) for key in ("frames_in", "packets", "packets_open", "dropped.incomplete")] == [13, 9, 0, 4]
-
-
-def test_the_sensor_may_come_from_a_file_and_its_lens_from_a_camera_info(graph, sensor, events, tmp_path):
-    path = tmp_path / "spad.json"
-    path.write_text(sensor_message.encode(sensor).data)
-    described = graph.collect_latched(String, "sketch/sensor")
-    published = graph.collect_latched(String, "sensor")
-    process = graph.start("sketcher", sensor_file=path).ready()
-    graph.wait(lambda: described and published, "the sensor of the file")
-    assert sketch_message.decode_sensor(described[0])[0].same_as(sensor) and published[0].data == path.read_text()
-
-    cameras = graph.matched(graph.publisher(CameraInfo, "sensor/camera_info"))
-    lens = Pinhole(30.0, 31.0, 5.5, 7.5, PlumbBob(k1=-0.1))
-    for stamp_ns in (0, 1, 2):
-        cameras.publish(camera_info(sensor.replace(projection=lens), stamp_ns, "spad"))
-    graph.wait(lambda: len(described) == 2, "the sensor with the lens")
-    wrong = sensor.replace(rows=8, projection=lens)
-    for stamp_ns in (3, 4):
-        cameras.publish(camera_info(wrong, stamp_ns, "spad"))
-    graph.wait(lambda: len(described) == 3, "the sensor without a lens that does not fit")
-    graph.reports("sketcher", "camera_info_refused", 1)
-    cameras.publish(b"\0\1\0\0\5\0")
-    assert graph.reports("sketcher", "camera_info_refused", 2)["last_error"] == (
-        "message is 8 bytes: expected a serialised CameraInfo")
-    assert "its pixels are 8 × 12: expected 16 × 12" in process.text
-    assert [sketch_message.decode_sensor(message)[0].projection for message in described[1:]] == [
-        lens, sensor.projection]
-
-    other = sensor.replace(num_bins=64)
-    assert graph.introduce(other)[0].same_as(other)
-    assert "used instead of sensor_file" in process.text and graph.report("sketcher")["errors"] == "0"
 
 
 def test_lossless_keeps_photons_that_come_before_their_sensor(graph, sensor, events):

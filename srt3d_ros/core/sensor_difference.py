@@ -1,0 +1,56 @@
+"""In which key two descriptions of a sensor differ."""
+
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+
+from srt3d_ros.core.sensor import SensorModel
+
+RTOL = 1e-5             # drivers print floats to six digits
+ABSENT = "absent"
+Difference = tuple[str, object, object]
+
+
+def first_difference(one: SensorModel, other: SensorModel) -> Difference | None:
+    """The first key of `sensor`, in the order of its schema, that the two describe differently, and both values.
+
+    Numbers are the same to a relative RTOL. Of an array the key names the first element that differs, as in
+    "irf[3]", or "irf shape"; what is left out is "absent".
+    """
+    return _difference("", one, other)
+
+
+def _difference(name: str, one, other) -> Difference | None:
+    if one is None or other is None:
+        if one is other:
+            return None
+        return (name, *(ABSENT if value is None else "given" if _has_parts(value) else value for value in (one, other)))
+    if is_dataclass(one):
+        return _difference_of_parts(name, one, other)
+    if isinstance(one, np.ndarray):
+        return _difference_of_arrays(name, one, other)
+    same = one == other if isinstance(one, (str, int)) else np.isclose(one, other, rtol=RTOL, atol=0)
+    return None if same else (name, one, other)
+
+
+def _has_parts(value) -> bool:
+    return is_dataclass(value) or isinstance(value, np.ndarray)
+
+
+def _difference_of_parts(name: str, one, other) -> Difference | None:
+    prefix = f"{name}." if name else ""
+    if type(one) is not type(other):        # pinhole and angular scan
+        return f"{prefix}kind", one.kind, other.kind
+    parts = (_difference(prefix + field.name, getattr(one, field.name), getattr(other, field.name))
+             for field in fields(one))
+    return next(filter(None, parts), None)
+
+
+def _difference_of_arrays(name: str, one: np.ndarray, other: np.ndarray) -> Difference | None:
+    if one.shape != other.shape:
+        return f"{name} shape", one.shape, other.shape
+    differs = np.argwhere(~np.isclose(one, other, rtol=RTOL, atol=0))
+    if not len(differs):
+        return None
+    place = tuple(differs[0].tolist())
+    return f"{name}[{', '.join(map(str, place))}]", one[place].item(), other[place].item()

@@ -1,0 +1,107 @@
+"""Which sensor a sketcher reads photons with: that of `sensor_file` or else of `sensor`, with a CameraInfo's lens."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor_difference import first_difference
+from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.errors import InvalidInput
+
+
+class SensorChoice:
+    """The description in force, the lens before it, and what contradicts it; each change is logged once.
+
+    A sensor_file is in force whoever starts first, and what comes on `sensor` must say the same. Without a file the
+    last description on `sensor` is in force. A lens that fits the pixels replaces the projection of either.
+
+    Args:
+        path: sensor_file; empty if there is none.
+        sensor_topic, lens_topic: full names, for the log.
+        log: the node's logger.
+        refuse_lens: called with the reason why a lens is not used.
+
+    Raises:
+        InvalidInput: the file cannot be used.
+
+    Attributes:
+        file: the sensor of the file, or None.
+        contradiction: how `sensor` contradicts the file, in a line; empty if it does not.
+    """
+
+    def __init__(self, path: str, sensor_topic: str, lens_topic: str, log, refuse_lens: Callable[[str], None]):
+        self.file = open_sensor(path) if path else None
+        self._file_name = Path(path).name
+        self._sensor_topic, self._lens_topic, self._log, self._refuse_lens = sensor_topic, lens_topic, log, refuse_lens
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what has been heard."""
+        self._described: SensorModel | None = self.file
+        self._lens: tuple[int, int, Pinhole] | None = None
+        self._projection: Pinhole | None = None     # of the lens, while it is in force
+        self.contradiction = ""
+
+    def begin(self) -> None:
+        """Say what is in force from the start."""
+        if self.file is not None:
+            self._log.info(f"sensor_file {self._file_name}: {in_words(self.file)}; a description on "
+                           f"{self._sensor_topic} must say the same")
+
+    def replace(self, described: SensorModel) -> bool:
+        """Take a description on `sensor`, where there is no file; whether it replaces another."""
+        before, self._described = self._described, described
+        if before is None:
+            self._log.info(f"sensor on {self._sensor_topic}: {in_words(described)}")
+            return False
+        if described.same_as(before):
+            return False
+        difference = first_difference(before, described)
+        changed = "{} was {}, is {}".format(*difference) if difference else "numbers differ in their last digits"
+        self._log.info(f"another sensor on {self._sensor_topic}: {in_words(described)}; {changed}")
+        return True
+
+    def compare(self, described: SensorModel) -> InvalidInput | None:
+        """Hold a description on `sensor` against the file; how it contradicts the file."""
+        difference = first_difference(self.file, described)
+        if difference is None:
+            self.agree(f"{self._sensor_topic} says the same again")
+            return None
+        key, ours, theirs = difference
+        problem = InvalidInput(f"{key} on {self._sensor_topic}", theirs, f"{ours} as in sensor_file {self._file_name}; "
+                               "photons are dropped until both say the same")
+        self.contradiction = str(problem)
+        return problem
+
+    def agree(self, why: str) -> None:
+        """Nothing contradicts the file any more."""
+        if self.contradiction:
+            self.contradiction = ""
+            self._log.info(f"sensor_file {self._file_name} is used again: {why}")
+
+    def look_through(self, lens: tuple[int, int, Pinhole] | None) -> None:
+        """Take the lens of a CameraInfo: rows, columns and pinhole; or none."""
+        self._lens = lens
+
+    def sensor(self) -> SensorModel | None:
+        """Description and lens put together; None before there is a description."""
+        described = self._described
+        if described is None or self._lens is None:
+            self._projection = None
+            return described
+        rows, cols, pinhole = self._lens
+        if (rows, cols) != (described.rows, described.cols):
+            self._projection = None
+            self._refuse_lens(f"its pixels are {rows} × {cols}: expected {described.rows} × {described.cols}")
+            return described
+        if pinhole != self._projection:
+            self._projection = pinhole
+            self._log.info(f"{self._lens_topic} replaces the projection: fx {pinhole.fx:g}, fy {pinhole.fy:g}, "
+                           f"cx {pinhole.cx:g}, cy {pinhole.cy:g} pixels")
+        return described.replace(projection=pinhole)
+
+
+def in_words(sensor: SensorModel) -> str:
+    """Its pixels and bins."""
+    return f"{sensor.rows} × {sensor.cols} pixels, {sensor.num_bins} bins of {sensor.bin_width_s * 1e12:g} ps"
