@@ -290,7 +290,7 @@ def _usual(topic: Topic) -> Offer:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([BagRecorderNode], args)
+    return run(BagRecorderNode, args)
 
 
 if __name__ == "__main__":

@@ -242,7 +242,7 @@ class PlayerNode(PipelineNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([PlayerNode], args)
+    return run(PlayerNode, args)
 
 
 if __name__ == "__main__":

@@ -286,7 +286,7 @@ class LoneRecorderNode(RecorderNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([LoneRecorderNode], args)
+    return run(LoneRecorderNode, args)
 
 
 if __name__ == "__main__":

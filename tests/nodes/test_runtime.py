@@ -37,7 +37,7 @@ class ProbeNode(PipelineNode):
         time.sleep(cloud.width / 10)
         self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
 
-sys.exit(run([ProbeNode]))
+sys.exit(run(ProbeNode))
 """
 
 
