@@ -92,7 +92,7 @@ class _Supervisor:
         elif node.code == BAD_INPUT or node.report is None and died == 1:
             self._end(f"{name} did not start: it {node.how_it_ended()}")
         elif died > MOST_RESTARTS:
-            self._end(f"{name} {node.how_it_ended()}, for the {died}th time in {CALM_S:.0f} s")
+            self._end(f"{name} {node.how_it_ended()}; it died {died} times within {CALM_S:.0f} s")
         else:
             delay_s = FIRST_DELAY_S * 2 ** (died - 1)
             self._again_at[name] = now_s + delay_s

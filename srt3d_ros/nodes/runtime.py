@@ -134,7 +134,7 @@ def _init(given: list[str]) -> None:
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:       # what rcl raises for arguments that it cannot parse
         if "Failed to create log" in str(error):
-            raise InvalidInput(*_log_folder(), f"a folder that can be written ({error})") from None
+            raise InvalidInput(*_log_folder(), "a folder that can be written, for ROS 2's log") from None
         raise InvalidInput("command line", " ".join(given[1:]), f"ROS arguments ({error})") from None
     unused = remove_ros_args(given)[1:]     # -p, say, without --ros-args before it
     require(not unused, "command line", " ".join(given[1:]), f"nothing but --ros-args and what follows it, such as "
@@ -143,7 +143,8 @@ def _init(given: list[str]) -> None:
 
 def _log_folder() -> tuple[str, str]:
     """The variable that says where rcl writes its log, and the folder."""
-    for variable, below in (("ROS_LOG_DIR", ""), ("ROS_HOME", "log")):
-        if os.environ.get(variable):
-            return variable, os.path.join(os.environ[variable], below)
+    if os.environ.get("ROS_LOG_DIR"):
+        return "ROS_LOG_DIR", os.environ["ROS_LOG_DIR"]
+    if os.environ.get("ROS_HOME"):
+        return "ROS_HOME", os.environ["ROS_HOME"]
     return "ROS_LOG_DIR", os.path.expanduser("~/.ros/log")
