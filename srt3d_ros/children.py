@@ -9,6 +9,7 @@ import threading
 from dataclasses import dataclass
 
 PARENT = "SRT3D_PARENT_FD"      # in the environment of a child: its end of a connection to who has started it
+AGAIN = "SRT3D_STARTED_AGAIN"   # in the environment of a child that takes the place of one that died
 MOST_BYTES = 1 << 16            # of a report, which names a dozen topics
 
 
@@ -19,6 +20,11 @@ def wait_or_kill(process: subprocess.Popen, timeout_s: float) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def started_again() -> bool:
+    """Whether this process takes the place of one that died, whose files it must not replace."""
+    return AGAIN in os.environ
 
 
 class Reports:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Container, Iterable
 from pathlib import Path
 
-from srt3d_ros.children import Reports, wait_or_kill
+from srt3d_ros.children import AGAIN, Reports, wait_or_kill
 from srt3d_ros.cli.node import parameter_arguments
 from srt3d_ros.node_names import PLAYER
 
@@ -38,12 +38,13 @@ class Node:
 
     Args:
         say: called with each line that the node prints, in a thread.
+        again: whether it takes the place of one that died.
     """
 
-    def __init__(self, name: str, arguments: list[str], say: Callable[[str], None]):
+    def __init__(self, name: str, arguments: list[str], say: Callable[[str], None], again: bool = False):
         self.last_words = ""
         self._say, self._reports = say, Reports()
-        environment = dict(os.environ)
+        environment = os.environ | ({AGAIN: "1"} if again else {})
         if sys.stderr.isatty():
             environment.setdefault("RCUTILS_COLORIZED_OUTPUT", "1")
         self._process = self._reports.popen(
@@ -116,9 +117,9 @@ class Processes:
         self.start_with(name, parameter_arguments(parameters))
 
     def start_with(self, name: str, arguments: list[str]) -> None:
-        """Start the node, also once more, with these arguments."""
+        """Start the node with these arguments; once more, if it has been started and has died."""
         if self._folder is None:
-            self._running[name] = Node(name, arguments, lambda line: _show(f"[{name}] {line}"))
+            self._running[name] = Node(name, arguments, lambda line: _show(f"[{name}] {line}"), name in self._running)
             return
         log = self.log(name).open("w")
         self._running[name] = Node(name, arguments, lambda line: print(line, file=log, flush=True))

@@ -14,11 +14,13 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
+from srt3d_ros.children import started_again
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.frame_numbers import STAMPS_KEPT, Frame, FrameNumbers
@@ -78,7 +80,8 @@ class RecorderNode(PipelineNode):
     def configure(self) -> None:
         """Check the parameters and find out what is told of every recording."""
         self._settings = Settings(self.parameters)
-        self._names = PartNames(self._settings.path, numbered=bool(self._settings.split))
+        path = free(self._settings.path) if started_again() else self._settings.path
+        self._names = PartNames(path, numbered=bool(self._settings.split))
         if self._settings.live:
             live.check_free(self._settings.live[0])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}

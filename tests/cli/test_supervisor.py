@@ -80,6 +80,18 @@ def test_a_node_that_dies_is_started_again_until_it_dies_too_often(start):
     assert up.lines[-1].startswith("srt3d up: sketcher was killed by SIGKILL; it died 2 times within 60 s: ending all")
 
 
+def test_a_recorder_that_is_started_again_keeps_what_was_recorded(start, tmp_path):
+    up = start(IMPATIENT, "--input", "simulator", "--record", tmp_path / "run.rrd", "--bag", tmp_path / "rec")
+    up.says(f"recording to {tmp_path / 'run.rrd'}")
+    wait(lambda: (tmp_path / "run.rrd").exists() and (tmp_path / "rec").exists(), "the files", lambda: up.text)
+    os.kill(nodes_of(up)["recorder"], signal.SIGKILL)
+    os.kill(nodes_of(up)["bag_recorder"], signal.SIGKILL)
+    up.says(f"recording to {tmp_path / 'run_2.rrd'}")
+    wait((tmp_path / "rec_2").exists, "another bag", lambda: up.text)
+    assert up.end(signal.SIGINT) == 0, up.text
+    assert {"run.rrd", "run_2.rrd", "rec", "rec_2"} <= {path.name for path in tmp_path.iterdir()}
+
+
 def test_a_node_that_cannot_start_ends_all_with_its_line_and_code(start):
     up = start(UP, "--input", "no such file.npz")
     assert up.code() == 2
