@@ -1,6 +1,6 @@
 """Two sensors that must pass without loss in real time, through real processes; one JSON line each.
 
-    PYTHONPATH=. python benchmarks/gates.py [--seconds 60] [--case gates events] [--together] [--out FILE]
+    PYTHONPATH=. python benchmarks/gates.py [--seconds 60] [--case gates events] [--out FILE]
 
 gates: 32 × 32 pixels at 150,400 cycles a second, 308 MB/s, as 100 messages of 3 MB a second; two make a frame, so that
 50 clouds a second are to come. events: 141 × 141 pixels, 10 photons each, 30 frames a second. Latency counts from the
@@ -33,12 +33,12 @@ def case_of(name: str) -> tuple:
     return sensor, [photons_of(sensor, 10.0)], 30, 1
 
 
-def measure(name: str, seconds: float, together: bool) -> dict:
+def measure(name: str, seconds: float) -> dict:
     """Run one case; its figures."""
     from srt3d_ros.nodes.monitor import Monitor
     sensor, packets, rate_hz, per_frame = case_of(name)
     with Monitor(keep_every=10**9) as monitor:
-        with Pipeline(monitor, sensor, packets, together, packets_per_frame=per_frame) as pipeline:
+        with Pipeline(monitor, sensor, packets, packets_per_frame=per_frame) as pipeline:
             pipeline.drive(f"{rate_hz}:2")              # compiles for the sensor
             first, load = len(monitor.arrivals), os.getloadavg()[0]
             counted = books(monitor)
@@ -48,7 +48,7 @@ def measure(name: str, seconds: float, together: bool) -> dict:
     sent = said["phases"][0]["sent"]
     latencies_ms = np.array([arrival.latency_ms for arrival in arrivals])
     span_s = (arrivals[-1].received_ns - arrivals[0].received_ns) * 1e-9
-    return {"case": name, "processes": "one" if together else "two", "seconds": seconds, "packets_sent": sent,
+    return {"case": name, "seconds": seconds, "packets_sent": sent,
             "packets_skipped": said["phases"][0]["skipped"],
             "MB_per_s": round(said["phases"][0]["bytes"] / seconds / 1e6, 1),
             "clouds": len(arrivals), "clouds_lost": sent // per_frame - len(arrivals),
@@ -61,12 +61,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--case", nargs="+", choices=("gates", "events"), default=["gates", "events"])
-    parser.add_argument("--together", action="store_true", help="sketcher and reconstructor in one process")
     parser.add_argument("--out", type=Path, help="append the lines to this file")
     args = parser.parse_args()
     join_private_network()
     for name in args.case:
-        tell(measure(name, args.seconds, args.together), args.out)
+        tell(measure(name, args.seconds), args.out)
 
 
 if __name__ == "__main__":

@@ -17,9 +17,6 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 
 HERE = Path(__file__).resolve().parent
-TOGETHER = ("import sys; from srt3d_ros.nodes.reconstructor import ReconstructorNode; "
-            "from srt3d_ros.nodes.runtime import run; from srt3d_ros.nodes.sketcher import SketcherNode; "
-            "sys.exit(run([ReconstructorNode, SketcherNode]))")
 TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 READY_S, SETTLE_S = 180.0, 1.5
 
@@ -35,26 +32,22 @@ def write_messages(folder: Path, sensor: SensorModel, frames: list[PhotonEvents 
 
 
 class Pipeline:
-    """Sketcher and reconstructor, in two processes or one, and a driver; a context manager that ends them.
+    """Sketcher and reconstructor in two processes, and a driver; a context manager that ends them.
 
     Args:
         monitor: an entered srt3d_ros.nodes.monitor.Monitor.
         frames: packets that the driver sends in turn.
-        together: both nodes in one process.
         parameters: of the sketcher.
     """
 
-    def __init__(self, monitor, sensor: SensorModel, frames, together: bool = False, **parameters):
-        self.monitor, self._together = monitor, together
+    def __init__(self, monitor, sensor: SensorModel, frames, **parameters):
+        self.monitor = monitor
         self._folder = tempfile.TemporaryDirectory(prefix="srt3d-live-")
         self._topic = write_messages(Path(self._folder.name), sensor, frames)
         self._processes: dict[str, subprocess.Popen] = {}
         given = [part for name, value in parameters.items() for part in ("-p", f"sketcher:{name}:={value}")]
-        if together:
-            self._start("sketcher and reconstructor", "-c", TOGETHER, "--ros-args", *given)
-        else:
-            self._start("reconstructor", "-m", "srt3d_ros.nodes.reconstructor")
-            self._start("sketcher", "-m", "srt3d_ros.nodes.sketcher", "--ros-args", *given)
+        self._start("reconstructor", "-m", "srt3d_ros.nodes.reconstructor")
+        self._start("sketcher", "-m", "srt3d_ros.nodes.sketcher", "--ros-args", *given)
 
     def __enter__(self) -> "Pipeline":
         if not self.monitor.spin_until(lambda: {"sketcher", "reconstructor"} <= self.monitor.statuses.keys(), READY_S):
@@ -92,10 +85,19 @@ class Pipeline:
         """CPU time that each process has used, seconds."""
         used = {}
         for name, process in self._processes.items():
-            fields = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-            used[name] = (int(fields[11]) + int(fields[12])) * TICK_S
+            used[name] = cpu_s(process.pid)
         used["monitor"] = time.process_time()
         return used
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time that a process and the processes under it have used, seconds; 0 once it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) * TICK_S + sum(cpu_s(int(child)) for child in children)
 
 
 def tell(line: dict, out: Path | None) -> None:

@@ -73,4 +73,4 @@ if __name__ == "__main__":
     parser.add_argument("--rate-hz", type=float, required=True)
     given = parser.parse_args()
     StandIn.side, StandIn.rate_hz = given.side, given.rate_hz
-    sys.exit(run([StandIn], []))
+    sys.exit(run(StandIn, []))

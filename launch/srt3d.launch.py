@@ -1,14 +1,16 @@
 """The whole pipeline: `ros2 launch srt3d_ros srt3d.launch.py --show-args` lists what can be set.
 
 An argument that is not given changes nothing: the parameter file, or else the node's own default, decides.
-`srt3d up` does the same in one process, without the launch package.
+NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. Ends with 1 if a node fails.
+`srt3d up` starts the same nodes without the launch package, and starts those again that die.
 """
 
 import difflib
 from pathlib import Path
 
+import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
@@ -66,19 +68,32 @@ def pipeline(context) -> list[Action]:
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
     switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
-    return misspelt(context.launch_configurations) + [
+    return passed_over(context.launch_configurations) + [
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
-             parameters=[*files, switches | texts(given, parameters)], remappings=remappings,
-             ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S, on_exit=ended)
+             parameters=[*files, switches | texts(given, parameters) | own(context.launch_configurations, name)],
+             remappings=remappings, ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S,
+             on_exit=ended)
         for name, parameters in NODES.items() if name not in ONLY_WITH or ONLY_WITH[name] in given]
 
 
-def misspelt(configurations: dict[str, str]) -> list[LogInfo]:
-    """A line for each name that is nearly an argument's. Others may be of the launch file that includes this one."""
-    names = [argument.name for argument in ARGUMENTS]
-    near = {name: difflib.get_close_matches(name, names, n=1) for name in configurations if name not in names}
-    return [LogInfo(msg=f"{name}:=… is ignored: there is no such argument, did you mean {meant[0]}?")
-            for name, meant in near.items() if meant]
+def own(configurations: dict[str, str], node: str) -> dict:
+    """The parameters of a node that were given as NODE.PARAMETER:=VALUE; values as in a YAML file."""
+    return {name.partition(".")[2]: yaml.safe_load(value) for name, value in configurations.items()
+            if name.partition(".")[0] == node}
+
+
+def passed_over(configurations: dict[str, str]) -> list[LogInfo]:
+    """A line for each name that is a parameter's or nearly an argument's. Others may be an including file's."""
+    arguments, lines = [argument.name for argument in ARGUMENTS], []
+    table = yaml.safe_load(Path(get_package_share_directory(PACKAGE), "config", "srt3d.yaml").read_text())
+    for name in configurations:
+        of = [section.strip("/*") for section, content in table.items() if name in content["ros__parameters"]]
+        near = [f"{node}.{name}:=…" for node in of] or [
+            f"{meant}:=…" for meant in difflib.get_close_matches(name, arguments, n=1)]
+        if name not in arguments and near:
+            lines.append(LogInfo(msg=f"{name}:=… is ignored: there is no such argument, did you mean "
+                                     f"{' or '.join(near)}?"))
+    return lines
 
 
 def texts(given: dict[str, str], parameters: dict[str, str]) -> dict[str, ParameterValue]:
@@ -95,6 +110,10 @@ def config_file(config: str) -> str:
     return str(shipped) if shipped.is_file() else config
 
 
-def ended(event, context) -> Shutdown | None:
-    """A pipeline in which a node has failed is of no use; a player may come to its end."""
-    return Shutdown(reason=f"{event.process_name} has failed") if event.returncode else None
+def ended(event, context) -> None:
+    """A pipeline in which a node has failed is of no use; a player may come to its end.
+
+    What is raised here ends the launch with 1; the action Shutdown would end it with 0.
+    """
+    if event.returncode:
+        raise RuntimeError(f"{event.process_name} has failed with exit code {event.returncode}")

@@ -1,3 +1,4 @@
 """The nodes of this package by name, for who must know them without importing ROS 2."""
 
-NODES = ("player", "sketcher", "reconstructor", "recorder", "bag_recorder")
+PLAYER = "player"
+NODES = (PLAYER, "sketcher", "reconstructor", "recorder", "bag_recorder")

@@ -21,6 +21,7 @@ def add_parser(subparsers) -> None:
                         help="begin again at the end (a file's one frame: yes; a bag: no)")
     parser.add_argument("--lossless", action="store_const", const=True,
                         help="wait for the pipeline instead of leaving frames behind")
+    parser.add_argument("--namespace", metavar="NS", help="of the player and its topics")
     frames = parser.add_argument_group("files and the simulator")
     frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
     frames.add_argument("--gates", dest="output", action="store_const", const="gates",
@@ -43,4 +44,5 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     args.bag_loop = args.loop       # one of the two is the input's
     given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
-    return node.start("player", [*node.parameter_arguments(given), *args.ros_args])
+    namespace = node.namespace_arguments(args.namespace) if args.namespace else []
+    return node.start("player", [*node.parameter_arguments(given), *namespace, *args.ros_args])

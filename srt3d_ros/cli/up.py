@@ -1,4 +1,4 @@
-"""`srt3d up`: the whole pipeline in one process; launch/srt3d.launch.py starts the same in several."""
+"""`srt3d up`: the whole pipeline by one command; launch/srt3d.launch.py starts the same nodes."""
 
 import argparse
 import difflib
@@ -11,7 +11,9 @@ from pathlib import Path
 
 from srt3d_ros import __version__, shared_files
 from srt3d_ros.cli import node
+from srt3d_ros.cli.supervisor import supervise
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.node_names import PLAYER
 
 # Which parameter of which node an option sets.
 OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor", "device"),
@@ -19,8 +21,9 @@ OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
-Run sketcher and reconstructor, and what is asked for beside them, as ROS 2 nodes in one process: photons in, point
-clouds out. A driver publishes `sensor` and `photons` or `gates`; or --input plays them."""
+Run sketcher and reconstructor, and what is asked for beside them, as ROS 2 nodes in processes of their own: photons
+in, point clouds out. A driver publishes `sensor` and `photons` or `gates`; or --input plays them. Ctrl-C ends all, the
+source first and the recorder last. A node that dies is started again."""
 EXAMPLES = """\
 examples:
   srt3d up --input simulator --record run.rrd               a moving scene, no sensor needed
@@ -29,11 +32,11 @@ examples:
   srt3d up --namespace front -p sketcher.sketch_size:=5 -p reconstructor.fields:=full
 
 -p goes before the other options, they before --config, the last --config before the others; config/srt3d.yaml lists
-every parameter. ros2 param, ros2 lifecycle and ros2 topic reach each node as if it had a process of its own."""
+every parameter. Exit code: 0 after Ctrl-C, or when a node is done (a player at its end); else the failed node's."""
 
 
 def add_parser(subparsers) -> None:
-    parser = subparsers.add_parser("up", help="photons in, point clouds out: the pipeline in one process",
+    parser = subparsers.add_parser("up", help="photons in, point clouds out: the pipeline by one command",
                                    description=ABOUT, epilog=EXAMPLES,
                                    formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
@@ -55,19 +58,18 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     node.leave_at_once_on_signals()
-    classes = node_classes(args)
-    interfaces = [made.interface for made in classes]
-    from srt3d_ros.nodes.runtime import run as run_nodes
+    interfaces = [made.interface for made in node_classes(args)]
     with tempfile.NamedTemporaryFile("w", prefix="srt3d_up_", suffix=".yaml") as own:
         own.write(parameters_yaml(args, interfaces))
         own.flush()
         ros_args = ros_arguments(args, interfaces, own.name)
         print("starting; the first time on a machine the kernels are compiled, for some minutes", flush=True)
-        return run_nodes(classes, ["srt3d", *ros_args], ready=lambda nodes: print(glance(nodes), flush=True))
+        return supervise([interface.name for interface in interfaces], ros_args,
+                         lambda reports: print(glance(reports), flush=True))
 
 
 def node_classes(args: argparse.Namespace) -> list[type]:
-    """The nodes asked for, who listens before who speaks. What an optional one needs is imported with it."""
+    """The nodes asked for, who listens before who speaks. What an optional one lacks to run is said at its import."""
     from srt3d_ros.nodes.reconstructor import ReconstructorNode
     from srt3d_ros.nodes.sketcher import SketcherNode
     classes = [ReconstructorNode, SketcherNode]
@@ -156,26 +158,24 @@ def _remapping(rule: str, topics: set[str]) -> str:
     return rule
 
 
-def glance(nodes: list) -> str:
-    """What runs, under which names it can be reached, and what to do next."""
-    lines = [f"srt3d {__version__}: {len(nodes)} nodes in one process; Ctrl-C ends them", ""]
-    for one in reversed(nodes):         # as the data flow
-        lines.append(f"  {one.get_fully_qualified_name()}" + "  (unconfigured)" * (one.state == "unconfigured"))
-        lines += _topics("in ", one, one.interface.inputs, one.subscriptions)
-        lines += _topics("out", one, one.interface.outputs, one.publishers)
-    by_name = {one.interface.name: one for one in nodes}
-    points = by_name["reconstructor"].resolve_topic_name("points")
-    sensor = by_name["sketcher"].resolve_topic_name("sensor")
+def glance(reports: dict[str, dict]) -> str:
+    """What runs, under which names it can be reached, and what to do next.
+
+    Args:
+        reports: of each node by its kind, who listens before who speaks, as srt3d_ros.nodes.runtime makes them.
+    """
+    lines = [f"srt3d {__version__}: {len(reports)} nodes, each in a process of its own; Ctrl-C ends them", ""]
+    for one in reversed(reports.values()):      # as the data flow
+        lines.append(f"  {one['name']}" + "  (unconfigured)" * (one["state"] == "unconfigured"))
+        lines += _topics("in ", one["in"]) + _topics("out", one["out"])
+    points, sensor = reports["reconstructor"]["topics"]["points"], reports["sketcher"]["topics"]["sensor"]
     lines += ["", f"  look      ros2 topic hz {points}; rviz2, PointCloud2 on {points}",
               "  health    ros2 topic echo /diagnostics"]
-    if "player" not in by_name:
+    if PLAYER not in reports:
         lines.append(f"  waiting   for a driver: {sensor}, then photons or gates; docs/quickstart-driver.md writes one")
     return "\n".join([*lines, ""])
 
 
-def _topics(title: str, one, declared: tuple, made) -> list[str]:
-    """The topics of a node that are there now, by their final names."""
-    there = {entity.topic_name for entity in made}
-    names = [one.resolve_topic_name(topic.name) for topic in declared]
-    return textwrap.wrap("  ".join(name for name in dict.fromkeys(names) if name in there), 110,
-                         initial_indent=f"    {title}  ", subsequent_indent=" " * 9)
+def _topics(title: str, names: list[str]) -> list[str]:
+    return textwrap.wrap("  ".join(dict.fromkeys(names)), 110, initial_indent=f"    {title}  ",
+                         subsequent_indent=" " * 9)

@@ -12,8 +12,10 @@ from pathlib import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import HistoryPolicy, QoSProfile
 
+from srt3d_ros.children import started_again
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
+from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import LOG_EVERY_S, PUBLISH_DEPTH, QUEUE_DEPTH, PipelineNode
 from srt3d_ros.nodes.interface import Interface, Topic
@@ -77,6 +79,8 @@ class BagRecorderNode(PipelineNode):
     def activate(self) -> None:
         """Make the bag and subscribe."""
         path = Path(self.parameters["path"] or time.strftime("bag_%Y%m%dT%H%M%SZ", time.gmtime())).absolute()
+        if started_again():
+            path = free(path)
         self._room_at = next(folder for folder in path.parents if folder.exists())
         require(self._has_room(0), "path", str(path),
                 f"a place with more than {self.parameters['min_free_mb']} MB free")
@@ -290,7 +294,7 @@ def _usual(topic: Topic) -> Offer:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([BagRecorderNode], args)
+    return run(BagRecorderNode, args)
 
 
 if __name__ == "__main__":

@@ -243,7 +243,7 @@ class PlayerNode(PipelineNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([PlayerNode], args)
+    return run(PlayerNode, args)
 
 
 if __name__ == "__main__":

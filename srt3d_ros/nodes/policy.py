@@ -20,7 +20,7 @@ EVERYONE, OPERATOR = "all", "operator"
 
 
 def policy(interfaces: Iterable[Interface]) -> str:
-    """The policy as XML: enclaves /srt3d/NAME for each node, for all nodes in one process and for an operator.
+    """The policy as XML: enclaves /srt3d/NAME for each node, for all nodes of `srt3d up` and for an operator.
 
     The operator, somebody who types `ros2 …`, may hear everything and use all services; nobody else may set a
     parameter, change a state or call a service.

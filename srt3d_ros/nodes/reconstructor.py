@@ -215,7 +215,7 @@ class ReconstructorNode(PipelineNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([ReconstructorNode], args)
+    return run(ReconstructorNode, args)
 
 
 if __name__ == "__main__":

@@ -14,11 +14,13 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
+from srt3d_ros.children import started_again
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.frame_numbers import STAMPS_KEPT, Frame, FrameNumbers
@@ -37,6 +39,7 @@ QUEUE = 64              # messages that may wait; the writer has its own queue o
 QUEUE_DEPTH = 32        # and of each topic in the middleware: sketches of 2 MB, half a dozen topics
 COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
+NICENESS = 10           # of the process: a tenth of a pipeline's node's share of a busy core
 # As its publishers offer it: with the last 10 s of a node that is only now seen.
 LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
@@ -66,7 +69,6 @@ class RecorderNode(PipelineNode):
 
     interface = INTERFACE
     drains = True           # what has arrived is written
-    niceness = 0            # of the writing thread
     finish_s = 35.0         # longer than a writer takes to give up
     queue_depth = QUEUE_DEPTH
 
@@ -78,7 +80,8 @@ class RecorderNode(PipelineNode):
     def configure(self) -> None:
         """Check the parameters and find out what is told of every recording."""
         self._settings = Settings(self.parameters)
-        self._names = PartNames(self._settings.path, numbered=bool(self._settings.split))
+        path = free(self._settings.path) if started_again() else self._settings.path
+        self._names = PartNames(path, numbered=bool(self._settings.split))
         if self._settings.live:
             live.check_free(self._settings.live[0])
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
@@ -157,7 +160,7 @@ class RecorderNode(PipelineNode):
         return RecordingWriter(
             self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
             style=self._settings.style, split=self._settings.split, live=self._settings.live,
-            niceness=self.niceness, queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
+            queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
             on_error=self._on_writer_error, on_recovery=self._on_writer_recovery)
 
     def _on_writer_error(self, text: str) -> None:
@@ -278,15 +281,10 @@ class RecorderNode(PipelineNode):
             self._writer.tell(layout.PARAMETERS, values)
 
 
-class LoneRecorderNode(RecorderNode):
-    """A recorder with a process of its own, which gives way to the pipeline."""
-
-    niceness = 5
-
-
 def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run([LoneRecorderNode], args)
+    """Run the node, which gives way to the pipeline; returns the exit code."""
+    os.nice(NICENESS)       # before there are other threads, which inherit it
+    return run(RecorderNode, args)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ LIBRARY = logging.getLogger("srt3d_ros")
 
 
 class Relay(logging.Handler):
-    """Relays until it is closed; of several in a process, the first.
+    """Relays until it is closed. A node has a process of its own, so that it says all that is logged there.
 
     Args:
         logger: the node's.
@@ -20,8 +20,6 @@ class Relay(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Say it; rclpy wants each severity to come from a line of its own."""
-        if next(handler for handler in LIBRARY.handlers if isinstance(handler, Relay)) is not self:
-            return
         if record.levelno >= logging.WARNING:
             self._logger.warning(record.getMessage())
         else:

@@ -1,4 +1,4 @@
-"""From process to nodes and back: start, spin, and an orderly end for every way in which it may end."""
+"""From process to node and back: start, spin, and an orderly end for every way in which it may end."""
 
 import os
 import signal
@@ -13,13 +13,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from srt3d_ros.children import Parent
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.parameter_files import given_files, passed_over
 
 WAKE_S = 0.1            # how long a signal may go unnoticed
 SWALLOWED_S = 2.0       # after an interrupt of the start, from which on it is taken for swallowed
-HAND_OVER_S = 0.3       # from a node that is closed to the next in the same process
 BAD_INPUT = 2
 
 
@@ -46,41 +46,36 @@ class _Stop:
             os._exit(0)
 
 
-def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None = None,
-        ready: Callable[[list[PipelineNode]], None] = lambda nodes: None) -> int:
-    """Make the nodes, start those that start by themselves, spin until one is done or a signal comes, close them.
+def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) -> int:
+    """Make the node, start it unless somebody else is to do that, spin until it is done or a signal comes, close it.
 
-    rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the nodes
-    finish their frames, their recordings and their last diagnostics first.
+    rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the node
+    finish its frames, its recording and its last diagnostics first. A parent that waits for it (srt3d_ros.children) is
+    told when the node has started, and the node ends if the parent does.
 
     Args:
-        make_nodes: in the order in which they start, against the flow of data: who listens, before who speaks.
         args: ROS arguments; the process's own unless given.
-        ready: called with the nodes once all are started.
 
     Returns:
-        The exit code of the nodes, which is 0 unless one failed, also after SIGINT and SIGTERM; 2 with one line on
+        The exit code of the node, which is 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on
         stderr if a parameter, an argument or an input file cannot be used.
     """
     given = sys.argv if args is None else args
     stop = _Stop()
-    nodes: list[PipelineNode] = []
+    parent = Parent.of_this_process()
+    node = None
     try:
         _init(given)
-        for make_node in make_nodes:
-            nodes.append(_make(make_node))
-        _warn_of_files(given, nodes)
-        for node in nodes:
-            _start(node)
+        node = _make(make_node)
+        _warn_of_files(given, node)
+        _start(node)
         stop.starting = False
-        if not stop.requested:
-            ready(nodes)
+        if parent and not stop.requested:
+            parent.report(_facts(node))
         executor = SingleThreadedExecutor()
-        for node in nodes:
-            executor.add_node(node)
-        while not (stop.requested or any(node.finished.is_set() for node in nodes)):
+        executor.add_node(node)
+        while not (stop.requested or node.finished.is_set()):
             executor.spin_once(timeout_sec=WAKE_S)
-        _close_in_order(nodes, executor)
     except KeyboardInterrupt:
         pass
     except InvalidInput as error:
@@ -91,10 +86,10 @@ def run(make_nodes: Sequence[Callable[[], PipelineNode]], args: list[str] | None
             raise
     finally:
         stop.starting = False
-        for node in nodes:
+        if node is not None:
             node.close()
         rclpy.try_shutdown()
-    return max((node.exit_code for node in nodes), default=0)
+    return node.exit_code if node is not None else 0
 
 
 def _make(make_node: Callable[[], PipelineNode]) -> PipelineNode:
@@ -107,11 +102,10 @@ def _make(make_node: Callable[[], PipelineNode]) -> PipelineNode:
                            f"accepts, see docs/security.md ({' '.join(str(error).split())})") from None
 
 
-def _warn_of_files(arguments: Sequence[str], nodes: Sequence[PipelineNode]) -> None:
-    names = [node.get_fully_qualified_name() for node in nodes]
+def _warn_of_files(arguments: Sequence[str], node: PipelineNode) -> None:
     for path in given_files(arguments):
-        for line in passed_over(path, names):
-            nodes[0].get_logger().warning(line)
+        for line in passed_over(path, [node.get_fully_qualified_name()]):
+            node.get_logger().warning(line)
 
 
 def _start(node: PipelineNode) -> None:
@@ -125,22 +119,32 @@ def _start(node: PipelineNode) -> None:
     node.diagnostics.report()
 
 
-def _close_in_order(nodes: list[PipelineNode], executor: SingleThreadedExecutor) -> None:
-    """Close the source first, and give each node's last messages time to reach the next."""
-    while len(nodes) > 1:
-        source = nodes.pop()
-        executor.remove_node(source)
-        source.close()
-        end = time.monotonic() + HAND_OVER_S
-        while (left_s := end - time.monotonic()) > 0:
-            executor.spin_once(timeout_sec=left_s)
+def _facts(node: PipelineNode) -> dict:
+    """What a parent shows of the node: name, state, the final names of all topics, and which are there by now."""
+    inputs, outputs = ({topic.name: node.resolve_topic_name(topic.name) for topic in topics}
+                       for topics in (node.interface.inputs, node.interface.outputs))
+    read, published = ({entity.topic_name for entity in made} for made in (node.subscriptions, node.publishers))
+    return {"name": node.get_fully_qualified_name(), "state": node.state, "topics": inputs | outputs,
+            "in": [name for name in inputs.values() if name in read],
+            "out": [name for name in outputs.values() if name in published]}
 
 
 def _init(given: list[str]) -> None:
     try:
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:       # what rcl raises for arguments that it cannot parse
+        if "Failed to create log" in str(error):
+            raise InvalidInput(*_log_folder(), "a folder that can be written, for ROS 2's log") from None
         raise InvalidInput("command line", " ".join(given[1:]), f"ROS arguments ({error})") from None
     unused = remove_ros_args(given)[1:]     # -p, say, without --ros-args before it
     require(not unused, "command line", " ".join(given[1:]), f"nothing but --ros-args and what follows it, such as "
             f"--ros-args -p name:=value; not {' '.join(unused)}")
+
+
+def _log_folder() -> tuple[str, str]:
+    """The variable that says where rcl writes its log, and the folder."""
+    if os.environ.get("ROS_LOG_DIR"):
+        return "ROS_LOG_DIR", os.environ["ROS_LOG_DIR"]
+    if os.environ.get("ROS_HOME"):
+        return "ROS_HOME", os.environ["ROS_HOME"]
+    return "ROS_LOG_DIR", os.path.expanduser("~/.ros/log")

@@ -297,7 +297,7 @@ def _read_camera_info(raw: bytes) -> CameraInfo:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run([SketcherNode], args)
+    return run(SketcherNode, args)
 
 
 if __name__ == "__main__":

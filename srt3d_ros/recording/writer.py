@@ -2,7 +2,6 @@
 
 import atexit
 import os
-import sys
 import threading
 import time
 import uuid
@@ -46,8 +45,6 @@ class RecordingWriter:
         style: how clouds and images are recorded.
         split: when the next file begins.
         live: (port, memory in MB) where viewers can watch, or None; InvalidInput if the port is taken.
-        niceness: of the writing thread, so that those who make the frames go first; not for threads of their process,
-            which may wait for Python's lock while it does not get to run.
         queue_mb: of clouds and images that may wait.
         on_error, on_recovery: called with the line in `error`, and with the new file's path; from the writer's thread,
             or from here if the first file does not open.
@@ -56,7 +53,7 @@ class RecordingWriter:
     def __init__(self, path, sensor: SensorModel | None, application_id: str = layout.APPLICATION_ID,
                  properties: Mapping[str, Mapping] | None = None, *, names: PartNames | None = None,
                  images: tuple[str, ...] = (layout.DEPTH,), style: Style = Style(), split: Split = Split(),
-                 live: tuple[int, int] | None = None, niceness: int = 0, queue_mb: float = 32.0,
+                 live: tuple[int, int] | None = None, queue_mb: float = 32.0,
                  on_error: Callable[[str], None] = lambda line: None,
                  on_recovery: Callable[[Path], None] = lambda path: None):
         self.error: str | None = None
@@ -72,7 +69,6 @@ class RecordingWriter:
         self.path = Path(path) if names else self._names.next()     # of the newest file
         self._part: FilePart | None = None
         self._retry_s, self._retry_at_s = RETRY_S, 0.0
-        self._niceness = niceness
         self._jobs = Jobs(round(queue_mb * 1e6))
         try:
             self._begin_part()
@@ -151,8 +147,6 @@ class RecordingWriter:
     # ---- From here on in the writer's thread
 
     def _run(self) -> None:
-        if self._niceness and sys.platform == "linux":      # elsewhere it would be that of the process
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), self._niceness)
         flushed_s = time.monotonic()
         while not self._jobs.at_end:
             job = self._jobs.take(FLUSH_PERIOD_S) or _NOTHING

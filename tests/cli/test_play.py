@@ -28,6 +28,7 @@ def player_arguments(monkeypatch):
       "-p", 'bag_photons_topic:="/spad/raw"']),
     (["bag.mcap", "--loop", "--clock"],
      ["-p", 'input:="bag.mcap"', "-p", "loop:=true", "-p", "bag_loop:=true", "-p", "clock:=true"]),
+    (["simulator", "--namespace", "front"], ["-p", 'input:="simulator"', "-r", "__ns:=/front"]),
     (["a.npz", "--duration-s", "2", "--ros-args", "-r", "photons:=/spad/raw", "-p", "seed:=2"],
      ["-p", 'input:="a.npz"', "-p", "duration_s:=2.0", "-r", "photons:=/spad/raw", "-p", "seed:=2"]),
 ])
@@ -39,6 +40,7 @@ def test_options_become_parameters(player_arguments, options, expected):
 @pytest.mark.parametrize("options, code, said", [
     (["simulator", "--frames", "2", "--rate-hz", "50", "--ros-args", "-p", "wait_for_subscribers:=0"], 0, "ready"),
     (["no such file.npz"], 2, "no such file.npz"),
+    (["simulator", "--namespace", "a-b"], 2, "--namespace is a-b: expected letters"),
     (["simulator", "--rate-hz", "-1"], 2, "rate_hz is -1.0: expected a number from 0 to 10000 Hz\n"),
 ])
 def test_the_player_takes_them(repository, options, code, said):

@@ -44,7 +44,7 @@ class LoserNode(PipelineNode):
         if read_cloud(raw).width != 7:
             self.publish_frame(self.publisher, raw, 0)
 
-sys.exit(run([LoserNode], sys.argv))
+sys.exit(run(LoserNode, sys.argv))
 """
 
 

@@ -33,16 +33,6 @@ def test_what_the_library_logs_is_said_until_the_node_is_closed():
     assert logger.said == [("info", "no device"), ("warning", "beware")]
 
 
-def test_of_several_nodes_in_a_process_one_says_it():
-    first, second = Logger(), Logger()
-    relays, library = [Relay(first), Relay(second)], logging.getLogger("srt3d_ros.core.device")
-    library.info("once")
-    relays[0].close()
-    library.info("after the first has gone")
-    relays[1].close()
-    assert (first.said, second.said) == ([("info", "once")], [("info", "after the first has gone")])
-
-
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has CUDA")
 def test_where_there_is_no_gpu_the_reconstructor_says_so(graph):
     process = graph.start("reconstructor").ready()

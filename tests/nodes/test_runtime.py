@@ -37,7 +37,7 @@ class ProbeNode(PipelineNode):
         time.sleep(cloud.width / 10)
         self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
 
-sys.exit(run([ProbeNode]))
+sys.exit(run(ProbeNode))
 """
 
 
@@ -131,6 +131,14 @@ def test_arguments_that_ros_cannot_parse_are_exit_code_2(start, argument):
     probe = start("-p", argument)
     assert probe.code() == 2
     assert probe.lines[-1].startswith("command line is ") and "Traceback" not in probe.text
+
+
+def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
+    monkeypatch.setenv("ROS_LOG_DIR", "/proc/nowhere")
+    probe = start()
+    assert probe.code() == 2
+    assert len(probe.lines) == 1
+    assert probe.lines[0].startswith("ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written")
 
 
 def test_security_that_cannot_be_had_is_one_line_and_no_node_without_it(graph, monkeypatch, tmp_path):

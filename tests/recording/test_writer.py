@@ -409,17 +409,3 @@ def test_nothing_told_of_a_property_is_no_property_and_no_warning(tmp_path, fact
             assert writer.flush()
     assert not [str(warning.message) for warning in seen]
     assert not {"versions", "parameters"} & RecordingReader(tmp_path / "a.rrd").properties().keys()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="threads have a priority of their own on Linux only")
-def test_the_writing_thread_gives_way_and_the_caller_does_not(tmp_path):
-    def nice() -> list[int]:
-        tasks = (path.read_text() for path in Path("/proc/self/task").glob("*/stat"))
-        return sorted(int(stat.rpartition(")")[2].split()[16]) for stat in tasks)
-
-    before = nice()
-    with RecordingWriter(tmp_path / "a.rrd", None, niceness=7) as writer:
-        writer.log_cloud(0, 0, *random_cloud(10))
-        assert writer.flush()
-        assert set(nice()) == {0, 7} and before.count(7) == 0       # and what rerun starts from it
-    assert os.getpriority(os.PRIO_PROCESS, 0) == 0

@@ -1,0 +1,123 @@
+"""`srt3d up` as the parent of its nodes: processes of their own, started again when they die, ended in order."""
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+
+from scripts.attacks.process import Process, wait
+
+UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
+IMPATIENT = [sys.executable, "-c", """if True:
+    import sys
+    from srt3d_ros.cli import main, supervisor
+    supervisor.FIRST_DELAY_S, supervisor.MOST_RESTARTS = 0.01, 1
+    sys.exit(main.main(["up", *sys.argv[1:]]))"""]
+
+
+@pytest.fixture
+def start():
+    """Starts a command, and ends it with the test."""
+    started = []
+
+    def start(command: list[str], *options: object) -> Process:
+        started.append(Process([*command, *map(str, options)]))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.stop()
+
+
+def nodes_of(parent: Process) -> dict[str, int]:
+    """The process of each node."""
+    found = {}
+    for pid in Path(f"/proc/{parent.pid}/task/{parent.pid}/children").read_text().split():
+        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        if "node" in words:
+            found[words[words.index("node") + 1]] = int(pid)
+    return found
+
+
+def runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whole(start, tmp_path):
+    recording = tmp_path / "run.rrd"
+    up = start(UP, "--input", "simulator", "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
+    up.says("recording to").says("health")
+    nodes, order = nodes_of(up), []
+    up.send(signal.SIGINT)
+    while len(order) < len(nodes):
+        order += [name for name, pid in nodes.items() if name not in order and not runs(pid)]
+    assert up.code() == 0, up.text
+    assert order == ["player", "sketcher", "reconstructor", "recorder"]
+    assert "[recorder] [INFO]" in up.text and f"recording to {recording}" in up.text
+    assert all(f"  /front/{name}" in up.lines for name in order)
+    assert "    out  /robot/cloud  /front/depth" in up.text and "ros2 topic hz /robot/cloud" in up.text
+    (line,) = [line for line in up.lines if "computing on" in line] or [""]
+    assert line.startswith("[reconstructor] ") and "[front.reconstructor]: " in line or not line
+    assert RrdReader(recording).recordings()
+
+
+def test_a_node_that_dies_is_started_again_until_it_dies_too_often(start):
+    up = start(IMPATIENT, "-p", "sketcher.autostart:=false").says("(unconfigured)")
+    first = nodes_of(up)
+    os.kill(first["sketcher"], signal.SIGKILL)
+    up.says("srt3d up: sketcher was killed by SIGKILL: it is started again in 0 s (1 of 1)")
+    second = wait(lambda: (nodes_of(up).get("sketcher", first["sketcher"]) != first["sketcher"]) and nodes_of(up),
+                  "another sketcher", lambda: up.text)
+    assert second["reconstructor"] == first["reconstructor"]
+    os.kill(second["sketcher"], signal.SIGKILL)
+    assert up.code() == 128 + signal.SIGKILL
+    assert up.lines[-1].startswith("srt3d up: sketcher was killed by SIGKILL; it died 2 times within 60 s: ending all")
+
+
+def test_a_recorder_that_is_started_again_keeps_what_was_recorded(start, tmp_path):
+    up = start(IMPATIENT, "--input", "simulator", "--record", tmp_path / "run.rrd", "--bag", tmp_path / "rec")
+    up.says(f"recording to {tmp_path / 'run.rrd'}")
+    wait(lambda: (tmp_path / "run.rrd").exists() and (tmp_path / "rec").exists(), "the files", lambda: up.text)
+    os.kill(nodes_of(up)["recorder"], signal.SIGKILL)
+    os.kill(nodes_of(up)["bag_recorder"], signal.SIGKILL)
+    up.says(f"recording to {tmp_path / 'run_2.rrd'}")
+    wait((tmp_path / "rec_2").exists, "another bag", lambda: up.text)
+    assert up.end(signal.SIGINT) == 0, up.text
+    assert {"run.rrd", "run_2.rrd", "rec", "rec_2"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_a_node_that_cannot_start_ends_all_with_its_line_and_code(start):
+    up = start(UP, "--input", "no such file.npz")
+    assert up.code() == 2
+    assert "[player] photon file is no such file.npz: expected a file that exists" in up.lines
+    assert up.lines[-1] == "srt3d up: player did not start: it ended with exit code 2: ending all nodes"
+
+
+def test_a_player_at_its_end_is_no_failure(start):
+    up = start(UP, "--input", "simulator", "-p", "player.frames:=2", "-p", "player.wait_for_subscribers:=0")
+    assert up.code() == 0
+    assert up.lines[-1] == "srt3d up: player is done: ending all nodes"
+
+
+def test_no_node_outlives_a_parent_that_is_killed(start):
+    up = start(UP).says("health")
+    nodes = nodes_of(up)
+    assert set(nodes) == {"sketcher", "reconstructor"}
+    up.kill()
+    wait(lambda: not any(map(runs, nodes.values())), "the end of the nodes")
+
+
+@pytest.mark.parametrize("options, line", [
+    (["-p", "sketcher.sketchsize:=5"], "parameter of sketcher is sketchsize: expected sketch_size"),
+    (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of"),
+])
+def test_a_mistake_is_one_line_before_anything_starts(start, options, line):
+    up = start(UP, *options)
+    assert up.code() == 2
+    assert len(up.lines) == 1 and up.lines[0].startswith(f"srt3d: error: {line}")
