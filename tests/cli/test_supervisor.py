@@ -77,7 +77,7 @@ def test_a_node_that_dies_is_started_again_until_it_dies_too_often(start):
     assert second["reconstructor"] == first["reconstructor"]
     os.kill(second["sketcher"], signal.SIGKILL)
     assert up.code() == 128 + signal.SIGKILL
-    assert up.lines[-1].startswith("srt3d up: sketcher was killed by SIGKILL; it died 2 times within 60 s: ending all")
+    assert "srt3d up: sketcher was killed by SIGKILL; it died 2 times within 60 s: ending all nodes" in up.lines
 
 
 def test_a_recorder_that_is_started_again_keeps_what_was_recorded(start, tmp_path):
@@ -96,13 +96,13 @@ def test_a_node_that_cannot_start_ends_all_with_its_line_and_code(start):
     up = start(UP, "--input", "no such file.npz")
     assert up.code() == 2
     assert "[player] photon file is no such file.npz: expected a file that exists" in up.lines
-    assert up.lines[-1] == "srt3d up: player did not start: it ended with exit code 2: ending all nodes"
+    assert "srt3d up: player did not start: it ended with exit code 2: ending all nodes" in up.lines
 
 
 def test_a_player_at_its_end_is_no_failure(start):
     up = start(UP, "--input", "simulator", "-p", "player.frames:=2", "-p", "player.wait_for_subscribers:=0")
     assert up.code() == 0
-    assert up.lines[-1] == "srt3d up: player is done: ending all nodes"
+    assert "srt3d up: player is done: ending all nodes" in up.lines
 
 
 def test_no_node_outlives_a_parent_that_is_killed(start):

@@ -159,7 +159,7 @@ def test_not_latched(driver, quoted):
 
 def test_another_topic(driver, quoted):
     driver.described()
-    driver.said(quoted("nobody publishes"))
+    driver.said(quoted("no frame yet: nobody publishes"))
 
 
 def test_another_type(driver, quoted):
