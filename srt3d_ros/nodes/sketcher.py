@@ -9,6 +9,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
+from srt3d_ros.core import compile_ahead
 from srt3d_ros.core.framing import Framing
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
@@ -26,7 +27,7 @@ from srt3d_ros.nodes.books import PACKETS, PHOTONS
 from srt3d_ros.nodes.interface import Interface, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sketching import ANY_SENSOR, PARAMETERS, frequencies_for, warm_up
+from srt3d_ros.nodes.sketching import PARAMETERS, frequencies_for
 from srt3d_ros.nodes.worker import Dropped
 
 INTERFACE = Interface(
@@ -76,7 +77,7 @@ class SketcherNode(PipelineNode):
         self._check(self.parameters.as_dict())
         path = self.parameters["sensor_file"]
         self._from_file = sensor_message.encode(open_sensor(path)) if path else None
-        warm_up()
+        compile_ahead.sketching()
         if path:
             self._file_sensor = self.advertise("sensor")
         self._sketches = self.advertise("sketch")
@@ -206,7 +207,7 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters that the present sensor, or that no sensor, could be sketched with."""
-        sensor = self._sensor or ANY_SENSOR
+        sensor = self._sensor or compile_ahead.ANY_SENSOR
         WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
 
     def _make_framing(self) -> Framing:
