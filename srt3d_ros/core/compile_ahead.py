@@ -61,5 +61,5 @@ def rt3d() -> None:
 
 
 BASELINES = smle, rt3d
-# For two processes, which take as long: 26 s of a core each, of a busy AMD EPYC, and 7 s more for the baselines.
+# For two processes, which take as long: 24 s of a core each, of a busy AMD EPYC, and 7 s more for the baselines.
 PARTS = (birth_death, sketching, smle), (all_but_birth_death, rt3d)
