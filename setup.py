@@ -3,6 +3,8 @@
 ROS itself is the extra `ros`: on a machine with ROS 2 from apt, rclpy and the messages come from there (package.xml,
 rosdep), and pip must not put a second copy beside them. There: `colcon build`, or `pip install .` in a virtual
 environment made with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels.
+
+torch is needed on an NVIDIA GPU only (the extra `gpu`): its CUDA builds are gigabytes.
 """
 
 import re
@@ -17,20 +19,19 @@ VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).join
 # rerun-sdk asks for NumPy 2. It is not a core requirement because the apt packages of Ubuntu 24.04 use NumPy 1.26.
 RERUN = "rerun-sdk>=0.41,<0.42"
 PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
-SCIPY = "scipy>=1.11,<2"
+TORCH = "torch>=2.4,<3"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
+# torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
+TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
     "record": [RERUN],
-    "review": [RERUN, *PICTURES, SCIPY, "Jinja2>=3.1,<4"],
-    "demo": [RERUN, *PICTURES],
-    "mat": [SCIPY],
+    "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
-    "test": [SCIPY, ROSBAGS, "pytest>=8,<10", "pytest-xdist>=3.6,<4", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
-             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18",
-             # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
-             'triton>=3.4,<4; sys_platform == "linux"'],
+    "gpu": [TORCH, TRITON],
+    "test": [ROSBAGS, "pytest>=8,<10", "pytest-xdist>=3.6,<4", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
+             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH, TRITON],
 }
 
 
@@ -48,7 +49,7 @@ setup(
     maintainer_email="maintainers@srt3d-ros.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     python_requires=">=3.11",
-    install_requires=["numpy>=1.26,<3", "torch>=2.4,<3", "numba>=0.60,<1", "tqdm>=4.66,<5"],
+    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5"],
     extras_require=EXTRAS,
     entry_points={"console_scripts": ["srt3d = srt3d_ros.cli.main:main"]},
     data_files=[

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXTRAS = "ros,record,review,demo,mat,test"
+EXTRAS = "ros,record,review,test"
 # The version that the project is tested with, by exact number: the newest may exist as gigabytes of CUDA only.
 TORCH = "torch==2.13.0"
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
@@ -83,7 +83,7 @@ def install(python):
     # An editable install leaves data files out, yet `ros2 run` and ament_index look for them.
     step("placing the nodes' executables",
          [python, "setup.py", "--quiet", "install_data", "--install-dir", python.parent.parent])
-    step("compiling the kernels for this processor (a minute)", [python, "-m", "srt3d_ros.nodes.compile_ahead"])
+    step("compiling the kernels for this processor (a minute)", [python.with_name("srt3d"), "compile", "--all"])
 
 
 def build_in(folder):

@@ -43,15 +43,16 @@ def by_pip(source, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def by_colcon(source, tmp_path_factory) -> Path:
-    """The prefix of `colcon build`."""
+    """The prefix of `colcon build`, which prints nothing on stderr."""
     if " " in sys.executable:
         pytest.skip("the scripts that setuptools writes for colcon do not start if the path of Python has a space")
     colcon = Path(sys.executable).parent / "colcon"
     if not colcon.exists():
         pytest.skip("colcon is not installed")
     workspace = tmp_path_factory.mktemp("colcon")
-    run([colcon, "--log-base", workspace / "log", "build", "--base-paths", source, "--build-base", workspace / "build",
-         "--install-base", workspace / "install"], cwd=workspace)
+    said = run([colcon, "--log-base", workspace / "log", "build", "--base-paths", source, "--build-base",
+                workspace / "build", "--install-base", workspace / "install"], workspace, PYTHONDONTWRITEBYTECODE="")
+    assert "stderr" not in said, said
     return workspace / "install" / "srt3d_ros"
 
 
@@ -160,27 +161,50 @@ def test_versions_agree(repository):
     assert f"\n{srt3d_ros.__version__}\n" in (repository / "CHANGELOG.rst").read_text()
 
 
-def test_sketching_and_reconstruction_on_the_cpu_do_without_torch(repository):
-    """Its import takes a second and 190 MB, which every node would pay."""
-    photons_to_cloud = """import sys
-sys.modules["torch"] = None
+WITHOUT_TORCH = """
+import importlib, sys
+from importlib.abc import MetaPathFinder
+
+class NoTorch(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("torch", "triton"):
+            raise ImportError(f"{name} is imported")
+
+sys.meta_path.insert(0, NoTorch())
+"""
+
+
+def test_every_method_runs_on_the_cpu_without_torch(repository):
+    photons_to_clouds = WITHOUT_TORCH + """
 import numpy as np
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.methods import METHODS, reconstruct
 from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.recording.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
-frequencies = choose("auto", sensor, 10)
-sketcher = Sketcher(sensor, frequencies, device="cpu")
-sketcher.add(PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16)))
-print(len(Pooled(sensor, frequencies, device="cpu")(sketcher.sketch())))
+frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
+for name in METHODS:
+    print(len(reconstruct(name, frame, sensor, choose("auto", sensor, 10), device="cpu")))
+machine(), versions()
 """
-    assert run([sys.executable, "-c", photons_to_cloud], repository).split() == ["6"]
+    assert run([sys.executable, "-c", photons_to_clouds], repository).split() == ["6"] * 5
 
 
-def test_core_imports_no_more_than_numpy_and_torch(repository):
-    heavy = ["numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
+def test_nodes_and_commands_are_imported_without_torch(repository):
+    pytest.importorskip("rclpy")
+    imports = WITHOUT_TORCH + f"""
+from srt3d_ros.cli.main import COMMANDS, parser
+parser(COMMANDS)
+for name in {NODES}:
+    importlib.import_module(f"srt3d_ros.nodes.{{name}}")
+"""
+    run([sys.executable, "-c", imports], repository)
+
+
+def test_core_imports_no_more_than_numpy(repository):
+    heavy = ["torch", "triton", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
     imports = ("import importlib, pkgutil, sys, srt3d_ros.core as core\n"
                "for module in pkgutil.walk_packages(core.__path__, 'srt3d_ros.core.'): "
                "importlib.import_module(module.name)\n"

@@ -108,7 +108,7 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True)
-        _say("starting the nodes; the reconstructor compiles its kernels if this is its first time")
+        _say("starting the nodes; the first time they compile their kernels, for about a minute")
         problems = nodes.not_ready(PIPELINE, monitor.statuses)
         if problems:
             return {}, problems

@@ -2,19 +2,25 @@
 
 import argparse
 import importlib
+import logging
 import os
 import sys
+from contextlib import nullcontext
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
 
 # Each is a module here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported:
 # a node needs nothing of the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "evaluate", "benchmark", "up", "play", "bag-record", "view", "review", "demo", "node")
+COMMANDS = ("reconstruct", "evaluate", "benchmark", "up", "play", "bag-record", "view", "review", "demo", "compile",
+            "node")
 
 # Optional packages: how to get what a command turns out to need.
-EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "demo", "PIL": "demo", "scipy": "mat", "rosbags": "bags",
-          "jinja2": "review"}
+EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
+          "rosbags": "bags", "torch": "gpu", "triton": "gpu"}
+DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
+
+COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process
 
 FAILED = 1
 BAD_INPUT = 2
@@ -27,6 +33,21 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str):
         self.exit(BAD_INPUT, f"srt3d: error: {message} (see {self.prog} --help)\n")
+
+
+class KernelLog(logging.Handler):
+    """Shows on stderr what the kernels log: that they are being compiled, and for how long. Nodes log it themselves."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"srt3d: {record.getMessage()}", file=sys.stderr, flush=True)
+
+    def __enter__(self) -> None:
+        kernels = logging.getLogger("srt3d_ros.kernels")
+        kernels.setLevel(logging.INFO)
+        kernels.addHandler(self)
+
+    def __exit__(self, *exc) -> None:
+        logging.getLogger("srt3d_ros.kernels").removeHandler(self)
 
 
 def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
@@ -45,11 +66,12 @@ def main(argv: list[str] | None = None) -> int:
     0 done, 1 failed, 2 bad input, 130 interrupted.
     """
     typed, argv = argv is None, sys.argv[1:] if argv is None else argv
+    named = argv[0] if argv and argv[0] in COMMANDS else ""
     try:
-        named = tuple(name for name in COMMANDS if name in argv[:1])
-        args = parser(named or COMMANDS).parse_args(argv)
+        args = parser((named,) if named else COMMANDS).parse_args(argv)
         args.typed = argv if typed else None
-        code = args.run(args)
+        with KernelLog() if named in COMPUTING else nullcontext():
+            code = args.run(args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -68,7 +90,8 @@ def main(argv: list[str] | None = None) -> int:
         if error.name not in EXTRAS:
             raise
         ros = "source a ROS 2 installation, or " if error.name == "rclpy" else ""
-        return _say(f"{error.name} is not installed: {ros}pip install 'srt3d_ros[{EXTRAS[error.name]}]'", FAILED)
+        extra = "review" if error.name == "rerun" and named in DRAWING else EXTRAS[error.name]
+        return _say(f"{error.name} is not installed: {ros}pip install 'srt3d_ros[{extra}]'", FAILED)
 
 
 def _say(message: str, code: int) -> int:

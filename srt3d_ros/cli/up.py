@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         own.write(parameters_yaml(args, interfaces))
         own.flush()
         ros_args = ros_arguments(args, interfaces, own.name)
-        print("starting; the first time on a machine the kernels are compiled, for some minutes", flush=True)
+        print("starting", flush=True)
         return supervise([interface.name for interface in interfaces], ros_args,
                          lambda reports: print(glance(reports), flush=True))
 

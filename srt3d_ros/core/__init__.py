@@ -1,1 +1,1 @@
-"""Sensor model, photons, sketching, reconstruction and metrics. Imports NumPy and torch only."""
+"""Sensor model, photons, sketching, reconstruction and metrics. Imports NumPy only."""

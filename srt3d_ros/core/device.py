@@ -48,24 +48,32 @@ def on_device(fields: dict, kernels: Kernels) -> dict:
 
 def check_cuda() -> None:
     """Raise InvalidInput unless the CUDA kernels can run: on a GPU or, with TRITON_INTERPRET=1, interpreted."""
-    interpreted = os.environ.get("TRITON_INTERPRET") == "1" and find_spec("triton") is not None
+    packages = _missing_packages()
+    interpreted = os.environ.get("TRITON_INTERPRET") == "1" and not packages
     missing = "" if interpreted else missing_for_cuda()
     if missing:
-        raise InvalidInput("device", "cuda", f"cpu or auto: {missing}")
+        both = missing if packages in missing else f"{missing}, and {packages}"
+        raise InvalidInput("device", "cuda", f"cpu or auto: {both}")
 
 
 def missing_for_cuda() -> str:
-    """What the CUDA kernels lack to run on a GPU; empty if nothing."""
+    """What the CUDA kernels lack first to run on a GPU; empty if nothing."""
     try:
         ctypes.CDLL(DRIVER)     # before torch, whose import would keep all who have no GPU waiting
     except OSError:
         return "no CUDA device"
-    if find_spec("triton") is None:
-        return "triton is not installed"
+    if packages := _missing_packages():
+        return packages
     import torch
     if torch.version.cuda is None:
         return f"torch {torch.__version__} is built without CUDA"
     return "" if torch.cuda.is_available() else "no CUDA device"
+
+
+def _missing_packages() -> str:
+    """Which packages of the extra `gpu` are not installed, and how to get them; empty if none is missing."""
+    names = [name for name in ("torch", "triton") if find_spec(name) is None]
+    return f"{' and '.join(names)} not installed: pip install 'srt3d_ros[gpu]'" if names else ""
 
 
 @lru_cache

@@ -82,7 +82,7 @@ def find(name: str) -> Method:
 
 def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
     """Reconstruct photons with the method of this name, by way of their sketch if it needs no more."""
-    # It imports torch, which a list of names does not need.
+    # It imports kernels, which a list of names does not need.
     from srt3d_ros.core.sketching import sketch_photons
 
     method = find(name)

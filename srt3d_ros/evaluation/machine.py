@@ -8,7 +8,7 @@ from pathlib import Path
 
 from srt3d_ros import __version__
 
-PACKAGES = ("numpy", "torch", "numba", "triton")
+PACKAGES = ("numpy", "scipy", "numba", "torch", "triton")
 
 
 def machine(device: str = "cpu") -> dict:

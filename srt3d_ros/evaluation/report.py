@@ -11,7 +11,7 @@ from srt3d_ros.core.metrics import depth_errors
 from srt3d_ros.evaluation import table
 from srt3d_ros.evaluation.calibration import GOALS, NOMINAL
 from srt3d_ros.evaluation.clouds import load_cloud, true_cloud
-from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.evaluation.machine import PACKAGES, machine
 from srt3d_ros.evaluation.results import Results, number
 from srt3d_ros.evaluation.run import Job, aligned_reference
 from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
@@ -27,7 +27,7 @@ def write(folder: Path, jobs: Sequence[Job], results: Results, notes: Sequence[s
     facts = machine()
     lines = ["# Evaluation", "", f"    {command}", "",
              f"srt3d_ros {__version__}, {facts['date']}, {facts['cpus']} CPUs of {facts['machine']}; Python "
-             f"{facts['python']}, NumPy {facts['numpy']}, torch {facts['torch']}, numba {facts['numba']}.", ""]
+             f"{facts['python']}, {', '.join(f'{name} {facts[name]}' for name in PACKAGES if facts[name])}.", ""]
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
     lines += [table.markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
               "more columns.", ""]

@@ -9,6 +9,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
+from srt3d_ros.core import compile_ahead
 from srt3d_ros.core.framing import Framing
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.window import WindowSketcher
@@ -25,7 +26,7 @@ from srt3d_ros.nodes.interface import Interface, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import SensorChoice
-from srt3d_ros.nodes.sketching import ANY_SENSOR, PARAMETERS, frequencies_for, warm_up
+from srt3d_ros.nodes.sketching import PARAMETERS, frequencies_for
 from srt3d_ros.nodes.worker import Dropped
 
 INTERFACE = Interface(
@@ -74,7 +75,7 @@ class SketcherNode(PipelineNode):
         self._choice = SensorChoice(self.parameters["sensor_file"], self.resolve_topic_name("sensor"),
                                     self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
         self._check(self.parameters.as_dict())
-        warm_up()
+        compile_ahead.sketching()
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.ask_for_contradictions(self._contradiction)
@@ -211,7 +212,7 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters that the present sensor, or that no sensor, could be sketched with."""
-        sensor = self._sensor or self._choice.file or ANY_SENSOR
+        sensor = self._sensor or self._choice.file or compile_ahead.ANY_SENSOR
         WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
 
     def _make_framing(self) -> Framing:

@@ -1,12 +1,9 @@
-"""The sketcher's parameters: what they are, what they mean for a sensor, and the kernels that have to be there."""
-
-import numpy as np
+"""The sketcher's parameters: what they are, and what they mean for a sensor."""
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
-from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
-from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
-from srt3d_ros.core.window import WINDOW_STAMPS, WindowSketcher
+from srt3d_ros.core.window import WINDOW_STAMPS
 from srt3d_ros.nodes.interface import LOSSLESS
 from srt3d_ros.nodes.parameters import Parameter, Value
 
@@ -42,20 +39,9 @@ PARAMETERS = (
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     LOSSLESS,
 )
-ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 
 
 def frequencies_for(sensor: SensorModel, values: dict[str, Value]) -> tuple[int, ...]:
     """What the parameters mean for a sensor; InvalidInput if it cannot be sketched so."""
     spec = values["frequencies"]
     return choose(spec, sensor, values["sketch_size"] if spec in RULES else None)
-
-
-def warm_up() -> None:
-    """Sketch photons in every form in which they may arrive, so that nothing is compiled while frames wait."""
-    sketcher = WindowSketcher(ANY_SENSOR, (1,))
-    sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
-    for toa_dtype in TOA_DTYPES:
-        for pixels in ([0, 1], [1, 0]):         # sorted and not
-            sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, toa_dtype)))
-    sketcher.sketch()

@@ -12,10 +12,11 @@ from srt3d_ros import __version__
 _PACKAGES = {"numpy": "numpy", "torch": "torch", "numba": "numba", "rerun": "rerun-sdk"}
 _GIT_TIMEOUT_S = 5.0
 UNKNOWN = "unknown"
+ABSENT = "not installed"
 
 
 def versions() -> dict[str, str]:
-    """By name; "unknown" for what cannot be told."""
+    """By name; "unknown" for what cannot be told, "not installed" for packages that are not."""
     return {"srt3d_ros": __version__, "git_revision": git_revision(), "python": platform.python_version(),
             **{name: _version(package) for name, package in _PACKAGES.items()}, "ros_distro": _ros_distro()}
 
@@ -44,7 +45,7 @@ def _version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
-        return UNKNOWN
+        return ABSENT
 
 
 def _ros_distro() -> str:

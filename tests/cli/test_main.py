@@ -38,6 +38,15 @@ def test_what_goes_wrong_is_one_line_and_an_exit_code(failing_with, capsys, erro
     assert capsys.readouterr() == ("", line)
 
 
+@pytest.mark.parametrize("missing", ["rerun", "matplotlib", "PIL", "jinja2"])
+def test_review_asks_once_for_all_that_it_needs(monkeypatch, capsys, missing):
+    def run(args):
+        raise ModuleNotFoundError(name=missing)
+    monkeypatch.setattr("srt3d_ros.cli.review.run", run)
+    assert main.main(["review", "a.rrd"]) == 1
+    assert capsys.readouterr().err == f"srt3d: error: {missing} is not installed: pip install 'srt3d_ros[review]'\n"
+
+
 @pytest.mark.parametrize("error", [ValueError("a defect"), OSError("of no file"), ModuleNotFoundError("x", name="x")])
 def test_a_defect_of_ours_is_not_disguised_as_bad_input(failing_with, error):
     failing_with(error)

@@ -23,10 +23,10 @@ SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
 @pytest.fixture
 def missing(monkeypatch):
     """Makes a machine lack something, whatever this one has."""
-    def set_to(driver: str = "libc.so.6", triton=object(), cuda: str | None = "13.0", gpu: bool = True):
+    def set_to(driver: str = "libc.so.6", absent=(), cuda: str | None = "13.0", gpu: bool = True):
         monkeypatch.delenv("TRITON_INTERPRET", raising=False)
         monkeypatch.setattr(device, "DRIVER", driver)
-        monkeypatch.setattr(device, "find_spec", lambda name: triton)
+        monkeypatch.setattr(device, "find_spec", lambda name: None if name in absent else object())
         monkeypatch.setattr(torch.version, "cuda", cuda)
         monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
         device._say.cache_clear()
@@ -34,7 +34,9 @@ def missing(monkeypatch):
 
 
 LACKS = [({"driver": "libnone.so"}, "no CUDA device"), ({"gpu": False}, "no CUDA device"),
-         ({"triton": None}, "triton is not installed"), ({"cuda": None}, f"torch {torch.__version__} is built without")]
+         ({"absent": ["triton"]}, "triton not installed: pip install 'srt3d_ros[gpu]'"),
+         ({"absent": ["torch", "triton"]}, "torch and triton not installed: pip install 'srt3d_ros[gpu]'"),
+         ({"cuda": None}, f"torch {torch.__version__} is built without")]
 
 
 @pytest.mark.parametrize(("lack", "said"), LACKS)
@@ -44,6 +46,12 @@ def test_what_cuda_lacks_is_said_in_one_line(missing, lack, said):
                  lambda name: Sketcher(SENSOR, (1, 2), device=name)):
         with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
             make("cuda")
+
+
+def test_where_there_is_no_gpu_either_what_to_install_is_said_all_the_same(missing):
+    missing(driver="libnone.so", absent=["torch"])
+    with pytest.raises(InvalidInput, match=r"no CUDA device, and torch not installed: pip install 'srt3d_ros\[gpu\]'$"):
+        kernels_for("cuda")
 
 
 @pytest.mark.parametrize(("lack", "said"), LACKS)

@@ -13,7 +13,8 @@ from packaging.version import Version
 
 import srt3d_ros
 
-WHEEL = {"ros2launch": None, "launch": None, "launch_ros": None, "python3-numpy": "numpy", "python3-tqdm": "tqdm"}
+WHEEL = {"ros2launch": None, "launch": None, "launch_ros": None, "python3-numpy": "numpy", "python3-scipy": "scipy",
+         "python3-tqdm": "tqdm"}
 
 
 def bounded(requirement: Requirement) -> bool:
@@ -76,7 +77,7 @@ def test_all_that_rosdep_installs_to_run_is_bounded_and_what_wheels_bring_lies_w
 def test_rosdep_and_pip_agree_on_what_both_install(requirements, repository):
     package = ElementTree.parse(repository / "package.xml").getroot()
     bounds = {node.text: node.attrib for node in package.iter("exec_depend")}
-    for key, name in (("python3-numpy", "numpy"), ("python3-tqdm", "tqdm"), ("rclpy", "ros-jazzy-rclpy"),
-                      ("sensor_msgs", "ros-jazzy-common-interfaces")):
+    for key, name in (("python3-numpy", "numpy"), ("python3-scipy", "scipy"), ("python3-tqdm", "tqdm"),
+                      ("rclpy", "ros-jazzy-rclpy"), ("sensor_msgs", "ros-jazzy-common-interfaces")):
         by_pip = next(wanted for text, wanted in requirements.items() if re.match(rf"{name}\b", text))
         assert by_pip.specifier == SpecifierSet(f">={bounds[key]['version_gte']},<{bounds[key]['version_lt']}"), name

@@ -8,7 +8,6 @@ taken out. Signal is what a window around the peak holds above the background ou
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from srt3d_ros.core.baselines.toa import PixelToa, exposure
 from srt3d_ros.core.sensor import SensorModel
@@ -44,88 +43,84 @@ def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
     several = max(CELLS // sensor.num_bins, 1)
     parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
              for first in range(0, sensor.pixels, several)]
-    depth, signal, chance = (torch.cat([part[n] for part in parts], dim=1).numpy() for n in range(3))     # [K, pixels]
-    background = torch.cat([part[3] for part in parts]).numpy()
+    depth, signal, chance = (np.concatenate([part[n] for part in parts], axis=1) for n in range(3))     # [K, pixels]
+    background = np.concatenate([part[3] for part in parts])
     if sensor.delay_bins is not None:
         depth = depth - sensor.delay_bins.ravel()
     seen = np.maximum(exposure(sensor).ravel(), 1e-6)
     depth, signal, chance = (values.reshape(surfaces, rows, cols).swapaxes(0, 1)
                              for values in (depth % sensor.num_bins, signal / seen, chance))
     return Peaks(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(signal, np.float32),
-                 (background / seen).reshape(rows, cols), chance)
+                 (background / seen).reshape(rows, cols).astype(np.float32),
+                 np.ascontiguousarray(chance, np.float32))
 
 
 class _Filters:
     """The IRF's logarithm and windows, and what is done with them to some pixels' histograms."""
 
     def __init__(self, sensor: SensorModel):
+        from scipy.fft import next_fast_len  # imported here, as others do without it
+
         self.num_bins, self.ref, self.center = sensor.num_bins, sensor.irf_ref, sensor.first_bin_center
         irf = np.atleast_2d(sensor.irf)
         self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
-        self.size = _fast_length(sensor.num_bins + self.overlap)
-        self.weights = torch.from_numpy(np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True))))     # 0 outside it
+        self.size = next_fast_len(sensor.num_bins + self.overlap, real=True)
+        self.weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))     # 0 outside it
         self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
 
     def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
         """Depth, signal photons and probability of a false alarm, [K, pixels], and background per bin [pixels]."""
         toa = photons.toa[photons.starts[first]:photons.starts[last]]
-        bins = torch.from_numpy(np.rint(toa - np.float32(self.center)).astype(np.int64) % self.num_bins)
-        pixel = torch.from_numpy(np.repeat(np.arange(last - first), photons.counts[first:last]))
+        bins = np.rint(toa - np.float32(self.center)).astype(np.int64) % self.num_bins
+        pixel = np.repeat(np.arange(last - first), photons.counts[first:last])
         found = []
         for _ in range(surfaces):
             begin, shift = self._highest(pixel, bins, slice(first, last))
             place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
             body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
-            near, left = (torch.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
+            near, left = (np.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
             found.append((begin + self.ref + self.center + shift, near, _chance(near, left, self.body, self.num_bins)))
             pixel, bins = pixel[~whole], bins[~whole]
         outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
-        background = torch.bincount(pixel, minlength=last - first) / outside
-        depth, near, chance = (torch.stack(values) for values in zip(*found))
+        background = np.bincount(pixel, minlength=last - first) / outside
+        depth, near, chance = map(np.stack, zip(*found))
         width = self.body[1] - self.body[0]
-        return depth, (near - background * width).clamp(min=0) / BODY, chance, background
+        return depth, np.maximum(near - background * width, 0) / BODY, chance, background
 
-    def _highest(self, pixel: torch.Tensor, bins: torch.Tensor, pixels: slice):
+    def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
         """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        from scipy.fft import irfft, rfft
+
         count, num_bins = pixels.stop - pixels.start, self.num_bins
-        histogram = torch.zeros(count * self.size)
-        histogram.scatter_add_(0, pixel * self.size + bins, torch.ones(len(bins)))
-        histogram = histogram.reshape(count, self.size)
+        places, photons = np.unique(pixel * self.size + bins, return_counts=True)
+        histogram = np.zeros((count, self.size), np.float32)
+        histogram.reshape(-1)[places] = photons
         histogram[:, num_bins:num_bins + self.overlap] = histogram[:, :self.overlap]
         weights = self.weights if len(self.weights) == 1 else self.weights[pixels]
-        spectrum = torch.fft.rfft(histogram) * torch.fft.rfft(weights, n=self.size).conj()
-        response = torch.fft.irfft(spectrum, n=self.size)[:, :num_bins]
+        spectrum = rfft(histogram, workers=-1)
+        spectrum *= rfft(weights, n=self.size, workers=-1).conj()
+        response = irfft(spectrum, n=self.size, overwrite_x=True, workers=-1)[:, :num_bins]
         # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
-        high = response >= (1 - TIE) * response.amax(dim=1, keepdim=True)
-        first, last = high.byte().argmax(dim=1), num_bins - 1 - high.flip(1).byte().argmax(dim=1)
-        begin = torch.where(torch.arange(count) % 2 == 0, first, last)
-        before, peak, after = (response.gather(1, ((begin + step) % num_bins)[:, None])[:, 0] for step in (-1, 0, 1))
+        high = response >= (1 - TIE) * response.max(axis=1, keepdims=True)
+        first, last = high.argmax(axis=1), num_bins - 1 - high[:, ::-1].argmax(axis=1)
+        begin = np.where(np.arange(count) % 2 == 0, first, last)
+        before, peak, after = (response[np.arange(count), (begin + step) % num_bins] for step in (-1, 0, 1))
         bend = before - 2 * peak + after
-        shift = torch.where(bend < 0, (before - after) / (2 * bend), 0.0)
-        return begin, shift.clamp(-0.5, 0.5)
+        shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
+        return begin, shift.clip(-0.5, 0.5)
 
 
-def _fast_length(least: int) -> int:
-    """The smallest number from `least` on without prime factors above 5: FFTs of others take several times as long."""
-    while True:
-        rest = least
-        for factor in (2, 3, 5):
-            while rest % factor == 0:
-                rest //= factor
-        if rest == 1:
-            return least
-        least += 1
-
-
-def _chance(near: torch.Tensor, counts: torch.Tensor, window: tuple[int, int], num_bins: int) -> torch.Tensor:
+def _chance(near: np.ndarray, counts: np.ndarray, window: tuple[int, int], num_bins: int) -> np.ndarray:
     """Bound on the probability that some window holds as many of the photons, if they fall anywhere.
 
     Each of the n photons may be the first of the window; then N − 1 others must fall in, of n − 1 that do so with
     probability |window| / T. The Poisson distribution bounds that tail of the binomial one.
     """
-    expected = (counts - 1).clamp(min=0).float() * ((window[1] - window[0]) / num_bins)
-    others = torch.special.gammainc((near - 1).clamp(min=1).float(), expected)          # P(Poisson ≥ N − 1)
-    return torch.where(near > 1, counts * others, 1.0).clamp(max=1)
+    from scipy.special import gammainc
+
+    expected = np.maximum(counts - 1, 0) * ((window[1] - window[0]) / num_bins)
+    others = gammainc(np.maximum(near - 1, 1), expected)            # P(Poisson ≥ N − 1)
+    return np.where(near > 1, counts * others, 1.0).clip(max=1)
 
 
 def _window(irf: np.ndarray, share: float) -> tuple[int, int]:

@@ -1,0 +1,129 @@
+"""`srt3d compile`: compile the CPU kernels before they are needed, so that the first start is as fast as any other."""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import srt3d_ros
+
+ABOUT = """\
+Compile the CPU kernels of the srt3d_ros that this command belongs to, for this processor, in two processes. Without it
+the first start of a node compiles what it needs. Again after an update of srt3d_ros, numba or Python; for each user
+who cannot write to the folder where srt3d_ros is installed. Graphics cards need none of this."""
+NOTE = "compiled_ahead"     # file beside the machine code: for what all of it has been compiled
+FAILED = 1
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser("compile", help="compile the CPU kernels ahead of the first start",
+                                   description=ABOUT)
+    parser.add_argument("--all", action="store_true", help="also those of the methods that are not the default")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    started = time.perf_counter()
+    package = Path(srt3d_ros.__file__).parent
+    if _is_done(args.all):
+        print(f"already compiled: the CPU kernels of {package} are {_where(package)}")
+        return 0
+    print(f"compiling the CPU kernels of {package}", flush=True)
+    compiled, codes = _compile(args.all, package.parent)
+    seconds = time.perf_counter() - started
+    if any(codes):
+        print(f"srt3d: error: a process that compiles ended with exit code {next(filter(None, codes))}",
+              file=sys.stderr)
+        return FAILED
+    _note_done(args.all)
+    what = f"compiled {len(compiled)} kernels" if compiled else "found all kernels compiled"
+    print(f"{what} in {seconds:.0f} s; they are {_where(package)}")
+    return 0
+
+
+def _is_done(also_baselines: bool) -> bool:
+    """Whether this command has done it, and nothing has been removed since.
+
+    The files on the disk alone do not tell: they may lack some types of arguments.
+    """
+    from srt3d_ros.kernels.cpu import compiling
+
+    folder = compiling.folder()
+    if folder is None or compiling.missing(also_baselines):
+        return False
+    try:
+        done = (folder / NOTE).read_text()
+    except OSError:
+        return False
+    return done in {_note(True), _note(also_baselines)}
+
+
+def _note_done(also_baselines: bool) -> None:
+    from srt3d_ros.kernels.cpu import compiling
+
+    if folder := compiling.folder():
+        (folder / NOTE).write_text(_note(also_baselines))
+
+
+def _note(also_baselines: bool) -> str:
+    from srt3d_ros.kernels.cpu import compiling
+
+    return f"{compiling.state_of(compiling.KERNELS[0])} {'all' if also_baselines else 'default method'}"
+
+
+def _compile(also_baselines: bool, root: Path) -> tuple[set[str], list[int]]:
+    """Compile in two processes; returns the names of the kernels that were compiled, and the exit codes."""
+    from tqdm import tqdm
+
+    from srt3d_ros.core.compile_ahead import BASELINES, PARTS
+    from srt3d_ros.kernels.cpu import compiling
+
+    missing = {compiling.name_of(kernel) for kernel in compiling.missing(also_baselines)}
+    # The copy of the package that this is: neither the working directory's nor another installation's.
+    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
+    names, write = os.pipe()
+    processes, compiled = [], set()
+    try:
+        for part in PARTS:
+            steps = [step.__name__ for step in part if also_baselines or step not in BASELINES]
+            processes.append(subprocess.Popen([sys.executable, "-m", __spec__.name, *steps], stdout=write,
+                                              stdin=subprocess.DEVNULL, env=environment))
+        os.close(write)
+        with open(names) as lines, tqdm(total=len(missing), unit="kernel", disable=None, leave=False) as bar:
+            for name in map(str.strip, lines):
+                bar.set_postfix_str(name, refresh=False)
+                bar.update(name in missing - compiled)      # not again for other types of arguments
+                compiled.add(name)
+        return compiled, [process.wait() for process in processes]
+    finally:
+        for process in processes:
+            process.kill()
+
+
+def _where(package: Path) -> str:
+    from srt3d_ros.kernels.cpu import compiling
+
+    folder = compiling.folder()
+    if folder is None:
+        return f"kept nowhere, so every start compiles them: {compiling.CANNOT_KEEP}"
+    if package in folder.parents:
+        return f"in {folder}"
+    why = "as NUMBA_CACHE_DIR says" if "NUMBA_CACHE_DIR" in os.environ else "for this user: the package is read-only"
+    return f"in {folder}, {why}"
+
+
+def _work(steps: list[str]) -> None:
+    """What each process does: compile, and print the name of each kernel when it is done."""
+    from srt3d_ros.core import compile_ahead
+    from srt3d_ros.kernels.cpu import compiling
+
+    compiling.on_compiled(lambda kernel: print(compiling.name_of(kernel), flush=True))
+    for step in steps:
+        getattr(compile_ahead, step)()
+
+
+if __name__ == "__main__":
+    _work(sys.argv[1:])
