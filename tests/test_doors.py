@@ -74,7 +74,7 @@ def test_a_door_that_fails_is_a_defect(fuzz):
         kept.append(b"x" * (fuzz.MAX_GROWTH_KB * 1024 + 2**29))
 
     def work(raw):
-        sum(range(5_000_000))
+        sum(range(20_000_000))
 
     kept = []
     assert not door_of(refuse(1)) and door_of(lambda raw: None)
