@@ -164,9 +164,11 @@ def _joined(layout: Layout, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     lengths = np.fromiter((cell.size for cell in cells.flat), np.int64, cells.size).reshape(cells.shape)
     photons = int(lengths.sum())
     require(photons <= MAX_PHOTONS, f"{layout.variable} photons", photons, f"at most {MAX_PHOTONS}")
-    seen = [cell.ravel() for cell in cells.flat if cell.size]
-    toa = np.concatenate(seen) if seen else np.zeros(0, np.int64)
-    require(toa.dtype.kind in "iuf", f"{layout.variable} cells", str(toa.dtype), "lists of numbers")
+    seen = [cell for cell in cells.flat if cell.size]
+    odd = next((cell for cell in seen if not isinstance(cell, np.ndarray) or cell.dtype.kind not in "iuf"), None)
+    require(odd is None, f"{layout.variable} cells", f"{type(odd).__name__} of {getattr(odd, 'dtype', '')}",
+            "lists of numbers")
+    toa = np.concatenate([cell.ravel() for cell in seen]) if seen else np.zeros(0, np.int64)
     return toa, lengths
 
 
@@ -201,7 +203,8 @@ def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) 
     shape = getattr(variables.get(layout.reference), "shape", (side, side))
     expected = f"rows and cols whose product is the {pixels} pixels of {layout.variable}"
     rows, cols = (number(name, options.get(name, own), expected) for name, own in zip(("rows", "cols"), shape))
-    require(rows == int(rows) > 0 and rows * cols == pixels, "rows, cols", f"{rows:g}, {cols:g}", expected)
+    whole = rows == int(rows) > 0 and cols == int(cols) > 0
+    require(whole and rows * cols == pixels, "rows, cols", f"{rows:g}, {cols:g}", expected)
     return int(rows), int(cols)
 
 

@@ -118,6 +118,10 @@ FILES = {
     "NaN bins": ({"Ts": cells([[[np.nan]]], float)}, {}, "Ts"),
     "negative bins": ({"Ts": cells([[[-1]]], np.int16)}, {}, "Ts ToA"),
     "NaN picoseconds": ({"data_processed": cells([[[np.nan]]], float)}, {}, "data_processed"),
+    "text among numbers": ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, "Ts cells"),
+    "sparse cells": ({"Ts": np.array([[csc_matrix(np.eye(4)), None]], object)[:, :1]}, {}, "Ts cells"),
+    "no column": ({"Y": np.ones((0, 0))}, {"rows": 1e300}, "rows, cols"),
+    "half a column": ({"Y": np.ones((2, 3))}, {"rows": 2, "cols": 1.5}, "rows, cols"),
     "rows that disagree": ({"Ts": cells(LISTS)}, {"rows": 9}, "rows, cols"),
 }
 
