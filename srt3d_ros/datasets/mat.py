@@ -21,7 +21,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 MAX_MEMORY_BYTES = 5 * 2**30     # the most photons in 8 bytes each, in their cells and joined; the rest for the reader
-MAX_SECONDS = 600.0             # twenty times what files that fill this memory take
+MAX_SECONDS = 600.0             # fifteen times what files that fill this memory take
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
 
 
