@@ -20,7 +20,8 @@ from srt3d_ros.errors import InvalidInput, printable
 
 LONGEST_REASON = 300        # characters of what a library says: a line, with room for the name of the file
 GRACE_S = 1.0               # after Ctrl-C, for the child, which gets it too, to remove what it has half written
-_DONE, _REFUSED, _FAILED, _MISSING, _NO_MEMORY, _INTERRUPTED = 0, 3, 4, 5, 6, 130     # exit codes of the child
+# Exit codes of the child. Not 0: a library may end the process as if all were well.
+_DONE, _REFUSED, _FAILED, _MISSING, _NO_MEMORY, _INTERRUPTED = 10, 11, 12, 13, 14, 130
 # Modules are looked for where this process looks for them, and not in the working directory, which may be a stranger's.
 _CHILD = ("import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
           "from srt3d_ros import children; children.answer(sys.argv[2], int(sys.argv[3]))")
@@ -61,7 +62,7 @@ def call(function: Callable[..., dict[str, np.ndarray]], *arguments, memory_byte
     if code == _INTERRUPTED:
         raise KeyboardInterrupt
     if code == _NO_MEMORY:
-        raise ChildFailed(f"takes more than {memory_bytes} bytes of memory")
+        raise ChildFailed(f"takes more than {memory_bytes / 2**30:.3g} GiB of memory")
     raise ChildFailed(f"ended with {signal.Signals(-code).name if code < 0 else f'exit code {code}'}")
 
 

@@ -24,8 +24,8 @@ def end(how):
     os.write(2, b"a library's complaint\n")
     if how == "crash":
         os.kill(os.getpid(), signal.SIGSEGV)
-    elif how == "exit":
-        os._exit(7)
+    elif how.startswith("exit"):
+        os._exit(int(how[-1]))
     elif how == "memory":
         return {"zeros": np.ones(300 * MEGABYTE, np.uint8)}
     elif how == "hang":
@@ -58,8 +58,9 @@ def test_arrays_come_back_as_they_were():
 
 
 @pytest.mark.parametrize(("how", "why"), [
-    ("crash", "ended with SIGSEGV"), ("exit", "ended with exit code 7"), ("hang", "takes longer than 3 s"),
-    ("memory", "takes more than 209715200 bytes of memory"), ("raise", r"failed: KeyError: 'two\nlines'")])
+    ("crash", "ended with SIGSEGV"), ("exit 7", "ended with exit code 7"), ("exit 0", "ended with exit code 0"),
+    ("hang", "takes longer than 3 s"), ("memory", "takes more than 0.195 GiB of memory"),
+    ("raise", r"failed: KeyError: 'two\nlines'")])
 def test_whatever_ends_a_child_is_one_line(how, why, capfd):
     with pytest.raises(ChildFailed) as caught:
         call(end, how, memory_bytes=200 * MEGABYTE, timeout_s=3)

@@ -47,7 +47,7 @@ def test_a_file_that_unpacks_to_more_than_its_reader_may_take_is_refused(tmp_pat
     monkeypatch.setattr("srt3d_ros.datasets.mat.MAX_MEMORY_BYTES", 2**26)
     path = write(tmp_path, Y=np.zeros((2**13, 2**14), np.uint8))
     assert path.stat().st_size < 2**20
-    with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(its reader takes more than 67108864 "):
+    with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(its reader takes more than 0.0625 G"):
         open_photons(path, irf=IRF)
 
 
