@@ -19,7 +19,7 @@ from process import REPOSITORY
 
 COUNTS = struct.Struct("<QQQ")
 INSTRUMENTED = ["srt3d_ros", "rosbags"]
-MAX_BYTES = 1 << 16
+MAX_BYTES = 1 << 16         # of an input, or twice the longest example
 HANG_S = 60
 RSS_LIMIT_MB = 6000
 
@@ -39,7 +39,7 @@ def main() -> None:
         (corpus / hashlib.sha1(example).hexdigest()).write_bytes(example)
     with open(folder / "counts", "r+b") as file:
         counts = mmap.mmap(file.fileno(), COUNTS.size)
-    known = set()
+    longest, known = max(MAX_BYTES, 2 * max(map(len, examples))), set()
 
     def tell(tried: int = 0, were_read: int = 0, defects: int = 0) -> None:
         now = COUNTS.unpack_from(counts)
@@ -59,7 +59,7 @@ def main() -> None:
                 saved.write_bytes(raw)
                 saved.with_suffix(".txt").write_text("".join(traceback.format_exception(defect)))
 
-    atheris.Setup([sys.argv[0], f"-runs={runs}", f"-seed={seed}", f"-max_len={MAX_BYTES}", f"-timeout={HANG_S}",
+    atheris.Setup([sys.argv[0], f"-runs={runs}", f"-seed={seed}", f"-max_len={longest}", f"-timeout={HANG_S}",
                    f"-rss_limit_mb={RSS_LIMIT_MB}", f"-artifact_prefix={folder}{os.sep}", "-len_control=0",
                    "-verbosity=0", str(corpus)], one)
     atheris.Fuzz()
