@@ -1,4 +1,4 @@
-"""Processes that this one has started, and the process that has started this one."""
+"""What a process and those that it starts tell each other, and how they end."""
 
 import json
 import os

@@ -31,6 +31,11 @@ def require(condition: bool, field: str, value: object, expected: str) -> None:
         raise InvalidInput(field, value, expected)
 
 
+def quoted(value: object) -> object:
+    """The value, a string in quotes: for values whose type may be what is wrong, since "3" is not 3."""
+    return f'"{value}"' if isinstance(value, str) else value
+
+
 def printable(text: str) -> str:
     """The text in one line, control characters as escapes: what an input holds must not command the terminal."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))

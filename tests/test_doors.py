@@ -10,7 +10,7 @@ NAMES = ["photons", "gates", "sketch", "points", "images", "sensor", "sketch_sen
          "npz_member", "sidecar", "irf_npy", "irf_csv", "irf_txt", "scene", "sensor_file", "mat", "mat_compressed",
          "bag_mcap", "bag_sqlite3", "bag_metadata", "rrd", "parameters", "arguments", "cloud_name"]
 TOO_SLOW = ["rrd_repair", "command_line"]       # for here: they start processes, compile kernels
-FEW = {"rrd": 4, "parameters": 10}              # inputs
+FEW = {"rrd": 4, "mat": 8, "mat_compressed": 8, "parameters": 10}      # inputs: they start processes, or nodes
 USUALLY = 60
 NUMBERS = [0, 1, 255, 2**15, 2**16 - 1, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 1]
 
@@ -74,7 +74,7 @@ def test_a_door_that_fails_is_a_defect(fuzz):
         kept.append(b"x" * (fuzz.MAX_GROWTH_KB * 1024 + 2**29))
 
     def work(raw):
-        sum(range(5_000_000))
+        sum(range(20_000_000))
 
     kept = []
     assert not door_of(refuse(1)) and door_of(lambda raw: None)

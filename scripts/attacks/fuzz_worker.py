@@ -15,19 +15,18 @@ import traceback
 from pathlib import Path
 
 import atheris
+from process import REPOSITORY
 
 COUNTS = struct.Struct("<QQQ")
-# Not the kernels: numba reads their bytecode.
-INSTRUMENTED = ["srt3d_ros.messages", "srt3d_ros.datasets", "srt3d_ros.core", "srt3d_ros.recording", "srt3d_ros.nodes",
-                "srt3d_ros.cli", "srt3d_ros.cloud_files", "rosbags"]
-MAX_BYTES = 1 << 16
+INSTRUMENTED = ["srt3d_ros", "rosbags"]
+MAX_BYTES = 1 << 16         # of an input, or twice the longest example
 HANG_S = 60
 RSS_LIMIT_MB = 6000
 
 
 def main() -> None:
     name, runs, seed, folder = sys.argv[1], sys.argv[2], sys.argv[3], Path(sys.argv[4])
-    with atheris.instrument_imports(include=INSTRUMENTED):
+    with atheris.instrument_imports(include=INSTRUMENTED, exclude=kernels()):
         import fuzz_doors
         door = fuzz_doors.doors()[name]
         read, examples = door.make()
@@ -40,7 +39,7 @@ def main() -> None:
         (corpus / hashlib.sha1(example).hexdigest()).write_bytes(example)
     with open(folder / "counts", "r+b") as file:
         counts = mmap.mmap(file.fileno(), COUNTS.size)
-    known = set()
+    longest, known = max(MAX_BYTES, 2 * max(map(len, examples))), set()
 
     def tell(tried: int = 0, were_read: int = 0, defects: int = 0) -> None:
         now = COUNTS.unpack_from(counts)
@@ -60,10 +59,16 @@ def main() -> None:
                 saved.write_bytes(raw)
                 saved.with_suffix(".txt").write_text("".join(traceback.format_exception(defect)))
 
-    atheris.Setup([sys.argv[0], f"-runs={runs}", f"-seed={seed}", f"-max_len={MAX_BYTES}", f"-timeout={HANG_S}",
+    atheris.Setup([sys.argv[0], f"-runs={runs}", f"-seed={seed}", f"-max_len={longest}", f"-timeout={HANG_S}",
                    f"-rss_limit_mb={RSS_LIMIT_MB}", f"-artifact_prefix={folder}{os.sep}", "-len_control=0",
                    "-verbosity=0", str(corpus)], one)
     atheris.Fuzz()
+
+
+def kernels() -> list[str]:
+    """Modules that are left as they are: numba reads their bytecode. Atheris goes by the whole name of each."""
+    return [".".join(path.relative_to(REPOSITORY).with_suffix("").parts)
+            for path in (REPOSITORY / "srt3d_ros" / "kernels").rglob("*.py")]
 
 
 if __name__ == "__main__":

@@ -2,25 +2,15 @@
 
 import argparse
 import json
-import os
-import signal
-import subprocess
 import sys
 from pathlib import Path
 
-from srt3d_ros.errors import require
+import numpy as np
 
-WATCHED = "SRT3D_REVIEW_IS_WATCHED"     # set for the process that does the work
+from srt3d_ros.bounded_call import ChildFailed, call
+from srt3d_ros.errors import InvalidInput, require
+
 REPAIRED = "{path} was not finished: repaired into {copy}; {lost}"
-
-# What rerun writes while it ends, it writes past Python.
-_IN_SILENCE = """
-import os, sys
-sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
-os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-from srt3d_ros.cli.main import main
-sys.exit(main())
-"""
 
 
 def add_parser(subparsers) -> None:
@@ -46,8 +36,8 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.typed is not None and WATCHED not in os.environ:
-        return _watched(args)
+    if args.typed is not None:
+        return _in_child(args)
     _check(args)
     from srt3d_ros.review.recorded import Recorded
 
@@ -62,13 +52,21 @@ def run(args: argparse.Namespace) -> int:
     return _review(args, recorded, notes)
 
 
-def _watched(args: argparse.Namespace) -> int:
+def _in_child(args: argparse.Namespace) -> int:
     """Have another process do it: at some chunks that are damaged, rerun ends the one that reads them."""
-    code = subprocess.run([sys.executable, "-c", _IN_SILENCE, *args.typed], env={**os.environ, WATCHED: "1"}).returncode
-    paths = " or ".join(str(path) for path in (args.recording, args.compare) if path)
-    require(code >= 0, "recording", paths, "an .rrd file whose chunks can be read: at one of these, rerun ended with "
-            f"{signal.Signals(max(-code, 1)).name}")
-    return code
+    try:
+        return call(exit_code, args.typed)["code"].item()
+    except ChildFailed as error:
+        paths = " or ".join(str(path) for path in (args.recording, args.compare) if path)
+        raise InvalidInput("recording", paths, f"an .rrd file whose chunks can be read: its reader {error}"
+                           ) from None
+
+
+def exit_code(argv: list[str]) -> dict[str, np.ndarray]:
+    """That of `srt3d` with these arguments, run in this process."""
+    from srt3d_ros.cli.main import main
+
+    return {"code": np.array(main(argv))}
 
 
 def _check(args: argparse.Namespace) -> None:

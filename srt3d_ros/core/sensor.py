@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from srt3d_ros.core.projection import Pinhole, Projection
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
@@ -237,7 +237,7 @@ def _normalised(name: str, density: np.ndarray, range_wanted: str, sum_wanted: s
 
 def _integer(name: str, value) -> int:
     number = _finite(name, value)
-    require(number == int(number), name, value, "an integer")
+    require(number == int(number), name, quoted(value), "an integer")
     return int(number)
 
 
@@ -245,8 +245,8 @@ def _finite(name: str, value) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(name, value, "a number") from None
-    require(np.isfinite(number), name, value, "a finite number")
+        raise InvalidInput(name, quoted(value), "a number") from None
+    require(np.isfinite(number), name, quoted(value), "a finite number")
     return number
 
 
@@ -255,4 +255,4 @@ def _array(name: str, value, dtype) -> np.ndarray:
         with np.errstate(over="ignore"):        # what float32 does not hold becomes infinite, and is refused
             return np.ascontiguousarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(name, value, f"an array of {np.dtype(dtype).name}") from None
+        raise InvalidInput(name, quoted(value), f"an array of {np.dtype(dtype).name}") from None

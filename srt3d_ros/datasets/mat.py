@@ -1,22 +1,27 @@
 """The .mat files that single-photon lidar data are published in, read unmodified.
 
 A file is recognised by the name and shape of its variables. To read another published file, add its `Layout`.
+scipy reads them in a child process: its reader trusts the file, and some files end the process that reads them.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
 from srt3d_ros.datasets.files import require_file
 from srt3d_ros.datasets.irf_estimation import estimate
-from srt3d_ros.datasets.mat_container import unpacked
 from srt3d_ros.datasets.options import apply_to, number
 from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, gate_events
 from srt3d_ros.errors import InvalidInput, require
 
+EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
+MAX_MEMORY_BYTES = 5 * 2**30     # the most photons in 8 bytes each, in their cells and joined; the rest for the reader
+MAX_SECONDS = 600.0             # fifteen times what files that fill this memory take
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
 
 
@@ -47,6 +52,16 @@ class Layout:
     def form(self) -> str:
         """What the variable looks like, in words."""
         return f"{self.variable} ({'[T, rows·cols] counts' if self.counts else '[rows, cols] cell'})"
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """All that are read."""
+        return self.variable, *(self.window or ()), *([self.reference] if self.reference else ())
+
+    def fits(self, photons: object) -> bool:
+        """Whether scipy may read this kind of file's variable as this."""
+        kinds = "iuf" if self.counts else "O"
+        return isinstance(photons, np.ndarray) and photons.ndim == 2 and photons.dtype.kind in kinds
 
 
 LAYOUTS = (
@@ -108,31 +123,69 @@ class _Content:
 
 
 def _load(path: Path) -> tuple[Layout, dict[str, np.ndarray]]:
-    """The layout of a file and its variables."""
-    from scipy.io import loadmat, whosmat
-
-    content = unpacked(path)
+    """The layout of a file and its variables, as `variables_of` gives them."""
     try:
-        present = {name: (shape, kind) for name, shape, kind in whosmat(content)}
-        layout = next((one for one in LAYOUTS if _fits(one, present)), None)
-        if layout is not None:
-            wanted = [layout.variable, *(layout.window or ()), *([layout.reference] if layout.reference else ())]
-            return layout, loadmat(content, variable_names=wanted)
-    except Exception as error:                  # a damaged file makes scipy raise nearly anything
-        raise InvalidInput(path.name, f"damaged ({error})", "a MATLAB 5 .mat file (save -v7)") from None
-    found = ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, (shape, kind) in present.items())
-    raise InvalidInput(f"{path.name} variables", found, f"one of {'; '.join(one.form for one in LAYOUTS)}")
+        variables = call(variables_of, str(path), memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
+    except ChildFailed as error:
+        raise InvalidInput(path.name, f"unreadable (its reader {error})", EXPECTED) from None
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+    return LAYOUTS[variables.pop("layout").item()], variables
 
 
-def _fits(layout: Layout, present: dict[str, tuple[tuple[int, ...], str]]) -> bool:
-    shape, kind = present.get(layout.variable, ((), ""))
-    return len(shape) == 2 and (kind not in ("cell", "struct", "char") if layout.counts else kind == "cell")
+def variables_of(path: str) -> dict[str, np.ndarray]:
+    """The variables that a layout names; `layout`, its index; of cells the content, and their `lengths` [rows, cols].
+
+    Raises:
+        InvalidInput: no layout fits, the file is MATLAB 7.3, or the cells are too many or hold no numbers.
+    """
+    from scipy.io import loadmat
+
+    warnings.simplefilter("ignore")
+    names = {name for layout in LAYOUTS for name in layout.variables}
+    try:
+        content = {name: value for name, value in loadmat(path, variable_names=names).items() if name in names}
+    except NotImplementedError:
+        raise InvalidInput("", "a MATLAB 7.3 (HDF5) file", f"{EXPECTED}: load it in MATLAB, save it with -v7") from None
+    layout = next((one for one in LAYOUTS if one.fits(content.get(one.variable))), None)
+    if layout is None:
+        raise InvalidInput("variables", _listed(path), f"one of {'; '.join(one.form for one in LAYOUTS)}")
+    variables = {name: content[name] for name in layout.variables if name in content}
+    if not layout.counts:
+        variables[layout.variable], variables["lengths"] = _joined(layout, variables[layout.variable])
+    for name, values in variables.items():
+        require(isinstance(values, np.ndarray) and values.dtype.kind in "iuf", name, type(values).__name__, "numbers")
+        require(values.ndim == 2 or not layout.counts, f"{name} shape", values.shape, "[rows, columns]")
+        require(values.size == 1 or name not in (layout.window or ()), f"{name} shape", values.shape, "one number")
+    return variables | {"layout": np.array(LAYOUTS.index(layout))}
+
+
+def _joined(layout: Layout, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is in the cells, one after the other in row order, and how many values are in each."""
+    require(0 < cells.size <= MAX_PIXELS, f"{layout.variable} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
+    lengths = np.fromiter((cell.size for cell in cells.flat), np.int64, cells.size).reshape(cells.shape)
+    photons = int(lengths.sum())
+    require(photons <= MAX_PHOTONS, f"{layout.variable} photons", photons, f"at most {MAX_PHOTONS}")
+    seen = [cell for cell in cells.flat if cell.size]
+    odd = next((cell for cell in seen if not isinstance(cell, np.ndarray) or cell.dtype.kind not in "iuf"), None)
+    require(odd is None, f"{layout.variable} cells", f"{type(odd).__name__} of {getattr(odd, 'dtype', '')}",
+            "lists of numbers")
+    toa = np.concatenate([cell.ravel() for cell in seen]) if seen else np.zeros(0, np.int64)
+    return toa, lengths
+
+
+def _listed(path: str) -> str:
+    """Which variables a file has."""
+    from scipy.io import whosmat
+
+    try:
+        return ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, shape, kind in whosmat(path))
+    except TypeError:       # at objects of classes, which loadmat leaves out
+        return "others, some of them objects"
 
 
 def _from_counts(layout: Layout, variables: dict, options: dict) -> _Content:
     counts = variables[layout.variable]
-    require(isinstance(counts, np.ndarray) and counts.dtype.kind in "iuf", layout.variable, type(counts).__name__,
-            "photons per bin")
     bins, pixels = counts.shape
     rows, cols = _counted_shape(layout, variables, options, pixels)
     require(bool((counts >= 0).all() and (counts == np.floor(counts)).all()), layout.variable,
@@ -152,25 +205,19 @@ def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) 
     shape = getattr(variables.get(layout.reference), "shape", (side, side))
     expected = f"rows and cols whose product is the {pixels} pixels of {layout.variable}"
     rows, cols = (number(name, options.get(name, own), expected) for name, own in zip(("rows", "cols"), shape))
-    require(rows == int(rows) > 0 and rows * cols == pixels, "rows, cols", f"{rows:g}, {cols:g}", expected)
+    whole = rows == int(rows) > 0 and cols == int(cols) > 0
+    require(whole and rows * cols == pixels, "rows, cols", f"{rows:g}, {cols:g}", expected)
     return int(rows), int(cols)
 
 
 def _from_cells(layout: Layout, variables: dict, options: dict) -> _Content:
-    cells = variables[layout.variable]
-    rows, cols = cells.shape
-    require(0 < cells.size <= MAX_PIXELS, f"{layout.variable} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
+    toa, lengths = variables[layout.variable], variables["lengths"]
+    rows, cols = lengths.shape
     require(options.get("rows", rows) == rows and options.get("cols", cols) == cols, "rows, cols",
             f"{options.get('rows', rows)}, {options.get('cols', cols)}", f"{rows}, {cols}, as in the file")
-    lists = [cell for cell in cells.flat]
-    counts = np.fromiter((cell.size for cell in lists), np.int64, len(lists))
-    require(int(counts.sum()) <= MAX_PHOTONS, f"{layout.variable} photons", int(counts.sum()), f"at most {MAX_PHOTONS}")
-    seen = [cell.ravel() for cell in lists if cell.size]
-    toa = np.concatenate(seen) if seen else np.zeros(0, np.int64)
-    require(toa.dtype.kind in "iuf", f"{layout.variable} cells", str(toa.dtype), "lists of numbers")
     whole = layout.picoseconds or toa.dtype.kind != "f" or bool((toa == np.floor(toa)).all())
     require(whole and bool(np.isfinite(toa).all()), layout.variable, "fractional or not finite in places", "whole bins")
-    pixel = np.repeat(np.arange(len(lists), dtype=np.uint32), counts)
+    pixel = np.repeat(np.arange(lengths.size, dtype=np.uint32), lengths.ravel())
     return _Content(rows, cols, pixel, toa, None)
 
 
@@ -194,9 +241,8 @@ def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa:
     if given is not None:
         given = int(number("num_bins", given, "a number of bins"))
     if layout.window is not None and all(name in variables for name in layout.window):
-        low, high = (number(name, variables[name].item(0), "a ToA") for name in layout.window)
-        if layout.picoseconds:
-            low, high = low * (1e-12 / width_s), high * (1e-12 / width_s)
+        unit = 1e-12 / width_s if layout.picoseconds else 1
+        low, high = (number(name, float(variables[name].item()) * unit, "a ToA") for name in layout.window)
         first, may_drop = int(np.floor(low + EDGE)), True
         bins = given or int(np.ceil(high - EDGE)) - first
     elif given or bins_in_file:

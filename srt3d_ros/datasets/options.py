@@ -7,7 +7,7 @@ import numpy as np
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 from srt3d_ros.messages import json_text
 
 NAMES = ("num_bins", "bin_width_s", "irf", "irf_ref", "toa_offset_bins", "range_offset_m", "toa_reference", "gate",
@@ -62,8 +62,8 @@ def number(field: str, value: object, expected: str) -> float:
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(field, value, expected) from None
-    require(np.isfinite(result), field, value, expected)
+        raise InvalidInput(field, quoted(value), expected) from None
+    require(np.isfinite(result), field, quoted(value), expected)
     return result
 
 
@@ -78,7 +78,7 @@ def _read_sidecar(path: Path) -> dict:
 
 def _check_names(options: dict, where: str) -> None:
     for name in options:
-        require(name in NAMES, f"{where} name", name, f"one of {', '.join(NAMES)}")
+        require(name in NAMES, f"{where} name", quoted(name), f"one of {', '.join(NAMES)}")
 
 
 def _gate(value: object) -> tuple[int, int]:
@@ -86,7 +86,7 @@ def _gate(value: object) -> tuple[int, int]:
     try:
         first, bins = (number("gate", part, expected) for part in value)
     except (TypeError, ValueError) as error:
-        raise error if isinstance(error, InvalidInput) else InvalidInput("gate", value, expected) from None
+        raise error if isinstance(error, InvalidInput) else InvalidInput("gate", quoted(value), expected) from None
     valid = first == int(first) and bins == int(bins) and 0 <= first <= MAX_GATE_BIN and 2 <= bins <= MAX_BINS
-    require(valid, "gate", value, expected)
+    require(valid, "gate", quoted(value), expected)
     return int(first), int(bins)

@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 MAX_BYTES = 64 * 2**20
 MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
@@ -46,8 +46,14 @@ def parse(text: str, what: str) -> dict:
 
 def check_version(content: dict, schema: dict) -> None:
     """Raise InvalidInput unless `content` is of the schema's version; said first, as other fields may have changed."""
-    version, known = content.get("schema_version", "absent"), schema["schema_version"]
-    require(type(version) is int and version == known, "schema_version", version, str(known))
+    known = schema["schema_version"]
+    said = shown(content, "schema_version")
+    require(type(content.get("schema_version")) is int and said == known, "schema_version", said, str(known))
+
+
+def shown(content: dict, key: str) -> object:
+    """What a key holds, as messages show it: 'absent', or a text in quotes."""
+    return quoted(content[key]) if key in content else "absent"
 
 
 def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
@@ -63,7 +69,7 @@ def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
     """
     known = {field["name"]: field for field in fields}
     for key in content:
-        require(key in known or key.startswith(EXTENSION_PREFIX), f"{where}unknown key", key,
+        require(key in known or key.startswith(EXTENSION_PREFIX), f"{where}unknown key", quoted(key),
                 f"one of {', '.join(known)}, or a name of your own that begins with {EXTENSION_PREFIX}")
     for name, field in known.items():
         require(name in content or not field["required"], where + name, "absent", f"the field (type {field['type']})")
@@ -81,13 +87,13 @@ def _value(value, field: dict, name: str):
     if kind == "array":
         return _array(value, field["dtype"], name)
     if kind == "integers":
-        require(isinstance(value, list), name, value, "a list of integers")
+        require(isinstance(value, list), name, quoted(value), "a list of integers")
         for number in value:
-            require(_is_integer(number), name, number, "integers only")
+            require(_is_integer(number), name, quoted(number), "integers only")
         return [int(number) for number in value]
     fits = {"integer": _is_integer, "number": _is_number, "string": lambda v: isinstance(v, str),
             "object": lambda v: isinstance(v, dict)}[kind]
-    require(fits(value), name, value, f"{'an' if kind[0] in 'io' else 'a'} {kind}")
+    require(fits(value), name, quoted(value), f"{'an' if kind[0] in 'io' else 'a'} {kind}")
     return int(value) if kind == "integer" else float(value) if kind == "number" else value
 
 
@@ -107,12 +113,12 @@ def _array(value, dtype: str, name: str) -> np.ndarray:
 
 def _from_lists(value, dtype: str, name: str) -> np.ndarray:
     wanted = f"nested lists of {dtype}, or an object {{{', '.join(ARRAY_KEYS)}}}"
-    require(isinstance(value, list), name, value, wanted)
+    require(isinstance(value, list), name, quoted(value), wanted)
     # Looked at one by one: NumPy would take "1.5" and true for numbers, and lists of long texts for gigabytes.
     kinds = (bool,) if dtype == "bool" else (int, float)
     for row in value if all(isinstance(row, list) for row in value) else [value]:
         for number in row:
-            require(type(number) in kinds, name, number, wanted)
+            require(type(number) in kinds, name, quoted(number), wanted)
     try:
         return np.array(value, bool if dtype == "bool" else np.float64)
     except (ValueError, OverflowError):
@@ -121,10 +127,10 @@ def _from_lists(value, dtype: str, name: str) -> np.ndarray:
 
 def _from_base64(value: dict, dtype: str, name: str) -> np.ndarray:
     require(sorted(value) == ARRAY_KEYS, name, f"an object of {', '.join(value)}", f"the keys {', '.join(ARRAY_KEYS)}")
-    require(value["dtype"] == dtype, f"{name}.dtype", value["dtype"], dtype)
+    require(value["dtype"] == dtype, f"{name}.dtype", quoted(value["dtype"]), dtype)
     shape = value["shape"]
     require(isinstance(shape, list) and 0 < len(shape) <= 2 and all(_is_integer(n) and n >= 0 for n in shape),
-            f"{name}.shape", shape, "a list of one or two sizes")
+            f"{name}.shape", quoted(shape), "a list of one or two sizes")
     require(isinstance(value["base64"], str), f"{name}.base64", value["base64"], "a string")
     try:
         raw = base64.b64decode(value["base64"], validate=True)
@@ -147,7 +153,7 @@ def _object(pairs: list[tuple]) -> dict:
     content = dict(pairs)
     if len(content) < len(pairs):
         (twice, _), = Counter(name for name, _ in pairs).most_common(1)
-        raise InvalidInput("repeated key", twice, "each key of an object once")
+        raise InvalidInput("repeated key", quoted(twice), "each key of an object once")
     return content
 
 

@@ -93,8 +93,9 @@ def _projection_parts(projection: Projection, schema: dict) -> dict:
 
 
 def _projection(content: dict, schema: dict) -> Projection:
-    kind, kinds = content.get("kind", "absent"), schema["projection"]
-    require(isinstance(kind, str) and kind in kinds, "projection.kind", kind, " or ".join(kinds))
+    kind, kinds = content.get("kind"), schema["projection"]
+    known = isinstance(kind, str) and kind in kinds
+    require(known, "projection.kind", json_text.shown(content, "kind"), " or ".join(kinds))
     values = json_text.read_object(content, kinds[kind]["fields"], "projection.")
     del values["kind"]
     if "distortion" in values:

@@ -30,10 +30,12 @@ NO_LIMIT = 2**31        # messages that may wait: it is their bytes that are bou
 DESCRIPTIONS = (topics.SENSOR, topics.SKETCH_SENSOR)
 FRAMES = (topics.PHOTONS, topics.GATES, topics.SKETCH, topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO)
 
+TOPICS = "photons, gates, sensor"
+
 PARAMETERS = (
     Parameter("path", "", "The bag, a folder that is not there yet; bag_<UTC time> in the working directory if empty.",
               form="a path"),
-    Parameter("topics", "photons, gates, sensor", "What to record, of the inputs.", form="names with commas between"),
+    Parameter("topics", TOPICS, "What to record, of the inputs.", form="names with commas between"),
     Parameter("format", STORAGES[0], "How rosbag2 stores it.", choices=STORAGES),
     Parameter("max_duration_s", 0.0, "Finish the bag and exit after this time from its first message; 0: no limit.",
               "s", 0, 10**7),
@@ -136,11 +138,21 @@ class BagRecorderNode(PipelineNode):
             return
         counts = ", ".join(f"{name} {number}" for name, number in sorted(writer.messages.items())) or "no messages"
         losses = ", ".join(f"{number} {where}" for where, number in sorted(self._lost.items()) if number)
+        silent = self._silent(writer)
+        missing = [f"lost: {losses}"] * bool(losses) + [f"no message came on {' and '.join(silent)}"] * bool(silent)
         line = (f"bag {writer.path}: {writer.duration_s:.1f} s, {counts}, {writer.bytes / MB:.1f} MB, "
-                + (f"lost: {losses}" if losses else "nothing lost"))
+                f"{'; '.join(missing) or 'nothing lost'}")
         if self._ended_by:
             line += f"; ended as {self._ended_by}"
-        (self.get_logger().warning if losses else self.get_logger().info)(line)
+        (self.get_logger().warning if missing else self.get_logger().info)(line)
+
+    def _silent(self, writer: BagWriter) -> list[str]:
+        """Topics on which no message came. Of photons and gates, both asked for by default, a driver sends one."""
+        names = {topic.name: self.resolve_topic_name(topic.name) for topic in self._topics}
+        silent = [name for name, on in names.items() if on not in writer.messages]
+        if self.parameters["topics"] == TOPICS and not {topics.PHOTONS.name, topics.GATES.name} <= {*silent}:
+            silent = [name for name in silent if name not in (topics.PHOTONS.name, topics.GATES.name)]
+        return [names[name] for name in silent]
 
     def _subscribe(self, topic: Topic) -> None:
         def received(raw: bytes, info: dict) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 Value = bool | int | float | str
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
@@ -60,7 +60,7 @@ class Parameter:
         kind = type(self.default)
         if kind is float and type(value) is int or kind is str and type(value) in (int, float):
             value = kind(value)
-        require(type(value) is kind, self.name, value, self.expected)
+        require(type(value) is kind, self.name, quoted(value), self.expected)
         if kind in (int, float):
             inside = (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
             require(inside, self.name, value, self.expected)

@@ -98,7 +98,8 @@ class RecordingReader:
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
         require(len(entries) > 0, "recording", str(path), "an .rrd file that holds a recording")
-        self.application_id, self.recording_id = entries[0].application_id, entries[0].recording_id
+        self._store = entries[0]        # rerun warns of a choice that it makes by itself
+        self.application_id, self.recording_id = self._store.application_id, self._store.recording_id
 
     def is_finished(self) -> bool:
         """True if the file was closed: its footer is there."""
@@ -188,7 +189,8 @@ class RecordingReader:
 
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
         try:        # the index in the footer saves reading what is not asked for
-            stream = self._reader.store().stream() if self.is_finished() else self._reader.stream()
+            reader, chosen = self._reader, self._store
+            stream = reader.store(store=chosen).stream() if self.is_finished() else reader.stream(store=chosen)
             yield from stream.filter(content=content, is_static=static)
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None

@@ -4,7 +4,7 @@ import tracemalloc
 
 import pytest
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, quoted, require
 
 
 def said(field: str, value: object, expected: str = "something else") -> str:
@@ -24,6 +24,13 @@ def test_the_parts_can_be_read_from_the_exception():
 def test_a_text_is_shown_without_quotes_and_others_as_they_print():
     assert said("device", "gpu").startswith("device is gpu: ")
     assert said("shape", (3, 4)).startswith("shape is (3, 4): ")
+
+
+def test_a_value_whose_type_may_be_wrong_is_quoted_if_it_is_a_text():
+    assert said("rows", quoted("3")).startswith('rows is "3": ')
+    assert said("rows", quoted(3.5)).startswith("rows is 3.5: ")
+    assert said("key", quoted("x" * 10_000)).startswith('key is "xxx')
+    assert said("key", quoted("")).startswith('key is "": ')
 
 
 @pytest.mark.parametrize("value", ["", "  ", "\n"])

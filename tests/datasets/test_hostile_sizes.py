@@ -49,7 +49,7 @@ def refusals(tmp_path_factory) -> dict[str, str]:
 @pytest.mark.parametrize(("name", "said"), [
     ("a.json", "a.json is 1073741824 bytes: expected at most"),
     ("b.npz", "b.npz is unreadable (File is not a zip file)"),
-    ("c.mat", "c.mat is damaged"), ("d.mcap", "bag d.mcap is unreadable"), ("e.db3", "bag e.db3 is unreadable"),
+    ("c.mat", "c.mat is unreadable"), ("d.mcap", "bag d.mcap is unreadable"), ("e.db3", "bag e.db3 is unreadable"),
     ("f.npz", "f.npz.json size is 1073741824: expected at most"),
     ("pixels.json", "pixels.json rows × cols is 65535 × 65535: expected at most"),
     ("array.json", "array.json irf.base64 is 0 bytes: expected 18446744065119617025 numbers")])

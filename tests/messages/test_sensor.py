@@ -211,12 +211,22 @@ def test_number_that_overflows_is_refused():
 
 
 def test_unknown_key_cannot_forge_a_message():
-    assert "key is rows 3: expected" in str(refused(json.dumps(plain() | {"rows\n\u20283": 1})))
+    assert 'key is "rows 3": expected' in str(refused(json.dumps(plain() | {"rows\n\u20283": 1})))
 
 
 def test_key_twice_is_refused():
     error = refused('{"rows": 3, ' + json.dumps(plain())[1:])
-    assert str(error) == "repeated key is rows: expected each key of an object once"
+    assert str(error) == 'repeated key is "rows": expected each key of an object once'
+
+
+@pytest.mark.parametrize(("name", "value", "said"), [
+    ("toa_offset_bins", "3", 'toa_offset_bins is "3": expected a number'),
+    ("rows", "2", 'rows is "2": expected an integer'), ("irf", ["1", 2], 'irf is "1": expected nested lists'),
+    ("schema_version", "1", 'schema_version is "1": expected 1'),
+    ("projection", {"kind": "lens"}, 'projection.kind is "lens": expected pinhole or '),
+])
+def test_texts_are_shown_in_quotes(name, value, said):
+    assert str(refused(plain() | {name: value})).startswith(said)
 
 
 def test_long_texts_among_many_take_no_more_memory_than_the_message():

@@ -160,7 +160,18 @@ def test_frames_that_nobody_describes_are_recorded_too(graph, frames, tmp_path):
     recorder.says("nobody has described sensor: recording without")
     graph.reports("bag_recorder", "frames_out", 1)
     assert recorder.end(signal.SIGTERM) == 0
+    assert recorder.lines[-1].endswith(f" MB, no message came on {graph.namespace}/sensor")     # of gates none was due
     assert [message.raw for message in read(tmp_path / "bag")] == [on_the_wire(frames[0])]
+
+
+def test_topics_on_which_nothing_came_are_named_at_the_end(graph, frames, tmp_path):
+    recorder = graph.start("bag_recorder", path=tmp_path / "bag", topics="photons, gates, points").ready()
+    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
+    graph.reports("bag_recorder", "frames_out", 1)
+    assert recorder.end(signal.SIGINT) == 0
+    namespace = graph.namespace
+    assert recorder.lines[-1].endswith(f" MB, no message came on {namespace}/gates and {namespace}/points")
+    assert "WARN" in recorder.lines[-1]
 
 
 # The node after a line of Python, as a program of its own.

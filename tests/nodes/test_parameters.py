@@ -45,13 +45,13 @@ def test_defaults_and_overrides_with_lossless_conversion(declare):
 @pytest.mark.parametrize("name, value, line", [
     ("size", 0, "size is 0: expected an integer from 1 to 100 pixels"),
     ("size", 2.5, "size is 2.5: expected an integer from 1 to 100 pixels"),
-    ("size", "many", "size is many: expected an integer from 1 to 100 pixels"),
+    ("size", "50", 'size is "50": expected an integer from 1 to 100 pixels'),
     ("size", True, "size is True: expected an integer from 1 to 100 pixels"),
     ("rate_hz", 1001.0, "rate_hz is 1001.0: expected a number from 0 to 1000 Hz"),
     ("rate_hz", float("nan"), "rate_hz is nan: expected a number from 0 to 1000 Hz"),
     ("layout", "int8", "layout is int8: expected float32 or int16"),
     ("list", False, "list is False: expected auto or integers such as 1,2"),
-    ("loop", "yes", "loop is yes: expected true or false"),
+    ("loop", "true", 'loop is "true": expected true or false'),
 ])
 def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
     with pytest.raises(InvalidInput) as caught:

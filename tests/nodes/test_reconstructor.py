@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -223,6 +225,10 @@ def test_the_newest_cloud_is_saved_where_and_as_what_the_parameters_say(graph, s
     assert not success and why.startswith(f"output is {str(tmp_path)[:20]}") and len(why.splitlines()) == 1
     assert graph.call(Trigger, "reconstructor/reset", Trigger.Request()).success
     assert save()[1].startswith("cloud is none yet")
+    off = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+    assert graph.call(ChangeState, "reconstructor/change_state", off).success
+    name = f"{graph.namespace}/reconstructor"
+    assert save() == (False, f"{name} is inactive: expected an active node: ros2 lifecycle set {name} activate")
 
 
 def test_a_lens_bends_the_rays_and_is_told_beside_the_images_and_a_scanner_has_ranges_and_no_camera(graph, sensor,

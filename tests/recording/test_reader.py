@@ -1,5 +1,7 @@
 """RecordingReader: order, and one clear line for a file that is no recording of ours."""
 
+import warnings
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -7,7 +9,10 @@ import rerun as rr
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.reader import LogLine, RecordingReader
+from srt3d_ros.recording.repair import examine, repair
 from srt3d_ros.recording.writer import RecordingWriter
+
+HEADER_BYTES = 12
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +63,20 @@ def test_a_damaged_foreign_or_newer_file_gives_one_line(tmp_path, whole, damage,
     with pytest.raises(InvalidInput, match=expected) as caught:
         list(RecordingReader(path).clouds())
     assert str(caught.value).startswith("recording is ") and "\n" not in str(caught.value)
+
+
+def test_of_two_recordings_in_a_file_one_is_read_without_a_word(tmp_path, whole):
+    with RecordingWriter(tmp_path / "other.rrd", None) as writer:
+        writer.log_cloud(0, 7, np.zeros((5, 3)), np.zeros(5))
+    cut, messages = tmp_path / "cut.rrd", []
+    for path in (whole, tmp_path / "other.rrd"):
+        cut.write_bytes(path.read_bytes()[:-1])
+        messages.append(cut.read_bytes()[:examine(cut).whole_bytes])
+    cut.write_bytes(messages[0] + messages[1][HEADER_BYTES:])
+    for path in (cut, repair(examine(cut))):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert [cloud.frame_index for cloud in RecordingReader(path).clouds()] in ([2, 0, 1], [7])
 
 
 def test_the_index_of_clouds_is_in_the_order_of_stamps_and_chosen_clouds_are_found(whole):

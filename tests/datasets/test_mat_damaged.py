@@ -1,0 +1,99 @@
+"""Damaged .mat files, read as users have them read: in a child process, whose end is one line here."""
+
+import struct
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from srt3d_ros.datasets import open_photons
+from srt3d_ros.errors import InvalidInput
+
+IRF = [1.0, 3.0, 1.0]
+
+
+def write(tmp_path, **variables):
+    savemat(tmp_path / "some name.mat", variables, do_compression=True)
+    return tmp_path / "some name.mat"
+
+
+def cells() -> np.ndarray:
+    out = np.empty((1, 2), object)
+    out[0, 0], out[0, 1] = np.array([[12], [15]], np.uint16), np.zeros((0, 0), np.uint16)
+    return out
+
+
+@pytest.mark.parametrize("damage", [
+    lambda data: data[:-5], lambda data: data[:100], lambda data: b"", lambda data: b"x" * 500,
+    lambda data: data[:140] + bytes(40) + data[180:],
+])
+def test_damaged_files_are_refused(tmp_path, damage):
+    path = write(tmp_path, Ts=cells())
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(InvalidInput, match="^some name.mat"):
+        open_photons(path, irf=IRF)
+
+
+def test_a_matlab_7_3_file_says_what_to_do(tmp_path):
+    path = tmp_path / "a.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF")
+    with pytest.raises(InvalidInput, match=r"7\.3 \(HDF5\) file: expected .* save it with -v7"):
+        open_photons(path)
+
+
+def test_a_file_that_unpacks_to_more_than_its_reader_may_take_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("srt3d_ros.datasets.mat.MAX_MEMORY_BYTES", 2**26)
+    path = write(tmp_path, Y=np.zeros((2**13, 2**14), np.uint8))
+    assert path.stat().st_size < 2**20
+    with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(its reader takes more than 0.0625 G"):
+        open_photons(path, irf=IRF)
+
+
+def of_cells(dimensions: tuple[int, int], content: bytes = b"", kind: int = 1) -> bytes:
+    """A variable Ts, as it stands in a file."""
+    parts = [(6, struct.pack("<II", kind, 0)), (5, struct.pack("<ii", *dimensions)), (1, b"Ts")]
+    body = b"".join(struct.pack("<II", code, len(part)) + part.ljust(-(-len(part) // 8) * 8, b"\0")
+                    for code, part in parts) + content
+    return struct.pack("<II", 14, len(body)) + body
+
+
+def written(path, variable: bytes, compressed: bool):
+    packed = zlib.compress(variable)
+    element = struct.pack("<II", 15, len(packed)) + packed if compressed else variable
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element)
+    return path
+
+
+@pytest.mark.parametrize("dimensions", [(2**12, 2**14), (2**31 - 1, 2**31 - 1), (2**31 - 1, 0), (-1, -1)])
+def test_cells_that_are_not_there_are_one_line(tmp_path, dimensions):
+    with pytest.raises(InvalidInput, match="^a.mat "):
+        open_photons(written(tmp_path / "a.mat", of_cells(dimensions), True), irf=IRF)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+@pytest.mark.parametrize(("kind", "code"), [(11, 99), (4, 0)], ids=["numbers", "text"])
+def test_a_file_at_which_scipy_ends_the_process_is_one_line(tmp_path, kind, code, compressed):
+    cell = of_cells((1, 1), struct.pack("<HH4s", code, 4, b"\x0c"), kind=kind)      # MATLAB has no such type code
+    with pytest.raises(InvalidInput) as caught:
+        open_photons(written(tmp_path / "a.mat", of_cells((1, 1), cell), compressed), irf=IRF)
+    assert str(caught.value).startswith("a.mat is unreadable (its reader ended with SIG")
+
+
+def test_a_missing_scipy_is_said_as_such(tmp_path, monkeypatch):
+    path = write(tmp_path, Ts=cells())
+    (tmp_path / "scipy.py").write_text("raise ModuleNotFoundError('No module named scipy', name='scipy')")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    with pytest.raises(ModuleNotFoundError) as caught:
+        open_photons(path)
+    assert caught.value.name == "scipy"
+
+
+def test_structures_beside_the_photons_are_not_read(tmp_path):
+    good = of_cells((1, 1), of_cells((1, 1), struct.pack("<II8s", 4, 2, b"\x0c"), kind=11))
+    path = written(tmp_path / "a.mat", good, True)
+    path.write_bytes(path.read_bytes() + of_cells((2**31 - 1, 2**31 - 1), kind=17))     # an opaque object
+    assert open_photons(path, irf=IRF, num_bins=20).frame.toa.tolist() == [12]
+    with pytest.raises(InvalidInput, match="a.mat variables is others, some of them objects"):
+        open_photons(written(path, of_cells((1, 1), kind=17), False))
