@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 
 import numpy as np
-from live import Pipeline, books, percentiles, tell
+from live import Pipeline, accounting, percentiles, tell
 
 from srt3d_ros.benchmark.frames import gates_of, gates_sensor, photons_of, sensor_of
 from srt3d_ros.cli.processes import join_private_network
@@ -35,15 +35,15 @@ def case_of(name: str) -> tuple:
 
 def measure(name: str, seconds: float) -> dict:
     """Run one case; its figures."""
-    from srt3d_ros.nodes.monitor import Monitor
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     sensor, packets, rate_hz, per_frame = case_of(name)
-    with Monitor(keep_every=10**9) as monitor:
+    with PipelineProbe(keep_every=10**9) as monitor:
         with Pipeline(monitor, sensor, packets, packets_per_frame=per_frame) as pipeline:
             pipeline.drive(f"{rate_hz}:2")              # compiles for the sensor
             first, load = len(monitor.arrivals), os.getloadavg()[0]
-            counted = books(monitor)
+            counted = accounting(monitor)
             said, cpu = pipeline.drive(f"{rate_hz}:{seconds}")
-            counted = {key: now - counted.get(key, 0) for key, now in books(monitor).items()}
+            counted = {key: now - counted.get(key, 0) for key, now in accounting(monitor).items()}
     arrivals = monitor.arrivals[first:]
     sent = said["phases"][0]["sent"]
     latencies_ms = np.array([arrival.latency_ms for arrival in arrivals])

@@ -14,7 +14,7 @@ from pathlib import Path
 
 SENSOR, ROBOT = "sensor", "robot"           # the machine beside the camera, and the one that reconstructs
 ADDRESSES = {SENSOR: "10.77.0.1", ROBOT: "10.77.0.2"}
-INTERFACE = "eth0"
+SPEC = "eth0"
 QUEUE = "50ms"                              # how long a packet may wait to be sent; longer, and it is dropped
 PREFIX = "srt3d_"
 SHARED_MEMORY = Path("/dev/shm")
@@ -59,7 +59,7 @@ class Link:
         """Have the cable carry so many Mbit/s each way."""
         burst = max(int(rate_mbit * 1e6 / 8 * 1e-3), 4000)      # what a millisecond carries, at least two packets
         for name in self.names.values():
-            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate", f"{rate_mbit}mbit",
+            _run("tc", "-n", name, "qdisc", "replace", "dev", SPEC, "root", "tbf", "rate", f"{rate_mbit}mbit",
                  "burst", str(burst), "latency", QUEUE)
 
     def lose(self, share: float) -> None:
@@ -67,17 +67,17 @@ class Link:
         keep_below = round((1 - share) * (2**32 - 1))
         program = f"4,32 0 0 {RANDOM},37 0 1 {keep_below},6 0 0 2,6 0 0 0"     # above it: drop (2), else pass (0)
         for name in self.names.values():
-            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "clsact")
-            _run("tc", "-n", name, "filter", "replace", "dev", INTERFACE, "ingress", "prio", "1", "handle", "1",
+            _run("tc", "-n", name, "qdisc", "replace", "dev", SPEC, "clsact")
+            _run("tc", "-n", name, "filter", "replace", "dev", SPEC, "ingress", "prio", "1", "handle", "1",
                  "bpf", "da", "bytecode", program)
 
     def unplug(self, machine: str = ROBOT) -> None:
         """Pull the cable out of a machine."""
-        _run("ip", "-n", self.names[machine], "link", "set", INTERFACE, "down")
+        _run("ip", "-n", self.names[machine], "link", "set", SPEC, "down")
 
     def plug(self, machine: str = ROBOT) -> None:
         """Put it in again, and wait until the network is up."""
-        _run("ip", "-n", self.names[machine], "link", "set", INTERFACE, "up")
+        _run("ip", "-n", self.names[machine], "link", "set", SPEC, "up")
         self._wait_until_up(machine)
 
     def wire_bytes(self, machine: str = SENSOR) -> int:
@@ -86,13 +86,13 @@ class Link:
 
     def _interface(self, machine: str) -> dict:
         """What `ip` says about a machine's interface."""
-        return json.loads(_run("ip", "-n", self.names[machine], "-s", "-json", "link", "show", "dev", INTERFACE))[0]
+        return json.loads(_run("ip", "-n", self.names[machine], "-s", "-json", "link", "show", "dev", SPEC))[0]
 
     def _wait_until_up(self, machine: str) -> None:
         end = time.monotonic() + TIMEOUT_S
         while self._interface(machine)["operstate"] != "UP":
             if time.monotonic() > end:
-                raise RuntimeError(f"{INTERFACE} of {machine} is not up after {TIMEOUT_S} s")
+                raise RuntimeError(f"{SPEC} of {machine} is not up after {TIMEOUT_S} s")
             time.sleep(0.01)
 
     def _make(self) -> None:
@@ -100,12 +100,12 @@ class Link:
             (self.shared_memory / machine).mkdir(parents=True)
             _run("ip", "netns", "add", name)
         one, other = self.names.values()
-        _run("ip", "link", "add", INTERFACE, "netns", one, "type", "veth", "peer", "name", INTERFACE, "netns", other)
+        _run("ip", "link", "add", SPEC, "netns", one, "type", "veth", "peer", "name", SPEC, "netns", other)
         for machine, name in self.names.items():
-            _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", INTERFACE)
+            _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", SPEC)
             _run("ip", "-n", name, "link", "set", "lo", "up")
             # packets of at most 1500 bytes leave, as from a network card, also where TCP would hand over 64 kB at once
-            _run("ip", "-n", name, "link", "set", INTERFACE, "gso_max_segs", "1", "up")
+            _run("ip", "-n", name, "link", "set", SPEC, "gso_max_segs", "1", "up")
         self.shape(self._rate_mbit)
         for machine in ADDRESSES:       # DDS never uses an interface that was not up when a node started
             self._wait_until_up(machine)

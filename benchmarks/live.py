@@ -35,7 +35,7 @@ class Pipeline:
     """Sketcher and reconstructor in two processes, and a driver; a context manager that ends them.
 
     Args:
-        monitor: an entered srt3d_ros.nodes.monitor.Monitor.
+        monitor: an entered srt3d_ros.nodes.pipeline_probe.PipelineProbe.
         frames: packets that the driver sends in turn.
         parameters: of the sketcher.
     """
@@ -109,7 +109,7 @@ def tell(line: dict, out: Path | None) -> None:
             file.write(text + "\n")
 
 
-def books(monitor) -> dict[str, int]:
+def accounting(monitor) -> dict[str, int]:
     """All counts of drops and losses in the nodes' newest diagnostics."""
     return {f"{node}.{key}": int(value) for node, values in monitor.statuses.items() for key, value in values.items()
             if key.startswith("dropped") and not key.endswith("_per_s") or key in ("message_lost", "errors")}

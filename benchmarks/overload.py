@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from live import Pipeline, books, percentiles, tell
+from live import Pipeline, accounting, percentiles, tell
 from matplotlib.figure import Figure
 
 from srt3d_ros.benchmark.frames import photons_of, sensor_of
@@ -40,7 +40,7 @@ class Run:
     phases: list[dict]
     due_s: np.ndarray           # of the clouds: when their frame was sent, after the first phase began
     latency_ms: np.ndarray      # of the same clouds
-    history: list[tuple[float, dict[str, int], float]]      # time, books, ms that the last reconstruction took
+    history: list[tuple[float, dict[str, int], float]]      # time, accounting, ms that the last reconstruction took
 
     @property
     def edges_s(self) -> list[float]:
@@ -74,19 +74,20 @@ class Run:
 
 def measure(seconds: float) -> tuple[dict, Run]:
     """The figures, and what they come from."""
-    from srt3d_ros.nodes.monitor import Monitor
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     sensor, load = sensor_of(SIDE), os.getloadavg()[0]
-    with Monitor(keep_every=10**9) as monitor, Pipeline(monitor, sensor, [photons_of(sensor, PPP)]) as pipeline:
+    with PipelineProbe(keep_every=10**9) as monitor, Pipeline(monitor, sensor, [photons_of(sensor, PPP)]) as pipeline:
         pipeline.drive("10:2")                          # compiles for the sensor
         before = len(monitor.arrivals)
         pipeline.drive(f"{PROBE_HZ}:{PROBE_S}")
         capacity_hz = max((len(monitor.arrivals) - before) / PROBE_S, 2.0)
-        calm, first, counted, history = f"{capacity_hz / 2:.2f}:{CALM_S}", len(monitor.arrivals), books(monitor), []
+        calm, first = f"{capacity_hz / 2:.2f}:{CALM_S}", len(monitor.arrivals)
+        counted, history = accounting(monitor), []
         said, cpu = pipeline.drive(
             f"{calm},{TIMES * capacity_hz:.2f}:{seconds},{calm}",
-            lambda: history.append((time.time_ns(), books(monitor),
+            lambda: history.append((time.time_ns(), accounting(monitor),
                                     float(monitor.value("reconstructor", "reconstruct_ms") or "nan"))))
-        history.append((time.time_ns(), books(monitor), float("nan")))
+        history.append((time.time_ns(), accounting(monitor), float("nan")))
     phases, arrivals = said["phases"], monitor.arrivals[first:]
     interval_ns, first_ns = round(1e9 / phases[0]["rate_hz"]), phases[0]["began_ns"]
     due_s = np.array([arrival.stamp_ns + interval_ns - first_ns for arrival in arrivals]) * 1e-9

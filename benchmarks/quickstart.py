@@ -18,7 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from live import books, cpu_s, percentiles, tell
+from live import accounting, cpu_s, percentiles, tell
 
 from srt3d_ros import shared_files
 from srt3d_ros.cli.processes import join_private_network
@@ -48,8 +48,8 @@ WAYS = {"up": up, "processes": processes}
 
 def measure(way: str, record: bool, seconds: float) -> dict:
     """Run one way of starting the pipeline; its figures."""
-    from srt3d_ros.nodes.monitor import Monitor
-    with Monitor(keep_every=10**9) as monitor, tempfile.TemporaryDirectory(prefix="srt3d-quickstart-") as folder:
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
+    with PipelineProbe(keep_every=10**9) as monitor, tempfile.TemporaryDirectory(prefix="srt3d-quickstart-") as folder:
         commands = WAYS[way](f"{folder}/run.rrd" if record else None)
         load, started_ns = os.getloadavg()[0], time.time_ns()
         running = [subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -75,7 +75,7 @@ def measure(way: str, record: bool, seconds: float) -> dict:
                 "latency_ms": percentiles([arrival.latency_ms for arrival in arrivals]),
                 "cpu_percent": round(100 * used_s / lasted_s),
                 "exit_codes": [process.returncode for process in running],
-                "dropped_in_all": {key: count for key, count in books(monitor).items() if count}}
+                "dropped_in_all": {key: count for key, count in accounting(monitor).items() if count}}
 
 
 def main() -> None:

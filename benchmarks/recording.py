@@ -48,9 +48,9 @@ class Pipeline:
     """
 
     def __init__(self, case: str, folder: Path):
-        from srt3d_ros.nodes.monitor import Monitor
+        from srt3d_ros.nodes.pipeline_probe import PipelineProbe
         self.folder, (side, rate_hz) = folder, CASES[case]
-        self.monitor, self.running = Monitor(keep_every=10**9), {}
+        self.monitor, self.running = PipelineProbe(keep_every=10**9), {}
         self._commands = {"recorder": node("recorder", path=str(folder / "recording.rrd"), record=False)}
         if case == "large":
             self.latency_of = "standin"
@@ -144,10 +144,11 @@ def measure(case: str, seconds: float, folder: Path) -> dict:
         pipeline.call("stop_recording")
         path = max(folder.glob("recording*.rrd"), key=lambda path: path.stat().st_mtime)
         pipeline.watch(1.5)
-        books = {key: pipeline.monitor.value("recorder", key) for key in
+        accounting = {key: pipeline.monitor.value("recorder", key) for key in
                  ("frames_in", "frames_out", "dropped", "message_lost", "recording_dropped", "errors")}
     line = {"case": case, "seconds": seconds, "clouds_per_s": round(seen["clouds"] / seconds, 2),
-            "recorder_memory_growth_mb": round(grown_mb, 1), "recorder_cpu_percent": round(cpu_percent, 1), **books}
+            "recorder_memory_growth_mb": round(grown_mb, 1), "recorder_cpu_percent": round(cpu_percent, 1),
+            **accounting}
     for kind in ("reconstruct_ms", "arrival_ms"):
         without, with_ = (np.array([turn[kind] for turn in turns[name]]) for name in ("without", "with"))
         line[kind] = {"without": round(float(np.median(without)), 2), "with": round(float(np.median(with_)), 2),

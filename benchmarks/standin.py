@@ -19,7 +19,7 @@ from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.interface import Interface
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
 
 SMALL, PPP, FREQUENCIES = 141, 15.0, 10
@@ -28,7 +28,7 @@ SMALL, PPP, FREQUENCIES = 141, 15.0, 10
 class StandIn(PipelineNode):
     """Publishes at a rate, from its worker."""
 
-    interface = Interface("standin", purpose="", outputs=(topics.SKETCH_SENSOR, topics.SKETCH, topics.POINTS,
+    spec = NodeSpec("standin", purpose="", outputs=(topics.SKETCH_SENSOR, topics.SKETCH, topics.POINTS,
                                                           *topics.IMAGES))
     side, rate_hz = 0, 0.0
 

@@ -7,7 +7,7 @@ import ast
 
 import pytest
 
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +38,13 @@ def test_every_argument_has_a_default_and_a_description(launch):
 
 def test_every_node_is_started_with_parameters_that_it_has(launch):
     nodes = constant(launch, "NODES")
-    assert set(nodes) == set(INTERFACES)
+    assert set(nodes) == set(SPECS)
     for name, parameters in nodes.items():
-        assert set(parameters) <= {parameter.name for parameter in INTERFACES[name].table}
+        assert set(parameters) <= {parameter.name for parameter in SPECS[name].table}
         assert set(parameters.values()) <= set(declared(launch))
     assert set(constant(launch, "ONLY_WITH").values()) <= set(declared(launch))
 
 
 def test_every_topic_that_can_be_renamed_is_one_of_the_nodes(launch):
-    topics = {topic.name for interface in INTERFACES.values() for topic in (*interface.inputs, *interface.outputs)}
+    topics = {topic.name for spec in SPECS.values() for topic in (*spec.inputs, *spec.outputs)}
     assert set(constant(launch, "TOPICS")) <= topics & set(declared(launch))

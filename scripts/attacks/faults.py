@@ -1,4 +1,4 @@
-"""Harm a running pipeline, round after round, and see that it recovers, that its books balance, that nothing is broken.
+"""Harm a running pipeline, round after round: it recovers, its frame accounting adds up, and nothing is broken.
 
     .venv/bin/python scripts/attacks/faults.py [--rounds 200] [--seed 1] [--only FAULT …] [--first ROUND]
 
@@ -9,7 +9,8 @@ round picks a fault, does it, sees that it was done, takes it back, and passes i
   replaces one that was killed, with a point in nine of ten pixels;
 - no cloud at any time showed the scene where it is not;
 - nothing ended that was not ended on purpose, and nobody wrote a traceback;
-- the books of every node balance, and what the driver sent is what the sketcher counted, where neither was harmed;
+- the frame accounting of every node adds up, and what the driver sent is what the sketcher counted, where neither was
+  harmed;
 - recordings and bags that were finished open, and those that were cut off are repaired or refused in one line.
 
 A round that fails leaves its logs beside the result, and the pipeline is started anew. Faults of the disk and of shared
@@ -105,7 +106,7 @@ class Campaign:
         stack = self._stack
         stack.ended.clear()
         stack.misplaced.clear()
-        lost, sent = stack.books.losses(), stack.drive()
+        lost, sent = stack.counts.losses(), stack.drive()
         came = self._came()
         stack.resume()
         stack.wait_for_cloud(CLEAR_S)
@@ -118,11 +119,11 @@ class Campaign:
             stack.wait(lambda: stack.value(name, "frames_out") not in ("", "0"), f"{name} to record")
         now = stack.drive(sensor="")
         unbalanced = stack.settle(BOOKKEEPERS)
-        played.problems += [f"books of {name}: {amount} frames do not balance: {stack.books.latest.get(name)}"
+        played.problems += [f"{name}: {amount} frames are not accounted for: {stack.counts.latest.get(name)}"
                             for name, amount in unbalanced.items()]
         if intact and (gone := (now - sent)["sent"] - (self._came() - came)):
-            played.problems.append(f"{gone} of {(now - sent)['sent']} packets are in nobody's books")
-        played.lost = dict(stack.books.losses() - lost)
+            played.problems.append(f"{gone} of {(now - sent)['sent']} packets are not accounted for")
+        played.lost = dict(stack.counts.losses() - lost)
         played.problems += [f"a cloud at {seen.median_m:.2f} m" for seen in stack.misplaced[:3]]
         played.problems += stack.dead()
         processes = [*stack.ended, *stack.processes.items()]
@@ -130,7 +131,7 @@ class Campaign:
 
     def _came(self) -> int:
         """Packets that the sketcher had, or knows that it missed."""
-        counted = self._stack.books.totals("sketcher")
+        counted = self._stack.counts.totals("sketcher")
         return counted["frames_in"] + counted["message_lost"]
 
     def _look(self, played: Round) -> None:

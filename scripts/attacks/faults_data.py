@@ -60,7 +60,7 @@ def shuffled(stack: FaultyStack, choice: random.Random) -> dict:
 
 def _misbehave(stack: FaultyStack, **settings) -> tuple[Counter, Counter]:
     """What driver and sketcher counted while the driver did so, after all of it has come."""
-    before, counted = stack.drive(), stack.books.totals("sketcher")
+    before, counted = stack.drive(), stack.counts.totals("sketcher")
     stack.drive(**settings)
     stack.spin(HELD_S)
     stack.drive(**CALM)
@@ -68,7 +68,7 @@ def _misbehave(stack: FaultyStack, **settings) -> tuple[Counter, Counter]:
     stack.drive(sensor="")
     stack.settle(["sketcher"])
     after = stack.drive()
-    driver, sketcher = after - before, stack.books.totals("sketcher") - counted
+    driver, sketcher = after - before, stack.counts.totals("sketcher") - counted
     stack.resume()
     return driver, sketcher
 

@@ -15,31 +15,31 @@ FULL_S = 60.0               # until the recorder has nothing more to flush and f
 
 def disk_full(stack: FaultyStack, choice: random.Random) -> dict:
     """No room for the recording: one error, clouds go on; with room again, a new file."""
-    errors, path = stack.books.totals("recorder")["errors"], stack.value("recorder", "path")
+    errors, path = stack.counts.totals("recorder")["errors"], stack.value("recorder", "path")
     stack.disk.fill()
     try:
-        stack.wait(lambda: stack.books.totals("recorder")["errors"] > errors, "the recorder to say so", FULL_S)
+        stack.wait(lambda: stack.counts.totals("recorder")["errors"] > errors, "the recorder to say so", FULL_S)
         stack.wait_for_cloud(CLEAR_S)
     finally:
         stack.disk.empty()
     stack.wait(lambda: stack.value("recorder", "path") not in ("", path), "the recording to go on", FULL_S)
-    return {"errors": stack.books.totals("recorder")["errors"] - errors}
+    return {"errors": stack.counts.totals("recorder")["errors"] - errors}
 
 
 def disk_read_only(stack: FaultyStack, choice: random.Random) -> dict:
     """A recording is finished, and the next begun on a disk that is read-only by now."""
-    errors = stack.books.totals("recorder")["errors"]
+    errors = stack.counts.totals("recorder")["errors"]
     trigger(stack, "recorder/stop_recording")
     stack.disk.read_only(True)
     try:
         trigger(stack, "recorder/start_recording", either=True)
-        stack.wait(lambda: stack.books.totals("recorder")["errors"] > errors, "the recorder to say so", FULL_S)
+        stack.wait(lambda: stack.counts.totals("recorder")["errors"] > errors, "the recorder to say so", FULL_S)
         stack.wait_for_cloud(CLEAR_S)
     finally:
         stack.disk.read_only(False)
-    recorded = stack.books.totals("recorder")["frames_out"]
-    stack.wait(lambda: stack.books.totals("recorder")["frames_out"] > recorded + 5, "the recording to go on", FULL_S)
-    return {"errors": stack.books.totals("recorder")["errors"] - errors}
+    recorded = stack.counts.totals("recorder")["frames_out"]
+    stack.wait(lambda: stack.counts.totals("recorder")["frames_out"] > recorded + 5, "the recording to go on", FULL_S)
+    return {"errors": stack.counts.totals("recorder")["errors"] - errors}
 
 
 def trigger(stack: FaultyStack, service: str, either: bool = False) -> None:

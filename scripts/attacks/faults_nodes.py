@@ -76,7 +76,7 @@ def end(stack: FaultyStack, name: str, number: int = signal.SIGTERM) -> None:
     if name != "driver":
         assert process.returncode == 0, f"{name} ended with {process.returncode}:\n{process.text}"
         stack.wait(lambda: not stack.unbalanced([name]), "", LAST_WORDS_S, must=False)
-        assert not stack.unbalanced([name]), f"the last report of {name} does not balance: {stack.books.latest[name]}"
+        assert not stack.unbalanced([name]), f"the last report of {name} does not balance: {stack.counts.latest[name]}"
 
 
 def twins(stack: FaultyStack, choice: random.Random) -> dict:

@@ -32,7 +32,8 @@ def _parameters():
     from rclpy.node import Node
 
     from srt3d_ros.nodes.parameters import Parameters
-    from srt3d_ros.nodes.tables import INTERFACES, generated
+    from srt3d_ros.nodes.specs import SPECS
+    from tools.generate_docs import generated
 
     context = Context()         # of its own: whoever else is in this process has the default one
     context.init(args=[])
@@ -49,13 +50,13 @@ def _parameters():
         except RuntimeError as error:               # rcl's parser: the process says so in a line and ends
             raise InvalidInput("command line", "parameters.yaml", f"ROS arguments ({error})") from None
         try:
-            Parameters(node, INTERFACES[name].table)
+            Parameters(node, SPECS[name].table)
         finally:
             node.destroy_node()
 
     whole = generated()["config/srt3d.yaml"]
     short = "".join(f"/**/{name}:\n  ros__parameters:\n    {parameter.name}: {parameter.default!r}\n".replace("'", '"')
-                    for name in NODES for parameter in INTERFACES[name].table[:2])
+                    for name in NODES for parameter in SPECS[name].table[:2])
     return read, [short.encode(), re.sub(r" *#.*\n", "", whole).encode()]
 
 
@@ -119,9 +120,9 @@ def _parsed(argv: list[str]) -> int:
     args = parser(named or COMMANDS).parse_args(argv)
     if argv[:1] == ["up"]:
         up = importlib.import_module("srt3d_ros.cli.up")
-        interfaces = [node.interface for node in up.node_classes(args)]
-        up.parameters_yaml(args, interfaces)
-        up.ros_arguments(args, interfaces, __file__)
+        specs = [node.spec for node in up.node_classes(args)]
+        up.parameters_yaml(args, specs)
+        up.ros_arguments(args, specs, __file__)
     return 0
 
 

@@ -11,7 +11,7 @@ become clouds, and are not counted as good. What must hold:
     ends        no process ends, none writes a traceback, none fails at a message in another way than by refusing it
     hangs       every good frame's cloud comes within --hang-s
     good        every good frame becomes its cloud, bit for bit that of the same frame without the attack
-    books       of every node: nothing unaccounted for, nothing under way at the end; what was sent has come in
+    accounting  of every node: nothing unaccounted for, nothing under way at the end; what was sent has come in
 """
 
 import argparse
@@ -245,7 +245,7 @@ def main() -> int:
              "lost": attack.lost, "not_bit_equal": attack.wrong, "slowest_good_s": round(attack.slowest_s, 3),
              "slowest_description_s": round(attack.described_s, 3), "seconds": round(seconds, 1),
              "messages_per_s": round(mutated / seconds), "problems": problems,
-             "books": {name: {key: value for key, value in stack.books.latest.get(name, {}).items()
+             "accounting": {name: {key: value for key, value in stack.counts.latest.get(name, {}).items()
                               if value.lstrip("-").isdecimal()} for name in NODES}}
     write_result(args.out.absolute(), facts)
     if not problems:
@@ -277,23 +277,23 @@ def judge(attack: Attack, stack: Stack, hang_s: float) -> list[str]:
     if attack.slowest_s > hang_s:
         problems.append(f"a good frame took {attack.slowest_s:.2f} s: expected at most {hang_s:g} s")
 
-    def books() -> list[str]:
+    def counts() -> list[str]:
         found = []
         for name in NODES:
-            report = stack.books.latest.get(name, {})
+            report = stack.counts.latest.get(name, {})
             found += [f"{name}: {key} is {report.get(key)}" for key in ("under_way", "unaccounted_frames")
                       if report.get(key) != "0"]
             if "dropped.error" in report:
                 found.append(f"{name}: {report['dropped.error']} messages failed and were not refused: "
                              f"{report['last_error']}")
-        report = stack.books.latest.get("sketcher", {})
+        report = stack.counts.latest.get("sketcher", {})
         came, sent = (int(report.get(key, 0)) for key in ("frames_in", "message_lost")), attack.sent
         if sum(came) != sent["photons"] + sent["gates"]:
             found.append(f"sketcher: {sent['photons'] + sent['gates']} messages were sent to it, and it knows of less")
         return found
 
-    stack.wait(lambda: not books(), "books that balance", must=False)
-    return problems + books()
+    stack.wait(lambda: not counts(), "frame accounting that adds up", must=False)
+    return problems + counts()
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ ODD = [0.0, -0.0, 1e-45, 1e-4, 1e-3, 0.5, 1.0, 2.0, 1e4, 1e6, 1e300, -1.0, np.na
 
 
 @dataclass
-class Books:
+class Tally:
     """What the rounds came to."""
 
     clouds: int = 0
@@ -161,7 +161,7 @@ def draw_frequencies(rng: np.random.Generator, name: str, sensor: SensorModel) -
     return choose(METHODS[name].frequencies if rng.random() < 0.7 else "spread", sensor, size)
 
 
-def attack(rng: np.random.Generator, books: Books) -> list[str]:
+def attack(rng: np.random.Generator, tally: Tally) -> list[str]:
     """One round; returns what is wrong."""
     try:
         sensor, name = draw_sensor(rng), str(rng.choice(list(METHODS)))
@@ -175,13 +175,13 @@ def attack(rng: np.random.Generator, books: Books) -> list[str]:
                 frame = (draw_sketch(rng, sensor, frequencies) if rng.random() < 0.5
                          else sketch_photons(frame, sensor, frequencies))
             cloud = reconstruct(frame)
-            books.clouds += 1
-            books.points += len(cloud)
+            tally.clouds += 1
+            tally.points += len(cloud)
             finer = reconstruct.sensor if hasattr(reconstruct, "sensor") else sensor
             wrong += [f"{name} {options}: {line}" for line in faults(cloud, finer)]
         return wrong
     except InvalidInput as refusal:
-        books.refused[refusal.field] += 1
+        tally.refused[refusal.field] += 1
         return [] if len(str(refusal).splitlines()) == 1 else [f"a refusal of several lines: {refusal}"]
 
 
@@ -203,17 +203,17 @@ def faults(cloud: PointCloud, sensor: SensorModel) -> list[str]:
     return found
 
 
-def run(rounds: range, seed: int, show=iter) -> Books:
+def run(rounds: range, seed: int, show=iter) -> Tally:
     """All rounds."""
-    books = Books()
+    tally = Tally()
     for number in show(rounds):
         try:
             with np.errstate(divide="raise", over="raise", invalid="raise"):
-                wrong = attack(np.random.default_rng([seed, number]), books)
+                wrong = attack(np.random.default_rng([seed, number]), tally)
         except Exception as failure:        # the attack's whole point: whatever it is, it is a finding
             wrong = [f"{type(failure).__name__}: {failure}"]
-        books.failures += [f"round {number}: {line}" for line in wrong]
-    return books
+        tally.failures += [f"round {number}: {line}" for line in wrong]
+    return tally
 
 
 def main() -> int:
@@ -224,16 +224,16 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
     if arguments.only is not None:
-        print("\n".join(attack(np.random.default_rng([arguments.seed, arguments.only]), Books())) or "holds")
+        print("\n".join(attack(np.random.default_rng([arguments.seed, arguments.only]), Tally())) or "holds")
         return 0
-    books = run(range(arguments.rounds), arguments.seed, lambda rounds: tqdm(rounds, unit="round"))
+    tally = run(range(arguments.rounds), arguments.seed, lambda rounds: tqdm(rounds, unit="round"))
     write_result(arguments.out, {
-        "seed": arguments.seed, "rounds": arguments.rounds, "clouds": books.clouds, "points": books.points,
-        "refused": dict(books.refused.most_common()), "failures": len(books.failures),
-        "first_failures": books.failures[:MOST_SHOWN]})
-    print(f"{arguments.rounds} rounds: {books.clouds} clouds, {books.points} points, {sum(books.refused.values())} "
-          f"refused in one line, {len(books.failures)} failures")
-    return 1 if books.failures else 0
+        "seed": arguments.seed, "rounds": arguments.rounds, "clouds": tally.clouds, "points": tally.points,
+        "refused": dict(tally.refused.most_common()), "failures": len(tally.failures),
+        "first_failures": tally.failures[:MOST_SHOWN]})
+    print(f"{arguments.rounds} rounds: {tally.clouds} clouds, {tally.points} points, {sum(tally.refused.values())} "
+          f"refused in one line, {len(tally.failures)} failures")
+    return 1 if tally.failures else 0
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ minute is held against the first, and of the memory the highest in the time of o
     memory      resident, of no process more than 3 % more (the private part, `uss`, is told as well)
     files, threads, /dev/shm    no more than at any time until the end of the first minute
     latency     from the stamp to the cloud's arrival, 95 % of the clouds: within 10 %
-    frames      sent = reconstructed = recorded: none lost, by the nodes' books and by reading the recordings back
+    frames      sent = reconstructed = recorded: none lost, as the nodes count and as the recordings hold
 
 Exit code 0 if all of that holds, 1 if not.
 """
@@ -38,7 +38,7 @@ PPP, SBR = 15.0, 1.0
 FIRST_CLOUD_S, LAST_CLOUDS_S = 60.0, 60.0
 LATENCY_PERCENT, LATENCY_PERCENTILE = 10.0, 95
 COUNTED = ("fds", "threads")
-BOOKS = ("dropped", "message_lost", "errors", "recording_dropped", "unaccounted_frames", "unaccounted_photons")
+COUNTS = ("dropped", "message_lost", "errors", "recording_dropped", "unaccounted_frames", "unaccounted_photons")
 LEAST_SPLIT_MIN = 5.0
 DOMAIN = "ROS_DOMAIN_ID"
 
@@ -104,7 +104,7 @@ def soak(args: argparse.Namespace, folder: Path) -> tuple[Samples, dict, dict[st
         stack.settle(LISTENERS)
         latencies = {"arrived_s": [(one.received_ns - begun_ns) * 1e-9 for one in arrivals],
                      "ms": [one.latency_ms for one in arrivals]}
-        return samples, latencies, stack.books.latest, ended
+        return samples, latencies, stack.counts.latest, ended
 
 
 def windows_s(seconds: float, warm_up_minutes: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -169,16 +169,16 @@ def judge_frames(args, clouds: int, reports: dict, folder: Path) -> list[dict]:
     sent = int(reports["player"]["frames_sent"])
     parts = sorted(folder.glob("*.rrd"))
     recorded = sum(len(RecordingReader(part).cloud_index()) for part in parts)
-    books = {f"{name} {key}": int(value) for name, values in reports.items() for key, value in values.items()
-             if key in BOOKS}
-    wrong = [f"{what} {count}" for what, count in books.items() if count]
+    counts = {f"{name} {key}": int(value) for name, values in reports.items() for key, value in values.items()
+             if key in COUNTS}
+    wrong = [f"{what} {count}" for what, count in counts.items() if count]
     size_gb = sum(part.stat().st_size for part in parts) * 1e-9
     return [verdict("frames sent", str(sent), str(round(60 * args.minutes * args.rate_hz)),
                     sent == round(60 * args.minutes * args.rate_hz)),
             verdict("clouds received", str(clouds), str(sent), clouds == sent),
             verdict(f"clouds in {len(parts)} recordings of {size_gb:.2f} GB", str(recorded), str(sent),
                     recorded == sent),
-            verdict("dropped, lost, errors, by the nodes' books", ", ".join(wrong) or "none", "none", not wrong)]
+            verdict("dropped, lost, errors, as the nodes count", ", ".join(wrong) or "none", "none", not wrong)]
 
 
 def verdict(what: str, seen: str, allowed: str, holds: bool) -> dict:

@@ -1,4 +1,4 @@
-"""What processes hold while they run, by the kernel's books: memory, files, threads, shared memory, CPU time."""
+"""What processes hold while they run, as the kernel counts it: memory, files, threads, shared memory, CPU time."""
 
 from collections.abc import Mapping
 from pathlib import Path

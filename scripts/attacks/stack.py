@@ -1,4 +1,4 @@
-"""What the attacks share: a pipeline of real processes, and the books of its nodes.
+"""What the attacks share: a pipeline of real processes, and the frame accounting of its nodes.
 
     with Stack({"recorder": {"path": …}}) as stack:         # sketcher, reconstructor, and what else is named
         stack.start("player", input="simulator")
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from process import Process
 
 from srt3d_ros.cli.node import parameter_arguments
-from srt3d_ros.nodes.monitor import Monitor
+from srt3d_ros.nodes.pipeline_probe import PipelineProbe
 
 READY_S = 180.0             # the first start on a machine compiles
 BALANCE_S = 20.0            # until all that was under way has arrived and is reported; a node reports once a second
@@ -25,7 +25,7 @@ UNSETTLED = ("unaccounted_frames", "unaccounted_photons", "under_way", "photons_
 Values = dict[str, str]
 
 
-class Books:
+class ReportedCounts:
     """Totals of every node over all its restarts, from its reports."""
 
     def __init__(self):
@@ -82,8 +82,8 @@ class Stack:
         self.parameters: dict[str, dict] = dict.fromkeys(PIPELINE, {}) | (nodes or {})
         self.processes: dict[str, Process] = {}
         self.ended: list[tuple[str, Process]] = []      # processes that were replaced, for their last words
-        self.books = Books()
-        self.monitor = Monitor(keep_every=10**9)
+        self.counts = ReportedCounts()
+        self.monitor = PipelineProbe(keep_every=10**9)
 
     def __enter__(self) -> "Stack":
         self.monitor.__enter__()
@@ -109,7 +109,7 @@ class Stack:
             assert not self.processes[name].running, f"{name} runs already"
             self.ended.append((name, self.processes[name]))
         self.spin(0.0)
-        self.books.restarted(name)
+        self.counts.restarted(name)
         self.monitor.statuses.pop(name, None)
         given = self.parameters.get(name, {}) | parameters
         renamed = ["-r", f"__node:={name}"] if node else []
@@ -144,8 +144,8 @@ class Stack:
         """Receive until the condition holds; TimeoutError says what never came, unless it need not."""
         def seen() -> bool:
             for name, values in self.monitor.statuses.items():
-                if values is not self.books.latest.get(name):
-                    self.books.take(name, values)
+                if values is not self.counts.latest.get(name):
+                    self.counts.take(name, values)
             return bool(condition())
 
         met = self.monitor.spin_until(seen, timeout_s)
@@ -155,7 +155,7 @@ class Stack:
 
     def value(self, name: str, key: str) -> str:
         """Of a node's newest report."""
-        return self.books.latest.get(name, {}).get(key, "")
+        return self.counts.latest.get(name, {}).get(key, "")
 
     def dead(self) -> list[str]:
         """A line for each process that ended."""
@@ -163,16 +163,16 @@ class Stack:
                 for name, process in self.processes.items() if not process.running]
 
     def unbalanced(self, names: list[str]) -> dict[str, int]:
-        """Nodes whose books do not add up just now."""
+        """Nodes whose frame accounting does not add up just now."""
         return {name: amount for name in names
-                if (amount := under_way(self.books.latest[name]) if name in self.books.latest else -1)}
+                if (amount := under_way(self.counts.latest[name]) if name in self.counts.latest else -1)}
 
     def settle(self, names: list[str], timeout_s: float = BALANCE_S) -> dict[str, int]:
-        """Wait, with nothing more coming in, until the books of these nodes balance; those that do not."""
+        """Wait, with nothing more coming in, until these nodes account for every frame; returns those that do not."""
         since = time.monotonic()
 
         def settled() -> bool:
-            fresh = all(self.books.age_s(name) < time.monotonic() - since for name in names)
+            fresh = all(self.counts.age_s(name) < time.monotonic() - since for name in names)
             return fresh and not self.unbalanced(names)
 
         self.wait(settled, "", timeout_s, must=False)

@@ -1,4 +1,4 @@
-"""The most memory that this process held while something ran, by the kernel's own books."""
+"""The most memory that this process held while something ran, as the kernel counts it."""
 
 import ctypes
 from pathlib import Path

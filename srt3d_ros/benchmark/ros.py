@@ -43,7 +43,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
         return
     from srt3d_ros.cli.processes import Processes, join_private_network
     join_private_network()
-    from srt3d_ros.nodes.monitor import Monitor
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))
     bar.says("starting the nodes")
     sensor = frames.sensor_of(plan.side)
@@ -53,7 +53,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
               "sketch_size": SKETCH_SIZE, "device": plan.device}
     failed = False
     try:
-        with Monitor(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
+        with PipelineProbe(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
             pipeline = Pipeline(monitor, nodes, str(folder / "frame.npz"), plan.rate_s, bar)
             pipeline.start(plan.device)
             tried: list[dict] = []

@@ -77,7 +77,7 @@ def _compile(also_baselines: bool, root: Path) -> tuple[set[str], list[int]]:
     """Compile in two processes; returns the names of the kernels that were compiled, and the exit codes."""
     from tqdm import tqdm
 
-    from srt3d_ros.core.compile_ahead import BASELINES, PARTS
+    from srt3d_ros.core.precompile import BASELINES, PARTS
     from srt3d_ros.kernels.cpu import compiling
 
     missing = {compiling.name_of(kernel) for kernel in compiling.missing(also_baselines)}
@@ -117,12 +117,12 @@ def _where(package: Path) -> str:
 
 def _work(steps: list[str]) -> None:
     """What each process does: compile, and print the name of each kernel when it is done."""
-    from srt3d_ros.core import compile_ahead
+    from srt3d_ros.core import precompile
     from srt3d_ros.kernels.cpu import compiling
 
     compiling.on_compiled(lambda kernel: print(compiling.name_of(kernel), flush=True))
     for step in steps:
-        getattr(compile_ahead, step)()
+        getattr(precompile, step)()
 
 
 if __name__ == "__main__":

@@ -102,9 +102,9 @@ def open_file(path: str) -> Source:
 
 def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
     """Play all frames through the nodes; returns the summary and what went wrong, in words."""
-    from srt3d_ros.nodes.monitor import Monitor
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     keep_every = -(-frames // JUDGED_FRAMES)
-    with Monitor(keep_every) as monitor, Processes(out / "logs", monitor.spin_until) as nodes:
+    with PipelineProbe(keep_every) as monitor, Processes(out / "logs", monitor.spin_until) as nodes:
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True)
@@ -212,7 +212,7 @@ def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
 
 
 def _drops(monitor) -> str:
-    """Where frames were lost, by the nodes' own books."""
+    """Where frames were lost, by the nodes' own frame accounting."""
     found = [f"{node} {key} {value}" for node, values in monitor.statuses.items() for key, value in values.items()
              if (key.startswith("dropped.") or key in ("message_lost", "unanswered")) and value != "0"]
     return ", ".join(found) or "no node says where"

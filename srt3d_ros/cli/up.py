@@ -58,13 +58,13 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     node.leave_at_once_on_signals()
-    interfaces = [made.interface for made in node_classes(args)]
+    specs = [made.spec for made in node_classes(args)]
     with tempfile.NamedTemporaryFile("w", prefix="srt3d_up_", suffix=".yaml") as own:
-        own.write(parameters_yaml(args, interfaces))
+        own.write(parameters_yaml(args, specs))
         own.flush()
-        ros_args = ros_arguments(args, interfaces, own.name)
+        ros_args = ros_arguments(args, specs, own.name)
         print("starting", flush=True)
-        return supervise([interface.name for interface in interfaces], ros_args,
+        return supervise([spec.name for spec in specs], ros_args,
                          lambda reports: print(glance(reports), flush=True))
 
 
@@ -85,13 +85,13 @@ def node_classes(args: argparse.Namespace) -> list[type]:
     return classes
 
 
-def parameters_yaml(args: argparse.Namespace, interfaces: list) -> str:
+def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
     """A parameter file of the options and of -p: ROS 2's own `-p NODE:NAME:=VALUE` knows no node in a namespace.
 
     Raises:
         InvalidInput: a -p that is none, or names what these nodes do not have.
     """
-    values: dict[str, dict[str, str]] = {interface.name: {} for interface in interfaces}
+    values: dict[str, dict[str, str]] = {spec.name: {} for spec in specs}
     for option, (name, parameter) in OPTIONS.items():
         if getattr(args, option):
             values[name][parameter] = json.dumps(getattr(args, option), ensure_ascii=False)
@@ -101,7 +101,7 @@ def parameters_yaml(args: argparse.Namespace, interfaces: list) -> str:
         require(assigned and parameter and name in values and "\n" not in value, "-p", setting,
                 f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
         _check_yaml(setting, value)
-        values[name][_known(parameter, next(one for one in interfaces if one.name == name))] = value
+        values[name][_known(parameter, next(one for one in specs if one.name == name))] = value
     lines = []
     for name, given in values.items():
         if given:
@@ -118,21 +118,21 @@ def _check_yaml(setting: str, value: str) -> None:
         raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
 
 
-def _known(parameter: str, interface) -> str:
+def _known(parameter: str, spec) -> str:
     """The parameter, unless the node has none of this name."""
-    names = [known.name for known in interface.table]
+    names = [known.name for known in spec.table]
     if parameter not in names and not parameter.startswith(OF_EVERY_NODE):
         near = difflib.get_close_matches(parameter, names, n=1) or [f"one of {', '.join(names)}"]
-        raise InvalidInput(f"parameter of {interface.name}", parameter, near[0])
+        raise InvalidInput(f"parameter of {spec.name}", parameter, near[0])
     return parameter
 
 
-def ros_arguments(args: argparse.Namespace, interfaces: list, own_file: str) -> list[str]:
+def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[str]:
     """The options as arguments of ROS 2; `own_file` is that of `parameters_yaml`."""
     out = ["--ros-args"]
     for config in [*args.config, own_file]:
         out += ["--params-file", _config_file(config)]
-    topics = {topic.name for interface in interfaces for topic in (*interface.inputs, *interface.outputs)
+    topics = {topic.name for spec in specs for topic in (*spec.inputs, *spec.outputs)
               if not topic.name.startswith("/")}
     for rule in args.remap:
         out += ["-r", _remapping(rule, topics)]

@@ -18,7 +18,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import LOG_EVERY_S, PUBLISH_DEPTH, QUEUE_DEPTH, PipelineNode
-from srt3d_ros.nodes.interface import Interface, Topic
+from srt3d_ros.nodes.node_spec import NodeSpec, Topic
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 
@@ -46,7 +46,7 @@ PARAMETERS = (
               10**9),
 )
 
-INTERFACE = Interface(
+SPEC = NodeSpec(
     "bag_recorder",
     purpose="Records the photons and the description of their sensor, or any other topics of the pipeline, in a bag of "
     "rosbag2: every message as it came, with the time at which it came. `srt3d play`, the player and `ros2 bag play` "
@@ -62,7 +62,7 @@ INTERFACE = Interface(
 class BagRecorderNode(PipelineNode):
     """Writes one bag while it is active. The queue to the writer is the worker's, bounded in bytes."""
 
-    interface = INTERFACE
+    spec = SPEC
     drains = True           # what has arrived is written
     finish_s = 120.0        # a slow disk may have queue_mb before it
 

@@ -17,12 +17,12 @@ from std_srvs.srv import Trigger
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
-from srt3d_ros.nodes.gaps import Gaps
-from srt3d_ros.nodes.interface import Interface, Topic
 from srt3d_ros.nodes.lifecycle import ManagedNode
+from srt3d_ros.nodes.log_forwarding import LogForwarding
+from srt3d_ros.nodes.node_spec import NodeSpec, Topic
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.qos import LATCHED, OVERRIDABLE, overrides
-from srt3d_ros.nodes.relay import Relay
+from srt3d_ros.nodes.sequence_loss import SequenceLoss
 from srt3d_ros.nodes.worker import LOSSLESS, NEWEST_ONLY, PATIENCE_S, Dropped, Worker
 
 PUBLISH_DEPTH = SUBSCRIBE_DEPTH = 8     # messages of 10 ms for as long as a thread may have to wait for its turn
@@ -37,10 +37,9 @@ TELL_AFTER_S = 0.5      # a wait this long is worth a log line
 class PipelineNode(ManagedNode):
     """A managed node whose callbacks only hand messages to its worker thread, and whose worker thread publishes.
 
-    A frame ends in exactly one way, which the diagnostics count: published, or dropped for a cause; whenever nothing is
-    in hand, what came in is held against what went out, was dropped and waits (books.py). A node of its own takes its
-    parameters in the constructor, does all that may take long or fail in `configure`, subscribes in `activate`, and
-    forgets past frames in `forget`.
+    Every frame is either published or dropped for a named cause. The diagnostics count both (frame_accounting.py). A
+    subclass takes its parameters in the constructor, does all that may take long or fail in `configure`, subscribes in
+    `activate`, and forgets past frames in `forget`.
 
     Args:
         queue_limit: frames that wait for a worker that does not keep up, unless lossless; by default the newest only.
@@ -49,20 +48,20 @@ class PipelineNode(ManagedNode):
         InvalidInput: a parameter cannot be used.
     """
 
-    interface: Interface
+    spec: NodeSpec
     drains = False          # whether frames that wait are still worked on when the node is deactivated
     queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
     finish_s = 5.0          # how long the frame in hand, or what drains, may take then
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
-        super().__init__(self.interface.name, automatically_declare_parameters_from_overrides=True)
+        super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
         try:
-            self.parameters = Parameters(self, self.interface.table, self._qos_overrides())
+            self.parameters = Parameters(self, self.spec.table, self._qos_overrides())
         except BaseException:
             self.destroy_node()     # a node that nobody will ever see must not outlive the context
             raise
         self.lossless = bool(self.parameters.as_dict().get("lossless", False))
-        self.diagnostics = Diagnostics(self, self.interface.books)
+        self.diagnostics = Diagnostics(self, self.spec.balances)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the worker is to wait for nothing: the node is being stopped
         self.exit_code = 0
@@ -75,11 +74,11 @@ class PipelineNode(ManagedNode):
         self._advertised: list[Publisher] = []
         self._serving: list[Service] = []
         self._services_group = ReentrantCallbackGroup()     # a service that waits holds up nothing else
-        self._relay = Relay(self.get_logger())
+        self._relay = LogForwarding(self.get_logger())
 
     def _qos_overrides(self) -> list[Parameter]:
         names = [[self.resolve_topic_name(topic.name) for topic in topics]
-                 for topics in (self.interface.inputs, self.interface.outputs)]
+                 for topics in (self.spec.inputs, self.spec.outputs)]
         return list(overrides(names[0], [*names[1], self.resolve_topic_name("/diagnostics")]))
 
     def forget(self) -> None:
@@ -95,7 +94,10 @@ class PipelineNode(ManagedNode):
         return 0, 0
 
     def _audit(self) -> None:
-        """Hold the books against what really waits; only while no stage has anything in hand, which moves meanwhile."""
+        """Check the frame accounting against the queues.
+
+        Skip it while a stage is processing a frame: its count is in transit.
+        """
         with self.worker.lock, self._stages[-1].lock:
             if not any(stage.busy for stage in self._stages):
                 kept = [self.open_frame(), *(stage.waiting for stage in self._stages)]
@@ -103,7 +105,7 @@ class PipelineNode(ManagedNode):
 
     def subscribe(self, topic: str, handle: Callable[[bytes], None],
                   count: Callable[[bytes], int] = lambda raw: 0) -> None:
-        """Have the worker call `handle` with the CDR bytes of the frames on one of the interface's inputs.
+        """Have the worker call `handle` with the CDR bytes of the frames on one of the spec's inputs.
 
         Args:
             count: photons that a message announces, called in the executor's thread.
@@ -123,12 +125,12 @@ class PipelineNode(ManagedNode):
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else queued
         depth = min(depth, QUEUE_DEPTH)
         subscription = self.listen_counting(topic, received, depth, self.diagnostics.lost)
-        self.diagnostics.expect(subscription.topic_name, self.interface.topic(topic).type_name)
+        self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type_name)
 
     def listen_counting(self, topic: str, handle: Callable[[bytes, dict], None], depth: int,
                         lost: Callable[[int], None]) -> Subscription:
         """As `listen`, with what the middleware knows of a message; `lost` is told how many never came out of it."""
-        gaps = Gaps(lambda: subscription.get_publisher_count())
+        gaps = SequenceLoss(lambda: subscription.get_publisher_count())
 
         def received(raw: bytes, info: dict) -> None:
             lost(gaps.after(info["publication_sequence_number"]))
@@ -169,7 +171,7 @@ class PipelineNode(ManagedNode):
 
     def _listen(self, topic: str, callback: Callable, depth: int, raw: bool = False, lost=None,
                 qos: QoSProfile | None = None) -> Subscription:
-        declared = self.interface.topic(topic)
+        declared = self.spec.topic(topic)
         qos = qos or (LATCHED if declared.latched else QoSProfile(depth=depth))
         options = {"raw": raw, "qos_overriding_options": OVERRIDABLE}
         events = SubscriptionEventCallbacks(message_lost=lost)
@@ -182,8 +184,8 @@ class PipelineNode(ManagedNode):
         return subscription
 
     def advertise(self, topic: str) -> Publisher:
-        """A publisher of one of the interface's outputs."""
-        declared = self.interface.topic(topic)
+        """A publisher of one of the spec's outputs."""
+        declared = self.spec.topic(topic)
         depth = QUEUE_DEPTH if self.lossless else PUBLISH_DEPTH
         qos = LATCHED if declared.latched else QoSProfile(depth=depth)
         publisher = self._make(self.create_publisher, declared, qos, qos_overriding_options=OVERRIDABLE)

@@ -1,9 +1,9 @@
-"""/diagnostics of a node, once a second whatever its subscribers: the books of every frame, rates, latency, last error.
+"""/diagnostics of a node, once a second whatever its subscribers: frame accounting, rates, latency, last error.
 
-Totals count from the start of the node and never fall; the node's interface says in which equations they balance.
+Totals count from the start of the node and never fall; the node's spec says in which equations they balance.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, the books ceased to balance, the node finds that its inputs
+    ERROR   something failed that should not have, frame accounting stopped adding up, the node finds that its inputs
             contradict each other, or more than half of the frames that came in were dropped or lost
     WARN    a frame was dropped or lost, time is simulated and there is no clock, the node waits for something, no frame
             came for 2 s, frames are more than 2 s old when they leave, or stamped ahead of the node's clock
@@ -23,7 +23,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from srt3d_ros.nodes.books import FRAMES, Balance, Books
+from srt3d_ros.nodes.frame_accounting import FRAMES, Balance, FrameAccounts
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
 PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know each other's reports
@@ -45,14 +45,14 @@ class Diagnostics:
     """Counts what a node does and reports it. Every method may be called from any thread.
 
     Args:
-        node: whose books these are; its name is the status's name, its `state` the lifecycle state that is shown.
+        node: whose frames these are; its name is the status's name, its `state` the lifecycle state that is shown.
         balances: equations in which they balance.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
         self._node = node
         self._lock = threading.Lock()
-        self._books = Books(balances)
+        self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
@@ -84,23 +84,23 @@ class Diagnostics:
     def sent(self, latency_s: float, **amounts: int) -> None:
         """A frame went out, `latency_s` after its stamp, and adds to totals of these names."""
         with self._lock:
-            self._books.totals.update(amounts, frames_out=1)
+            self._accounts.totals.update(amounts, frames_out=1)
             self._latencies_s.append(latency_s)
 
     def count(self, **amounts: int) -> None:
         """Add to totals of these names."""
         with self._lock:
-            self._books.totals.update(amounts)
+            self._accounts.totals.update(amounts)
 
     def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
         """Frames were given up because of `cause`, and so many photons with them."""
         with self._lock:
-            self._books.drop(cause, frames=frames, photons=photons)
+            self._accounts.drop(cause, frames=frames, photons=photons)
 
     def audit(self, frames: int, photons: int) -> None:
-        """Nothing is in hand, and so many frames and photons wait: do the books balance?"""
+        """Check the accounting while no stage is processing a frame; so many frames and photons wait."""
         with self._lock:
-            self._books.audit({"frames": frames, "photons": photons})
+            self._accounts.audit({"frames": frames, "photons": photons})
 
     def lost(self, messages: int) -> None:
         """Messages were sent to this node and never came out of the middleware."""
@@ -109,7 +109,7 @@ class Diagnostics:
     def error(self, text: str) -> None:
         """Something failed that should not have; kept as the last error."""
         with self._lock:
-            self._books.totals["errors"] += 1
+            self._accounts.totals["errors"] += 1
             self._last_error = text
 
     def note(self, text: str) -> None:
@@ -149,8 +149,8 @@ class Diagnostics:
     def _status(self) -> DiagnosticStatus:
         with self._lock:
             now = time.monotonic()
-            totals, drops, unaccounted = (of.copy() for of in (self._books.totals, self._books.drops,
-                                                               self._books.unaccounted))
+            totals, drops, unaccounted = (of.copy() for of in (self._accounts.totals, self._accounts.drops,
+                                                               self._accounts.unaccounted))
             since, totals_before, drops_before, unaccounted_before = self._reported
             new, new_drops = totals - totals_before, drops - drops_before
             self._reported = (now, totals, drops, unaccounted)
@@ -158,7 +158,8 @@ class Diagnostics:
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
             latency = self._latency()
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
-            values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s, **self._books.values(),
+            values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
+                      **self._accounts.values(),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                       **latency, **self._values, "last_error": self._last_error}
             missing = unaccounted if unaccounted != unaccounted_before else Counter()
@@ -215,7 +216,7 @@ class Diagnostics:
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
         if any(missing.values()):
-            return DiagnosticStatus.ERROR, "the books do not balance: " + ", ".join(
+            return DiagnosticStatus.ERROR, "frame accounting does not add up: " + ", ".join(
                 f"{name} {amount}" for name, amount in missing.items() if amount)
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state

@@ -16,7 +16,7 @@ from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
-from srt3d_ros.nodes.interface import LOSSLESS, Interface, Topic
+from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Topic
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sources import SIMULATOR, Item, open_source
@@ -63,7 +63,7 @@ PARAMETERS = (
     Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )
 
-INTERFACE = Interface(
+SPEC = NodeSpec(
     "player",
     purpose="Plays a photon file, a bag or the simulator's moving scene, as a sensor's driver would, and ends by "
     "itself after the last frame.",
@@ -72,7 +72,7 @@ INTERFACE = Interface(
              replace(topics.GATES, when="`output` is gates, or the bag has gates"),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
-    limits=("Frames come in, for its books, when they are due.",
+    limits=("A frame counts as received when it is due.",
             "At a rate that the machine cannot keep, frames are late; none is skipped.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
@@ -83,7 +83,7 @@ INTERFACE = Interface(
 class PlayerNode(PipelineNode):
     """Sends what is due when it is due, stamped with the time at which it was due or as it was recorded."""
 
-    interface = INTERFACE
+    spec = SPEC
 
     def configure(self) -> None:
         """Open the input."""

@@ -24,16 +24,16 @@ from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.interface import Interface, Service
+from srt3d_ros.nodes.node_spec import NodeSpec, Service
 from srt3d_ros.nodes.parameters import Value
-from srt3d_ros.nodes.reconstruction import PARAMETERS, build, check_together, limits_m, options
+from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import in_words
 from srt3d_ros.nodes.worker import Dropped
 
 IN_FLIGHT = 2           # frames that may be under way at once
 
-INTERFACE = Interface(
+SPEC = NodeSpec(
     "reconstructor",
     purpose="Reconstructs a 3D point cloud from each sketch, in the same time however many photons it stands "
     "for; on a GPU where there is one.",
@@ -70,7 +70,7 @@ class Frame:
 class ReconstructorNode(PipelineNode):
     """Compiles before it subscribes, follows the latched `sketch/sensor`, and publishes a cloud a sketch."""
 
-    interface = INTERFACE
+    spec = SPEC
 
     def __init__(self):
         super().__init__()

@@ -23,11 +23,11 @@ from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.frame_numbers import STAMPS_KEPT, Frame, FrameNumbers
-from srt3d_ros.nodes.interface import Interface, Service
-from srt3d_ros.nodes.neighbours import Drops, ParameterWatch, own_name, reports
+from srt3d_ros.nodes.frame_index import STAMPS_KEPT, Frame, FrameIndex
+from srt3d_ros.nodes.graph_watch import Drops, ParameterWatch, own_name, reports
+from srt3d_ros.nodes.node_spec import NodeSpec, Service
 from srt3d_ros.nodes.parameters import Value
-from srt3d_ros.nodes.recording import PARAMETERS, Settings
+from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
 from srt3d_ros.recording import layout, live
@@ -45,7 +45,7 @@ LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durabil
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
 
-INTERFACE = Interface(
+SPEC = NodeSpec(
     "recorder",
     purpose="Records with rerun, without a screen: clouds, images, photon counts, latencies, drops, the nodes' log "
     "and their parameters, into files, and for viewers that watch live. A recording begins when the sensor's "
@@ -67,7 +67,7 @@ INTERFACE = Interface(
 class RecorderNode(PipelineNode):
     """Subscribes while it records; a recording starts when the first `sketch/sensor` has come."""
 
-    interface = INTERFACE
+    spec = SPEC
     drains = True           # what has arrived is written
     finish_s = 35.0         # longer than a writer takes to give up
     queue_depth = QUEUE_DEPTH
@@ -100,7 +100,7 @@ class RecorderNode(PipelineNode):
             raise InvalidInput("recording", str(self._path), "none under way: call ~/stop_recording first")
         self._path = self._names.next()
         self._sensor: SensorModel | None = None
-        self._frames = FrameNumbers(self.parameters["max_rate_hz"])
+        self._frames = FrameIndex(self.parameters["max_rate_hz"])
         self._counted: deque[Frame] = deque()       # frames whose photon counts wait for their cloud
         self._drops, self._lines = Drops(), deque(maxlen=LINES_KEPT)
         self._watched: dict[str, Value] = {}

@@ -122,7 +122,7 @@ def _start(node: PipelineNode) -> None:
 def _facts(node: PipelineNode) -> dict:
     """What a parent shows of the node: name, state, the final names of all topics, and which are there by now."""
     inputs, outputs = ({topic.name: node.resolve_topic_name(topic.name) for topic in topics}
-                       for topics in (node.interface.inputs, node.interface.outputs))
+                       for topics in (node.spec.inputs, node.spec.outputs))
     read, published = ({entity.topic_name for entity in made} for made in (node.subscriptions, node.publishers))
     return {"name": node.get_fully_qualified_name(), "state": node.state, "topics": inputs | outputs,
             "in": [name for name in inputs.values() if name in read],

@@ -9,7 +9,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
-from srt3d_ros.core import compile_ahead
+from srt3d_ros.core import precompile
 from srt3d_ros.core.framing import Framing
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.window import WindowSketcher
@@ -21,15 +21,15 @@ from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import decode_camera_info
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
-from srt3d_ros.nodes.books import PACKETS, PHOTONS
-from srt3d_ros.nodes.interface import Interface, Service
+from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
+from srt3d_ros.nodes.node_spec import NodeSpec, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import SensorChoice
-from srt3d_ros.nodes.sketching import PARAMETERS, frequencies_for
+from srt3d_ros.nodes.sketcher_parameters import PARAMETERS, frequencies_for
 from srt3d_ros.nodes.worker import Dropped
 
-INTERFACE = Interface(
+SPEC = NodeSpec(
     "sketcher",
     purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
@@ -49,7 +49,7 @@ INTERFACE = Interface(
         "are not known.",
         "Another sensor, other frequencies, and stamps that begin again start a new window.",
     ),
-    books=(PACKETS, PHOTONS),
+    balances=(PACKETS, PHOTONS),
 )
 
 LISTEN_FOR_SILENCE_S = 0.05
@@ -64,7 +64,7 @@ class SketcherNode(PipelineNode):
     cause. What the framing takes for the open frame may be more, where a packet failed after it was placed.
     """
 
-    interface = INTERFACE
+    spec = SPEC
     _sensor: SensorModel | None = None
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
     _silence: Timer | None = None
@@ -75,7 +75,7 @@ class SketcherNode(PipelineNode):
         self._choice = SensorChoice(self.parameters["sensor_file"], self.resolve_topic_name("sensor"),
                                     self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
         self._check(self.parameters.as_dict())
-        compile_ahead.sketching()
+        precompile.sketching()
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.ask_for_contradictions(self._contradiction)
@@ -212,7 +212,7 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters that the present sensor, or that no sensor, could be sketched with."""
-        sensor = self._sensor or self._choice.file or compile_ahead.ANY_SENSOR
+        sensor = self._sensor or self._choice.file or precompile.ANY_SENSOR
         WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
 
     def _make_framing(self) -> Framing:

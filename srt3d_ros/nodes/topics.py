@@ -5,7 +5,7 @@ from rcl_interfaces.msg import Log, ParameterEvent
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.nodes.interface import Topic
+from srt3d_ros.nodes.node_spec import Topic
 
 SENSOR = Topic("sensor", String, "the sensor's description (JSON)", latched=True)
 LENS = Topic("sensor/camera_info", CameraInfo, "the sensor's pinhole and lens, instead of the description's projection",

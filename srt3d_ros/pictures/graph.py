@@ -1,4 +1,4 @@
-"""The graph of nodes and topics as a picture, drawn from the nodes' own tables; nodes/tables.py writes it.
+"""The graph of nodes and topics as a picture, drawn from the nodes' own tables; tools/generate_docs.py writes it.
 
 From top to bottom: who sends photons, then in turn the topics of one node and the node that reads them, then the robot.
 What only records stands at the sides.
@@ -29,15 +29,15 @@ class Row:
     reader: object | None
 
 
-def draw(interfaces: Iterable) -> str:
+def draw(specs: Iterable) -> str:
     """The picture as the text of an SVG file.
 
     Args:
-        interfaces: of all nodes, `srt3d_ros.nodes.interface.Interface`.
+        specs: of all nodes, `srt3d_ros.nodes.node_spec.NodeSpec`.
     """
-    interfaces = list(interfaces)
-    sinks = [one for one in interfaces if not list(one.outputs)]
-    chain = _chain([one for one in interfaces if one not in sinks])
+    specs = list(specs)
+    sinks = [one for one in specs if not list(one.outputs)]
+    chain = _chain([one for one in specs if one not in sinks])
     rows = _rows(chain)
     widest = max(len(row.topics) for row in rows) * (PILL[0] + GAP) - GAP
     middle = MARGIN + SIDE + LANE + widest / 2

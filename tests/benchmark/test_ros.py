@@ -3,7 +3,7 @@
 import pytest
 
 from srt3d_ros.benchmark import ros
-from srt3d_ros.nodes.monitor import Arrival
+from srt3d_ros.nodes.pipeline_probe import Arrival
 
 
 def player(limit_hz, failures=()):

@@ -33,7 +33,7 @@ def installed(tmp_path) -> Path:
     source = Path(srt3d_ros.__file__).parent
     for place in (tmp_path / "site", tmp_path / "checkout"):
         shutil.copytree(source, place / "srt3d_ros", ignore=shutil.ignore_patterns("__pycache__"))
-        ahead = place / "srt3d_ros" / "core" / "compile_ahead.py"
+        ahead = place / "srt3d_ros" / "core" / "precompile.py"
         ahead.write_text("import numpy as np\n" + SMALLER)
         compiling = place / "srt3d_ros" / "kernels" / "cpu" / "compiling.py"
         compiling.write_text(compiling.read_text() + ONE_KERNEL)
@@ -69,7 +69,7 @@ def test_the_copy_that_runs_is_compiled_and_named_and_only_once(installed, tmp_p
 
 
 def test_a_process_that_fails_is_one_line(installed):
-    ahead = installed / "srt3d_ros" / "core" / "compile_ahead.py"
+    ahead = installed / "srt3d_ros" / "core" / "precompile.py"
     ahead.write_text(ahead.read_text().replace("    pass", "    import os; os._exit(7)"))
     done = srt3d(installed, "compile")
     assert (done.returncode, done.stderr) == (1, "srt3d: error: a process that compiles ended with exit code 7\n")

@@ -5,9 +5,9 @@ import yaml
 
 from srt3d_ros.cli import main, up
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
 
-PIPELINE = [INTERFACES[name] for name in ("recorder", "reconstructor", "sketcher", "player")]
+PIPELINE = [SPECS[name] for name in ("recorder", "reconstructor", "sketcher", "player")]
 
 
 def parsed(*options: str):

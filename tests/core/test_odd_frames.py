@@ -22,9 +22,9 @@ ROUNDS = 100
 def test_every_method_gives_numbers_or_refuses_in_one_line(attack, monkeypatch):
     odd_frames = attack("odd_frames")
     monkeypatch.setattr(odd_frames, "PERIODS", [2, 3, 4, 5, 8, 33, 100, 586])
-    books = odd_frames.run(range(ROUNDS), seed=3)
-    assert books.failures == []
-    assert books.clouds > ROUNDS / 4 and books.points > 300 and len(books.refused) > 5
+    tally = odd_frames.run(range(ROUNDS), seed=3)
+    assert tally.failures == []
+    assert tally.clouds > ROUNDS / 4 and tally.points > 300 and len(tally.refused) > 5
 
 
 def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(attack):

@@ -88,5 +88,5 @@ def test_the_sensors_of_config_are_the_generated_ones(repository, tmp_path):
     assert sorted(texts) == [f"{name}.json" for name in NAMES]
     for name, text in texts.items():
         kept = (repository / "config" / "sensors" / name).read_text()
-        assert kept == text, "run python scripts/make_sensors.py"
+        assert kept == text, "run python tools/make_sensors.py"
         assert "x_about" in json.loads(kept)

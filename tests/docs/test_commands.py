@@ -9,12 +9,12 @@ import pytest
 from srt3d_ros import shared_files
 from srt3d_ros.cli import main
 from srt3d_ros.node_names import NODES
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
 from tests.docs import pages
 
 PROGRAM = re.compile(r"(^|/bin/)srt3d$")        # also after ExecStart=, or in a container
 PLACEHOLDER = re.compile(r"…|\[")               # an inline command that is cut short, or says what it may have
-TOPICS = {topic.name for interface in INTERFACES.values() for topic in (*interface.inputs, *interface.outputs)}
+TOPICS = {topic.name for spec in SPECS.values() for topic in (*spec.inputs, *spec.outputs)}
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 
 
@@ -64,7 +64,7 @@ def _unknown(command: str, args) -> list[str]:
 
 def _is_parameter(setting: str) -> bool:
     node, _, parameter = setting.partition(":=")[0].partition(".")
-    known = [one.name for one in INTERFACES[node].table] if node in INTERFACES else []
+    known = [one.name for one in SPECS[node].table] if node in SPECS else []
     return parameter in known or parameter.startswith(OF_EVERY_NODE)
 
 

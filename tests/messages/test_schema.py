@@ -1,6 +1,5 @@
 """The schemas: found where they are installed, loaded by the code, and the same as the tables that people read."""
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -11,6 +10,7 @@ import pytest
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.messages import photons, schema
+from tools import schema_tables
 
 NAMES = ["gates", "images", "photons", "points", "sensor", "sketch", "sketch_sensor"]
 
@@ -38,12 +38,9 @@ def test_sizes_that_depend_on_the_sketch_size(text, sketch_size, size):
 
 
 def test_readme_has_the_tables_of_the_schemas(repository):
-    spec = importlib.util.spec_from_file_location("tables", repository / "msg_schemas" / "tables.py")
-    tables = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tables)
     text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
-    assert text == tables.readme(text), "run `python msg_schemas/tables.py`"
-    assert sorted(name for _, name, _ in tables.MARKED.findall(text)) == NAMES
+    assert text == schema_tables.readme(text), "run `python -m tools.schema_tables`"
+    assert sorted(name for _, name, _ in schema_tables.MARKED.findall(text)) == NAMES
 
 
 def test_readme_shows_the_bytes_of_a_whole_message(repository, small_sensor):

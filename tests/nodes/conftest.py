@@ -22,8 +22,8 @@ from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import base
-from srt3d_ros.nodes.books import FRAMES
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.frame_accounting import FRAMES
+from srt3d_ros.nodes.specs import SPECS
 
 ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
@@ -130,7 +130,7 @@ class Graph:
         return self.report(name)
 
     def close(self) -> None:
-        """End the nodes and hold the books of each against what its last report says."""
+        """End the nodes and check the frame accounting of each in its last report."""
         for process in self.processes:
             process.stop()
         ended = {name: kind for name, (kind, process) in self._nodes.items()
@@ -203,19 +203,19 @@ def check_outdated_are_dropped(graph: Graph, name: str, describe: Callable[[Sens
 def check_accounted(name: str, report: dict[str, str]) -> None:
     """Nothing has gone astray in a node, by its own account."""
     astray = {key: value for key, value in report.items() if key.startswith("unaccounted_") and value != "0"}
-    assert not astray, f"the books of {name} do not balance: {astray} in {report}"
+    assert not astray, f"the frame accounting of {name} does not add up: {astray} in {report}"
 
 
 def check_balance(kind: str, report: dict[str, str]) -> None:
     """All that came into a node that has ended went out again or was dropped; added up here from its last report."""
-    for balance in INTERFACES[kind].books if kind in INTERFACES else (FRAMES,):
+    for balance in SPECS[kind].balances if kind in SPECS else (FRAMES,):
         came, out, dropped = (int(report.get(key, 0)) for key in (balance.came_in, balance.out, balance.dropped))
         assert came == out + dropped, f"{kind} ended: expected {came} = {out} + {dropped}, as {balance}: {report}"
 
 
 @pytest.fixture
 def graph(ros):
-    """An empty graph; whatever is started in it is ended with the test, and its books must balance then."""
+    """An empty graph; whatever is started in it is ended with the test, and its frame accounting must add up then."""
     graph = Graph()
     yield graph
     graph.close()

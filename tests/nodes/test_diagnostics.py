@@ -86,7 +86,7 @@ def test_levels_follow_what_happened_since_the_last_report(counted):
     assert latest()["last_error"] == "ZeroDivisionError: division by zero"
 
 
-def test_books_that_do_not_balance_are_an_error_once_and_stay_in_the_report(counted):
+def test_accounting_that_does_not_add_up_is_an_error_once_and_stays_in_the_report(counted):
     diagnostics, latest, _ = counted
     for _ in range(4):
         diagnostics.received()
@@ -98,7 +98,7 @@ def test_books_that_do_not_balance_are_an_error_once_and_stay_in_the_report(coun
     diagnostics.audit(frames=1, photons=0)
     report = latest()
     assert (report["under_way"], report["unaccounted_frames"], report["level"]) == ("1", "1", DiagnosticStatus.ERROR)
-    assert report["message"] == "the books do not balance: unaccounted_frames 1"
+    assert report["message"] == "frame accounting does not add up: unaccounted_frames 1"
     report = latest()
     assert (report["unaccounted_frames"], report["level"]) == ("1", DiagnosticStatus.OK)
 

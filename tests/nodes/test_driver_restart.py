@@ -38,7 +38,8 @@ def test_a_killed_driver_that_comes_back_as_another_sensor_is_followed(graph, se
             assert abs(np.median(np.linalg.norm(found["xyz"], axis=1)) - plane_m) < 2 * model.bin_width_m
     models = [sketch_message.decode_sensor(message)[0] for message in described]
     assert [model.num_bins for model in models] == [100, 250] and models[-1].same_as(other)
-    books = {"frames_in": "15", "packets": "12", "packets_open": "1", "dropped.incomplete": "2", "dropped": "2",
+    accounting = {"frames_in": "15", "packets": "12", "packets_open": "1", "dropped.incomplete": "2", "dropped": "2",
              "errors": "0"}
-    graph.wait(lambda: books.items() <= graph.report("sketcher").items(), f"{books} in the sketcher's diagnostics")
+    graph.wait(lambda: accounting.items() <= graph.report("sketcher").items(),
+               f"{accounting} in the sketcher's diagnostics")
     assert graph.report("reconstructor")["errors"] == "0" and graph.report("reconstructor")["dropped"] == "0"

@@ -1,4 +1,4 @@
-"""Many times more photons than the machine can take: every packet is in the books, the newest win, and it passes."""
+"""Many times more photons than the machine can take: every packet is accounted for, the newest win, and it passes."""
 
 import numpy as np
 import pytest
@@ -58,13 +58,13 @@ def test_overload_drops_the_oldest_counts_every_packet_and_passes(graph, packet)
     during = [stamp_ns for stamp_ns in stamps() if OVERLOAD_NS <= stamp_ns < AFTER_NS]
     assert 0 < len(during) < SENT_AT_ONCE // PACKETS and stamps() == sorted(stamps())
 
-    def books() -> tuple[dict[str, int], dict[str, int]]:
+    def accounting() -> tuple[dict[str, int], dict[str, int]]:
         names = ("frames_in", "frames_out", "packets", "packets_open", "message_lost", "dropped", "errors")
         return tuple({name: graph.total(node, name) for name in names}
                      for node in ("sketcher", "reconstructor"))
 
     def balanced() -> bool:
-        sketcher, reconstructor = books()
+        sketcher, reconstructor = accounting()
         return (sketcher["frames_in"] + sketcher["message_lost"] == sent
                 and sketcher["frames_in"] == sketcher["packets"] + sketcher["packets_open"] + sketcher["dropped"]
                 and sketcher["packets"] == PACKETS * sketcher["frames_out"]
@@ -72,8 +72,8 @@ def test_overload_drops_the_oldest_counts_every_packet_and_passes(graph, packet)
                 and reconstructor["frames_in"] == reconstructor["frames_out"] + reconstructor["dropped"]
                 and reconstructor["frames_out"] == len(clouds))
 
-    graph.wait(balanced, "books that balance")
-    sketcher, reconstructor = books()
+    graph.wait(balanced, "frame accounting that adds up")
+    sketcher, reconstructor = accounting()
     assert sketcher["errors"] == reconstructor["errors"] == 0
     causes = {node: {key for key in graph.report(node) if key.startswith("dropped.") and not key.endswith("_per_s")}
               for node in ("sketcher", "reconstructor")}

@@ -7,7 +7,7 @@ import pytest
 
 from srt3d_ros.node_names import NODES
 from srt3d_ros.nodes.parameter_files import given_files, passed_over
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
 
 ALL = "".join(f"/**/{name}: {{ros__parameters: {{}}}}\n" for name in ("sketcher", "recorder", "bag_recorder"))
 
@@ -63,7 +63,7 @@ def test_a_pipe_is_not_read_a_second_time(tmp_path):
 
 
 def test_all_of_our_nodes_are_known():
-    assert set(NODES) == set(INTERFACES)
+    assert set(NODES) == set(SPECS)
 
 
 def test_files_are_found_among_arguments():

@@ -24,9 +24,9 @@ from srt3d_ros.messages.layout import pack_cloud
 from srt3d_ros.messages.typed import to_cloud_message
 from srt3d_ros.nodes import base
 from srt3d_ros.nodes.diagnostics import PIPELINE_ID
-from srt3d_ros.nodes.frame_numbers import STAMPS_KEPT, FrameNumbers
-from srt3d_ros.nodes.neighbours import Drops, own_name
-from srt3d_ros.nodes.recording import PARAMETERS, Settings
+from srt3d_ros.nodes.frame_index import STAMPS_KEPT, FrameIndex
+from srt3d_ros.nodes.graph_watch import Drops, own_name
+from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.repair import examine, repair
 from tests.nodes.test_pipeline import rows_of
@@ -93,7 +93,7 @@ def test_log_lines_are_of_the_nodes_in_the_namespace(namespace, name, expected):
 
 
 def test_frames_are_numbered_as_their_stamps_come_and_kept_at_most_so_often():
-    frames = FrameNumbers(max_rate_hz=10.0)
+    frames = FrameIndex(max_rate_hz=10.0)
     stamps = [0, 30, 99, 100, 199, 301, 301, 5]                  # ms; the last after a new beginning
     seen = [frames[stamp * 10**6] for stamp in stamps]
     assert [frame.number for frame in seen] == [0, 1, 2, 3, 4, 5, 5, 6]

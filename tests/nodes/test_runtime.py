@@ -17,12 +17,12 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.interface import Interface, Topic
+from srt3d_ros.nodes.node_spec import NodeSpec, Topic
 from srt3d_ros.nodes.runtime import run
 
 class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
-    interface = Interface("probe", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
+    spec = NodeSpec("probe", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
     def __init__(self):
         super().__init__(queue_limit=8)
     def configure(self):
@@ -69,7 +69,7 @@ def test_an_unexpected_failure_is_counted_and_said_and_the_node_goes_on(graph, s
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_lets_the_frame_in_hand_finish_and_the_books_balance(graph, start, number):
+def test_a_signal_lets_the_current_frame_finish_and_the_accounting_adds_up(graph, start, number):
     clouds = graph.collect(PointCloud2, "out")
     probe = start().ready()
     publisher = graph.matched(graph.publisher(PointCloud2, "in"))

@@ -131,7 +131,7 @@ def test_a_window_may_be_stamped_with_the_start_of_its_oldest_frame_and_is_as_ol
     assert 70 <= latency_s < 70 + DEADLINE_S
 
 
-def test_frames_by_stamp_and_every_packet_in_the_books(graph, sensor, events):
+def test_frames_by_stamp_with_every_packet_accounted_for(graph, sensor, events):
     sketches = graph.collect(PointCloud2, "sketch")
     process = graph.start("sketcher", frame_period_s=0.1, silence_s=0.3, lossless=True).ready()
     _, frequencies, _ = graph.introduce(sensor)
@@ -210,7 +210,7 @@ def test_every_message_of_a_burst_is_accounted_for(graph, sensor, events):
         return (report["frames_in"] + report["message_lost"] == 200
                 and report["frames_in"] == report["frames_out"] + report["dropped"])
 
-    graph.wait(balanced, "books that balance")
+    graph.wait(balanced, "frame accounting that adds up")
 
 
 def test_a_bad_parameter_ends_the_start_with_one_line(graph):

@@ -2,13 +2,13 @@
 
 import pytest
 
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
 
 WORDS = {"frequencies", "frame_id"}     # live texts that are not one of some choices; neither is ever a path
 
 
-@pytest.mark.parametrize("name", INTERFACES)
+@pytest.mark.parametrize("name", SPECS)
 def test_no_parameter_that_can_be_set_over_the_network_names_a_file(name):
-    for parameter in INTERFACES[name].table:
+    for parameter in SPECS[name].table:
         if parameter.live and isinstance(parameter.default, str) and not parameter.choices:
             assert parameter.name in WORDS and "path" not in parameter.form and "folder" not in parameter.form

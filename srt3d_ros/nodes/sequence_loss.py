@@ -5,7 +5,7 @@ from collections.abc import Callable
 ONE_SPEAKS = 32         # numbers in a row that only rise: of several publishers one speaks, as after a driver's crash
 
 
-class Gaps:
+class SequenceLoss:
     """Counts missed messages of one topic, whether the network lost them or newer ones pushed them out of the queue.
 
     The middleware's own event tells of the first kind only. While a topic has several publishers, whose numbers

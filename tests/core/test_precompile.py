@@ -1,4 +1,4 @@
-"""compile_ahead leaves nothing to compile for what runs later."""
+"""precompile leaves nothing to compile for what runs later."""
 
 import json
 import subprocess
@@ -9,7 +9,7 @@ import pytest
 REPORT = """
 import json
 import numpy as np
-from srt3d_ros.core import compile_ahead as ahead
+from srt3d_ros.core import precompile as ahead
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.kernels.cpu import compiling

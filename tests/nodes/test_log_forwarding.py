@@ -5,7 +5,7 @@ import logging
 import pytest
 import torch
 
-from srt3d_ros.nodes.relay import Relay
+from srt3d_ros.nodes.log_forwarding import LogForwarding
 
 
 class Logger:
@@ -23,7 +23,7 @@ class Logger:
 
 def test_what_the_library_logs_is_said_until_the_node_is_closed():
     logger, library = Logger(), logging.getLogger("srt3d_ros.core.device")
-    relay = Relay(logger)
+    relay = LogForwarding(logger)
     library.info("no %s", "device")
     library.warning("beware")
     library.debug("details")

@@ -1,4 +1,4 @@
-"""Monitor: watches a running pipeline from outside, as any ROS 2 node could. `srt3d demo` reports what it sees."""
+"""Watch a running pipeline from outside, as any ROS 2 node could; `srt3d demo` reports what it sees."""
 
 import time
 from collections.abc import Callable
@@ -33,7 +33,7 @@ class Arrival:
         return (self.received_ns - self.stamp_ns) * 1e-6
 
 
-class Monitor:
+class PipelineProbe:
     """Subscribes to `points` and /diagnostics; a context manager, inside which `spin_until` lets it see.
 
     Args:
@@ -50,7 +50,7 @@ class Monitor:
         self.malformed = 0
         self.statuses: dict[str, dict[str, str]] = {}
 
-    def __enter__(self) -> "Monitor":
+    def __enter__(self) -> "PipelineProbe":
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("monitor")
         self.node.create_subscription(PointCloud2, "points", self._on_cloud, QoSProfile(depth=CLOUDS_DEPTH), raw=True)

@@ -5,8 +5,8 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.nodes.policy import LIFECYCLE, PARAMETERS, policy
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
+from tools.policy import LIFECYCLE, PARAMETERS, policy
 
 KINDS = {("topic", "publish"), ("topic", "subscribe"), ("service", "reply"), ("service", "request")}
 
@@ -15,7 +15,7 @@ KINDS = {("topic", "publish"), ("topic", "subscribe"), ("service", "reply"), ("s
 def allowed() -> dict[tuple[str, str, str], set[str]]:
     """Full names by (enclave, kind, verb)."""
     found = {}
-    for enclave in ElementTree.fromstring(policy(INTERFACES.values()).encode()).iter("enclave"):
+    for enclave in ElementTree.fromstring(policy(SPECS.values()).encode()).iter("enclave"):
         for profile in enclave.iter("profile"):
             for kind, verb in KINDS:
                 for rules in profile.iterfind(f"{kind}s[@{verb}='ALLOW']"):
@@ -50,12 +50,12 @@ def test_only_the_operator_may_change_anything(allowed):
     for (enclave, kind, verb), names in allowed.items():
         if (kind, verb) == ("service", "request") and enclave != "/srt3d/operator":
             assert {name.split("/")[-1] for name in names} == {"get_parameters", "list_parameters"}, enclave
-    for interface in INTERFACES.values():
-        for service in ("set_parameters", "change_state", *(service.name for service in interface.services)):
-            assert f"/{interface.name}/{service}" in allowed["/srt3d/operator", "service", "request"]
+    for spec in SPECS.values():
+        for service in ("set_parameters", "change_state", *(service.name for service in spec.services)):
+            assert f"/{spec.name}/{service}" in allowed["/srt3d/operator", "service", "request"]
 
 
 def test_one_process_may_what_its_nodes_may(allowed):
     for kind, verb in KINDS:
-        of_nodes = (allowed.get((f"/srt3d/{name}", kind, verb), set()) for name in INTERFACES)
+        of_nodes = (allowed.get((f"/srt3d/{name}", kind, verb), set()) for name in SPECS)
         assert allowed["/srt3d/all", kind, verb] == set().union(*of_nodes)

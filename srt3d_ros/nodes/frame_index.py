@@ -1,4 +1,4 @@
-"""FrameNumbers: what belongs to one frame, by its stamp: its number, its latencies, whether it is recorded."""
+"""FrameIndex: what belongs to one frame, by its stamp: its number, its latencies, whether it is recorded."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Frame:
     counts: np.ndarray | None = None
 
 
-class FrameNumbers:
+class FrameIndex:
     """The frames of a recording.
 
     Args:

@@ -4,7 +4,7 @@ from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.core.window import WINDOW_STAMPS
-from srt3d_ros.nodes.interface import LOSSLESS
+from srt3d_ros.nodes.node_spec import LOSSLESS
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 PARAMETERS = (

@@ -1,10 +1,10 @@
-"""Writes the tables of README.md from the schemas beside it: `python msg_schemas/tables.py` after a schema changed."""
+"""Write the tables of msg_schemas/README.md from the schemas: `python -m tools.schema_tables`, after each change."""
 
 import json
 import re
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
+SCHEMAS = Path(__file__).resolve().parents[1] / "msg_schemas"
 MARKED = re.compile(r"(<!-- tables of (\w+)\.json -->\n).*?(<!-- end -->)", re.DOTALL)
 PIPE = "\\|"              # in a cell
 
@@ -66,7 +66,7 @@ def json_tables(schema: dict) -> str:
 
 def tables(name: str) -> str:
     """All tables of one schema."""
-    schema = json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
+    schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
     make = {"sensor_msgs/msg/PointCloud2": cloud_tables, "sensor_msgs/msg/Image": image_tables,
             "std_msgs/msg/String": json_tables}[schema["type"]]
     return f"{schema['purpose']}\n\n`{schema['type']}`, schema version {schema['schema_version']}.\n\n{make(schema)}"
@@ -78,5 +78,5 @@ def readme(text: str) -> str:
 
 
 if __name__ == "__main__":
-    path = HERE / "README.md"
+    path = SCHEMAS / "README.md"
     path.write_text(readme(path.read_text(encoding="utf-8")), encoding="utf-8")

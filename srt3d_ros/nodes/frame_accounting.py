@@ -1,4 +1,4 @@
-"""The books of a node: what came in went out, was dropped for a cause, or is under way. Nothing else happens to it."""
+"""Frame accounting: every frame and photon is published, dropped for a named cause, or still in progress."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -37,7 +37,7 @@ PACKETS = Balance("frames", out="packets", dropped="dropped", under_way="under_w
 PHOTONS = Balance("photons", out="photons", dropped="photons_dropped", under_way="photons_under_way")
 
 
-class Books:
+class FrameAccounts:
     """Totals, which count from the start and never fall, drops by cause, and whether they balance.
 
     `unaccounted` is found by `audit`, which is told how much really waits: what came in and is in no total and in no

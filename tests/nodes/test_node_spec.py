@@ -3,8 +3,8 @@
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 
-from srt3d_ros.nodes.pages import page
-from srt3d_ros.nodes.tables import INTERFACES
+from srt3d_ros.nodes.specs import SPECS
+from tools.node_reference import page
 
 OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
 OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_available_transitions",
@@ -13,22 +13,22 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_type_description")
 EVERYTHING = {"player": {"lossless": True},       # parameters with which a node has all its topics
               "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json"},
-              "bag_recorder": {"topics": ",".join(topic.name for topic in INTERFACES["bag_recorder"].inputs)}}
+              "bag_recorder": {"topics": ",".join(topic.name for topic in SPECS["bag_recorder"].inputs)}}
 NEVER_TOGETHER = {"player": {"gates", "/clock"}}
 
 
-@pytest.fixture(params=INTERFACES)
+@pytest.fixture(params=SPECS)
 def running(request, graph, photon_file, tmp_path):
     """A node that is ready, and its table."""
     name = request.param
     extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"},
              "bag_recorder": {"path": tmp_path / "bag"}}.get(name, {})
     graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
-    return name, INTERFACES[name]
+    return name, SPECS[name]
 
 
 def test_topics_services_and_parameters_are_those_of_the_table(graph, running):
-    name, interface = running
+    name, spec = running
     never = NEVER_TOGETHER.get(name, set())
 
     def relative(names_and_types) -> dict[str, str]:
@@ -42,28 +42,28 @@ def test_topics_services_and_parameters_are_those_of_the_table(graph, running):
 
     node, namespace = graph.node, graph.namespace
     graph.wait(lambda: (name, namespace) in node.get_node_names_and_namespaces(), f"{name} in the graph")
-    services = {f"{name}/{service.name}": "std_srvs/srv/Trigger" for service in interface.services}
+    services = {f"{name}/{service.name}": "std_srvs/srv/Trigger" for service in spec.services}
     graph.wait(lambda: relative(node.get_subscriber_names_and_types_by_node(name, namespace))
-               == declared(interface.inputs), "the inputs of the table")
+               == declared(spec.inputs), "the inputs of the table")
     graph.wait(lambda: relative(node.get_publisher_names_and_types_by_node(name, namespace))
-               == declared(interface.outputs), "the outputs of the table")
+               == declared(spec.outputs), "the outputs of the table")
     graph.wait(lambda: relative(node.get_service_names_and_types_by_node(name, namespace)) == services,
                "the services of the table")
     listed = graph.call(ListParameters, f"{name}/list_parameters", ListParameters.Request()).result.names
     of_ros = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-    assert {one for one in listed if not one.startswith(of_ros)} == {one.name for one in interface.table}
-    names = [parameter.name for parameter in interface.table]
+    assert {one for one in listed if not one.startswith(of_ros)} == {one.name for one in spec.table}
+    names = [parameter.name for parameter in spec.table]
     described = graph.call(DescribeParameters, f"{name}/describe_parameters", DescribeParameters.Request(names=names))
-    for parameter, descriptor in zip(interface.table, described.descriptors, strict=True):
+    for parameter, descriptor in zip(spec.table, described.descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
         assert descriptor.read_only == (not parameter.live)
 
 
-@pytest.mark.parametrize("name", INTERFACES)
+@pytest.mark.parametrize("name", SPECS)
 def test_a_page_has_every_section_and_names_everything_in_the_table(name):
-    interface, text = INTERFACES[name], page(INTERFACES[name])
+    spec, text = SPECS[name], page(SPECS[name])
     for heading in ("Purpose", "Inputs", "Outputs", "Services", "Parameters", "Diagnostics", "Limits"):
         assert f"\n## {heading}\n" in text
-    named = [*interface.inputs, *interface.outputs, *interface.table]
+    named = [*spec.inputs, *spec.outputs, *spec.table]
     assert all(f"| `{one.name}` |" in text for one in named)
-    assert all(f"| `~/{service.name}` |" in text for service in interface.services)
+    assert all(f"| `~/{service.name}` |" in text for service in spec.services)

@@ -9,7 +9,7 @@ from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
-from srt3d_ros.nodes.interface import LOSSLESS
+from srt3d_ros.nodes.node_spec import LOSSLESS
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 AS_PUBLISHED = "auto"

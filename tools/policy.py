@@ -1,11 +1,11 @@
-"""Who may say what to whom: the policy for SROS 2 (DDS security), made from the nodes' interfaces.
+"""Who may say what to whom: the policy for SROS 2 (DDS security), made from the nodes' specs.
 
 `ros2 security` makes the signed permissions of each enclave from it: docs/security.md.
 """
 
 from collections.abc import Iterable
 
-from srt3d_ros.nodes.interface import Interface
+from srt3d_ros.nodes.node_spec import NodeSpec
 
 # What rclpy gives to every managed node, under the node's own name.
 LIFECYCLE = ("change_state", "get_state", "get_available_states", "get_available_transitions", "get_transition_graph")
@@ -19,18 +19,18 @@ WATCHES_OTHERS = "recorder"     # asks the others for their parameters
 EVERYONE, OPERATOR = "all", "operator"
 
 
-def policy(interfaces: Iterable[Interface]) -> str:
+def policy(specs: Iterable[NodeSpec]) -> str:
     """The policy as XML: enclaves /srt3d/NAME for each node, for all nodes of `srt3d up` and for an operator.
 
     The operator, somebody who types `ros2 …`, may hear everything and use all services; nobody else may set a
     parameter, change a state or call a service.
     """
-    interfaces = list(interfaces)
-    enclaves = [(interface.name, [_profile(interface, interfaces)]) for interface in interfaces]
-    enclaves.append((EVERYONE, [_profile(interface, interfaces) for interface in interfaces]))
-    enclaves.append((OPERATOR, [_operator(interfaces)]))
+    specs = list(specs)
+    enclaves = [(spec.name, [_profile(spec, specs)]) for spec in specs]
+    enclaves.append((EVERYONE, [_profile(spec, specs) for spec in specs]))
+    enclaves.append((OPERATOR, [_operator(specs)]))
     lines = ['<?xml version="1.0" encoding="UTF-8"?>',
-             "<!-- Made by python -m srt3d_ros.nodes.tables; docs/security.md says how it is used. -->",
+             "<!-- Made by python -m tools.generate_docs; docs/security.md says how it is used. -->",
              '<policy version="0.2.0">', "  <enclaves>"]
     for name, profiles in enclaves:
         rules = [f"        {line}" for profile in profiles for line in profile]
@@ -39,31 +39,31 @@ def policy(interfaces: Iterable[Interface]) -> str:
     return "\n".join([*lines, "  </enclaves>", "</policy>"]) + "\n"
 
 
-def _profile(interface: Interface, interfaces: list[Interface]) -> list[str]:
+def _profile(spec: NodeSpec, specs: list[NodeSpec]) -> list[str]:
     """What one node may do."""
-    asked = [f"{other.name}/{service}" for other in interfaces for service in READ_PARAMETERS
-             if interface.name == WATCHES_OTHERS]
-    return _in_profile(interface.name, [
-        *_rules("topic", "subscribe", [*(topic.name for topic in interface.inputs), *HEARD]),
-        *_rules("topic", "publish", [*(topic.name for topic in interface.outputs), *TOLD]),
-        *_rules("service", "reply", [f"~/{service}" for service in _services(interface)]),
+    asked = [f"{other.name}/{service}" for other in specs for service in READ_PARAMETERS
+             if spec.name == WATCHES_OTHERS]
+    return _in_profile(spec.name, [
+        *_rules("topic", "subscribe", [*(topic.name for topic in spec.inputs), *HEARD]),
+        *_rules("topic", "publish", [*(topic.name for topic in spec.outputs), *TOLD]),
+        *_rules("service", "reply", [f"~/{service}" for service in _services(spec)]),
         *_rules("service", "request", asked)])
 
 
-def _operator(interfaces: list[Interface]) -> list[str]:
+def _operator(specs: list[NodeSpec]) -> list[str]:
     """What the command line may do: hear all topics, use all services."""
-    heard = [topic.name for interface in interfaces for topic in (*interface.inputs, *interface.outputs)]
-    events = [f"{interface.name}/transition_event" for interface in interfaces]
+    heard = [topic.name for spec in specs for topic in (*spec.inputs, *spec.outputs)]
+    events = [f"{spec.name}/transition_event" for spec in specs]
     return _in_profile("*", [
         *_rules("topic", "subscribe", [*heard, *events, *HEARD, "/diagnostics", "/rosout"]),
         *_rules("topic", "publish", ["/rosout", "/parameter_events"]),
         *_rules("service", "reply", [f"*/{service}" for service in (*PARAMETERS, "get_type_description")]),
         *_rules("service", "request",
-                [f"{interface.name}/{service}" for interface in interfaces for service in _services(interface)])])
+                [f"{spec.name}/{service}" for spec in specs for service in _services(spec)])])
 
 
-def _services(interface: Interface) -> list[str]:
-    return [*SERVED, *(service.name for service in interface.services)]
+def _services(spec: NodeSpec) -> list[str]:
+    return [*SERVED, *(service.name for service in spec.services)]
 
 
 def _in_profile(node: str, rules: list[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from srt3d_ros.nodes.books import FRAMES, Balance
+from srt3d_ros.nodes.frame_accounting import FRAMES, Balance
 from srt3d_ros.nodes.parameters import Parameter
 
 AUTOSTART = Parameter("autostart", True, "Configure and activate at the start; if false, somebody else does.")
@@ -45,7 +45,7 @@ class Service:
 
 
 @dataclass(frozen=True)
-class Interface:
+class NodeSpec:
     """Everything that is public about a node.
 
     Args:
@@ -55,7 +55,7 @@ class Interface:
         services: beside those of every managed node.
         parameters: its own; those of every node are in `table`.
         limits: what a user has to know before relying on it, a sentence each.
-        books: the equations that its totals keep.
+        balances: the equations that its totals keep.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Interface:
     services: Iterable[Service] = ()
     parameters: Iterable[Parameter] = ()
     limits: Iterable[str] = ()
-    books: Iterable[Balance] = (FRAMES,)
+    balances: Iterable[Balance] = (FRAMES,)
 
     @property
     def table(self) -> tuple[Parameter, ...]:

@@ -5,7 +5,7 @@ import logging
 LIBRARY = logging.getLogger("srt3d_ros")
 
 
-class Relay(logging.Handler):
+class LogForwarding(logging.Handler):
     """Relays until it is closed. A node has a process of its own, so that it says all that is logged there.
 
     Args:

@@ -1,4 +1,4 @@
-"""Writes config/sensors/*.json, descriptions to begin one's own from: `python scripts/make_sensors.py [FOLDER]`."""
+"""Writes config/sensors/*.json, descriptions to begin one's own from: `python tools/make_sensors.py [FOLDER]`."""
 
 import json
 import sys

@@ -2,7 +2,7 @@
 
 import pytest
 
-from srt3d_ros.nodes.gaps import ONE_SPEAKS, Gaps
+from srt3d_ros.nodes.sequence_loss import ONE_SPEAKS, SequenceLoss
 
 
 @pytest.mark.parametrize("numbers, missed", [
@@ -13,18 +13,18 @@ from srt3d_ros.nodes.gaps import ONE_SPEAKS, Gaps
     ([None, None], [0, 0]),
 ])
 def test_gaps_between_numbers_are_misses(numbers, missed):
-    gaps = Gaps(lambda: 1)
+    gaps = SequenceLoss(lambda: 1)
     assert [gaps.after(number) for number in numbers] == missed
     assert gaps.numbered == (numbers[0] is not None)
 
 
 def test_two_publishers_are_not_mistaken_for_gaps():
-    gaps = Gaps(lambda: 2)
+    gaps = SequenceLoss(lambda: 2)
     assert [gaps.after(number) for number in (100, 5, 101, 6)] == [0, 0, 0, 0]
 
 
 def test_misses_are_counted_again_once_only_the_successor_of_a_killed_publisher_speaks():
-    gaps = Gaps(lambda: 2)                  # the killed one stays in the graph for its lease
+    gaps = SequenceLoss(lambda: 2)                  # the killed one stays in the graph for its lease
     numbers = [500, 501, 1, 3, *range(4, ONE_SPEAKS + 4), 40, 43, 44, 900]
     missed = [gaps.after(number) for number in numbers]
     assert missed[:-4] == [0] * (len(numbers) - 4)
@@ -32,7 +32,7 @@ def test_misses_are_counted_again_once_only_the_successor_of_a_killed_publisher_
 
 
 def test_two_that_speak_at_rates_of_their_own_are_not_mistaken_either():
-    gaps = Gaps(lambda: 2)
+    gaps = SequenceLoss(lambda: 2)
     numbers = []
     for k in range(1, 300):                 # the second speaks once for ten messages of the first, from afar
         numbers += [k] if k % 10 else [k, 5_000 + k // 10]
