@@ -83,7 +83,7 @@ def test_the_sensors_of_config_are_what_their_names_say(repository):
 
 
 def test_the_sensors_of_config_are_the_generated_ones(repository, tmp_path):
-    subprocess.run([sys.executable, repository / "scripts" / "make_sensors.py", tmp_path], check=True)
+    subprocess.run([sys.executable, repository / "tools" / "make_sensors.py", tmp_path], check=True)
     texts = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert sorted(texts) == [f"{name}.json" for name in NAMES]
     for name, text in texts.items():
