@@ -53,12 +53,6 @@ def test_finer_truth_keeps_the_photons_of_the_sensor(scene, source):
     assert ((counts - expected)**2).sum() == pytest.approx(expected.sum(), rel=0.2)         # Poisson
 
 
-@pytest.mark.parametrize("factor", [0, 5])
-def test_upsampling_that_cannot_be_used_is_named(factor):
-    with pytest.raises(InvalidInput, match=f"^upsampling is {factor}: expected an integer from 1 to 4"):
-        simulated("net", [1], [4], upsampling=factor)
-
-
 def test_a_measured_scene_is_not_drawn_finer_than_it_is_known(scene_file):
     with pytest.raises(InvalidInput, match="^--upsampling is 2: expected 1 for "):
         simulated(str(scene_file), [1], [4], upsampling=2)
