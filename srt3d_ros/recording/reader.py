@@ -95,7 +95,7 @@ class RecordingReader:
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
         require(len(entries) > 0, "recording", str(path), "an .rrd file that holds a recording")
-        self.application_id, self.recording_id = entries[0].application_id, entries[0].recording_id
+        self.recording_id = entries[0].recording_id
 
     def is_finished(self) -> bool:
         """True if the file was closed: it has its footer."""

@@ -11,7 +11,6 @@ from srt3d_ros.recording import screenshot
 from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.viewpoint import Viewpoint, look_at
 
-KINDS = ("auto", "viewer", "own")
 _OWN_FOV_DEG = 30
 
 
@@ -31,7 +30,6 @@ class Renderer:
 
     def __init__(self, kind: str, framed: RecordedCloud, style: CloudStyle, projection: Projection | None, width: int,
                  height: int):
-        require(kind in KINDS, "pictures", kind, ", ".join(KINDS))
         possible = screenshot.is_possible()
         require(possible or kind != "viewer", "pictures", kind, f"Vulkan, which the viewer needs: {screenshot.INSTALL}")
         self._may_fall_back, self.style, self.width, self.height = kind == "auto", style, width, height

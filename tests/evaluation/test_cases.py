@@ -23,15 +23,6 @@ def test_every_setting_is_a_case_of_the_photons_it_says(scene_file):
     assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
 
 
-@pytest.mark.parametrize(("scene", "shape", "bins", "surfaces", "tolerance"), [
-    ("bust", (141, 141), 4613, 1, 40 / 0.3), ("net", (32, 32), 153, 2, 3)])
-def test_the_scenes_of_the_paper(scene, shape, bins, surfaces, tolerance):
-    case, = simulated(scene, [1], [1])
-    assert (case.sensor.rows, case.sensor.cols) == shape and case.sensor.num_bins == bins
-    assert case.surfaces == surfaces and case.tolerance_bins == pytest.approx(tolerance)
-    assert len(case.observe().depth_bins) == surfaces
-
-
 def test_a_quick_look_sees_the_same_field_with_fewer_pixels():
     (quick,), (full,) = (simulated("bust", [1], [1], quick=quick) for quick in (True, False))
     assert quick.sensor.pixels < full.sensor.pixels / 3

@@ -27,7 +27,6 @@ def test_clouds_come_as_logged_and_series_and_index_sorted_by_stamp(whole):
     assert index.stamp_ns.tolist() == index.frame_index.tolist() == [0, 1, 2] and index.points.tolist() == [500] * 3
     assert reader.series()["points"].stamp_ns.tolist() == [0, 1, 2]
     assert reader.series()["points"].values.tolist() == [10, 11, 12]
-    assert reader.application_id == "srt3d_ros"
 
 
 def test_a_recording_without_a_frame_is_empty_not_broken(tmp_path):

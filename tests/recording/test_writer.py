@@ -142,17 +142,6 @@ def test_without_a_depth_std_the_intensity_colours(tmp_path):
     assert np.array_equal(by_std[0].colour, by_intensity[0].colour)
 
 
-def test_brighter_points_get_brighter_colours_and_the_range_follows_slowly(tmp_path):
-    xyz, intensity = np.zeros((100, 3)), np.linspace(1, 50, 100)
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_cloud(0, 0, xyz, intensity)
-        writer.log_cloud(1, 1, xyz, 4 * intensity)
-    first, second = RecordingReader(tmp_path / "a.rrd").clouds()
-    luminance = sum((first.colour >> shift & 255) * weight for shift, weight in ((24, 0.3), (16, 0.6), (8, 0.1)))
-    assert (np.diff(luminance) >= -1).all() and luminance[-1] > 3 * luminance[0] and (first.colour & 255 == 255).all()
-    assert np.mean(second.colour == first.colour[-1]) > 0.5     # still the range of the first frame, nearly
-
-
 @pytest.mark.parametrize("offset_m, error_m", [(0.0, 0.0005 + 1e-6), (9790.0, 0)])
 def test_depth_is_kept_to_half_a_millimetre_or_exactly_beyond_65_m(tmp_path, ball, offset_m, error_m):
     cloud, sensor = ball
