@@ -75,7 +75,7 @@ def _save_pcd(cloud: PointCloud, path: Path, *_) -> None:
 
 def _save_rrd(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
     try:        # rerun is imported for this suffix only
-        from srt3d_ros.recording.cloud_rrd import save_cloud
+        from srt3d_ros.recording.frame_log import save_cloud
     except ImportError as e:
         raise InvalidInput("output", path.suffix, f"pip install 'srt3d_ros[record]' to have been run ({e})") from None
 

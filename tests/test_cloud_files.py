@@ -94,7 +94,7 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
     (read,) = reader.clouds()
     assert np.array_equal(read.xyz, cloud.xyz) and np.array_equal(read.intensity, cloud.intensity)
     assert read.stamp_ns == cloud.stamp_ns
-    ((_, _, depth_m),) = reader.depth_images()
+    ((_, _, depth_m),) = reader.images("/depth")
     assert np.allclose(depth_m, cloud.depth_image(ball[1].projection), atol=0.0006, equal_nan=True)
     assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
     assert reader.is_finished()

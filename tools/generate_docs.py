@@ -8,7 +8,7 @@ from pathlib import Path
 
 from srt3d_ros.nodes.parameters import as_yaml
 from srt3d_ros.nodes.specs import SPECS
-from srt3d_ros.pictures.graph import draw
+from tools.graph import draw
 from tools.node_reference import page
 from tools.policy import policy
 

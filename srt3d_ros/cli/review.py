@@ -97,12 +97,12 @@ def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
 
 
 def _review(args: argparse.Namespace, recorded, notes: tuple[str, ...]) -> int:
-    from srt3d_ros.review import words
     from srt3d_ros.review.summary import summarise
+    from srt3d_ros.review.summary_text import format_summary
 
     summary, report = summarise(recorded), None
     if not args.json:
-        print(words.words(summary), flush=True)
+        print(format_summary(summary), flush=True)
     if not args.no_report:
         from srt3d_ros.review.report import write_report
 
@@ -117,9 +117,9 @@ def _review(args: argparse.Namespace, recorded, notes: tuple[str, ...]) -> int:
 
 def _export(args: argparse.Namespace, recorded) -> int:
     from srt3d_ros.review import export
-    from srt3d_ros.review.summary import telling_frames
+    from srt3d_ros.review.summary import notable_frames
 
-    place = recorded.frame_at(args.frame) if args.frame is not None else telling_frames(recorded)[0]
+    place = recorded.frame_at(args.frame) if args.frame is not None else notable_frames(recorded)[0]
     facts = {"frame": int(recorded.index.frame_index[place]), "stamp_ns": int(recorded.index.stamp_ns[place]),
              "points": int(recorded.index.points[place])}
     if args.frame is not None:
@@ -135,14 +135,14 @@ def _export(args: argparse.Namespace, recorded) -> int:
 
 
 def _compare(args: argparse.Namespace, recorded) -> int:
-    from srt3d_ros.review.compare import compare, words
+    from srt3d_ros.review.compare import compare, format_comparison
     from srt3d_ros.review.recorded import Recorded
 
     path, notes = _readable(args.compare)
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
     comparison = compare(recorded, Recorded.read(path))
-    print(json.dumps(comparison, allow_nan=False) if args.json else words(comparison))
+    print(json.dumps(comparison, allow_nan=False) if args.json else format_comparison(comparison))
     return 0
 
 

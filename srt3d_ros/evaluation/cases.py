@@ -1,4 +1,4 @@
-"""Cases: photons whose truth is known, from the simulator or from files, made when they are needed."""
+"""Cases: photons with a known truth, from the simulator or from files, made when they are needed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
@@ -24,14 +25,14 @@ QUICK_SIZE = 71         # pixels along the side of the quick look's head
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Photons and the truth about them, as far as it is known.
+    """Photons and their truth, as far as it is known.
 
     Args:
         frame: the photons.
-        depth_bins: float [S, rows, cols], NaN = unknown or no surface; None if nothing is known.
+        depth_bins: float [S, rows, cols], NaN = unknown or no surface; None without any reference.
         intensity: float [S, rows, cols], expected signal photons, or None.
         background: float [rows, cols], expected background photons, or None.
-        complete: pixels without a depth are known to see no surface; else nothing is known of them.
+        complete: pixels without a depth have no surface; otherwise, their truth is unknown.
     """
 
     frame: PhotonEvents
@@ -40,25 +41,36 @@ class Observation:
     background: np.ndarray | None = None
     complete: bool = False
 
+    def true_cloud(self, sensor: SensorModel) -> PointCloud | None:
+        """The cloud of a perfect reconstruction; None without any reference."""
+        if self.depth_bins is None:
+            return None
+        row, col, surface = np.nonzero(np.moveaxis(np.isfinite(self.depth_bins), 0, -1))
+        depth = self.depth_bins[surface, row, col].astype(np.float32)
+        intensity = np.ones(len(row)) if self.intensity is None else np.nan_to_num(self.intensity)[surface, row, col]
+        background = np.zeros((sensor.rows, sensor.cols)) if self.background is None else self.background
+        return PointCloud(row.astype(np.uint16), col.astype(np.uint16), depth, intensity.astype(np.float32),
+                          np.zeros(len(row), np.float32), sensor.xyz(row, col, depth), surface.astype(np.uint8),
+                          background.astype(np.float32))
+
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One observation that all methods are held against.
+    """One observation on which all methods are evaluated.
 
     Args:
         source: name of the scene or file.
-        sensor: that sees it.
-        upsampling: u: clouds and truth are those of u × u finer pixels in the place of each.
         observe: makes the photons.
         surfaces: K, most surfaces in a pixel.
-        tolerance_bins: a point so near to the truth is a true detection.
+        tolerance_bins: τ: the largest depth error of a true detection.
+        size: rough number of photons.
         sbr, ppp: of the simulation: signal over background, mean photons per pixel; None for a file.
         repeat: which of several draws of the same photons, from 1.
-        aligned: numbers, from 0, of the references to be shifted by their median offset from the cloud.
+        aligned: numbers, from 0, of the references that are shifted by their median offset from the cloud.
         seen: (photons, bins): an aligned reference counts in pixels with so many photons within so many bins of it;
-            points farther off do not tell its offset.
-        size: rough number of photons.
-        notes: what the user should know about them.
+            points farther away do not count for its offset.
+        notes: for the user.
+        upsampling: u: clouds and truth have u × u finer pixels for each pixel of the sensor.
     """
 
     source: str
@@ -77,12 +89,12 @@ class Case:
 
     @cached_property
     def grid(self) -> SensorModel:
-        """The sensor whose pixels clouds and truth have."""
+        """The sensor with the pixels of clouds and truth."""
         return self.sensor.upsampled(self.upsampling)
 
     @property
     def title(self) -> str:
-        """What it is, in a few words."""
+        """Source, SBR and photons per pixel, for messages."""
         return self.source if self.sbr is None else f"{self.source}, SBR {self.sbr:g}, {self.ppp:g} ppp"
 
 
@@ -93,7 +105,7 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
     Args:
         scene: "bust", "net", or a scene file (datasets.scene_file).
         quick: the bust at half the resolution.
-        upsampling: u: the scene is drawn on u × u finer pixels, whose photons each pixel of the sensor sees together.
+        upsampling: u: the scene has u × u finer pixels, whose photons are merged into each pixel of the sensor.
     """
     for sbr in sbrs:
         require(0 < sbr < np.inf, "--sbr", sbr, "ratios above 0")
@@ -119,7 +131,7 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
 
 def of_files(files: list[str], tolerance: Tolerance | None = None, surfaces: int | None = None,
              aligned: tuple[int, ...] = (), seen: tuple[int, float] = (8, 60.0)) -> list[Case]:
-    """Photon files; as many surfaces as a file has references, unless said otherwise."""
+    """Photon files; `surfaces` is by default the number of a file's references."""
     cases = []
     for photons in map(open_photons, files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
@@ -141,7 +153,7 @@ def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, senso
 
 
 def _merged(frame: PhotonEvents, sensor: SensorModel, factor: int) -> PhotonEvents:
-    """The photons as seen by pixels that each cover `factor` × `factor` of the sensor's."""
+    """The photons in pixels that each cover `factor` × `factor` of the sensor's."""
     if factor == 1:
         return frame
     row, col = np.divmod(frame.pixel, sensor.cols)
@@ -155,7 +167,7 @@ def _observed(photons: Photons) -> Observation:
 
 
 def _open_scene(scene: str, quick: bool, upsampling: int):
-    """The scene on finer pixels (None: the simulator's own), its sensor and the usual tolerance."""
+    """The scene on finer pixels (None: the simulator's default), its sensor and default tolerance."""
     if scene == "bust":
         sensor = default_sensor()
         if quick:

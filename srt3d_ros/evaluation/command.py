@@ -1,4 +1,4 @@
-"""From the command's options to results, table and figures."""
+"""`srt3d evaluate`: from options to results, table and figures."""
 
 import argparse
 import shlex
@@ -38,7 +38,7 @@ def evaluate(args: argparse.Namespace) -> int:
     with tqdm(total=len(jobs), unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 5.0) as bar:
         notes += run(jobs, results, bar)
         bar.set_description("drawing")
-        rows = report.write(folder, jobs, results, notes, _words(sys.argv))
+        rows = report.write(folder, jobs, results, notes, shlex.join(["srt3d", *sys.argv[1:]]))
         bar.set_description("done")
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
@@ -47,7 +47,7 @@ def evaluate(args: argparse.Namespace) -> int:
 
 
 def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
-    """What is to be reconstructed, and what is left out, in words."""
+    """The cases, and notes on those left out."""
     tolerance = None if args.tolerance is None else Tolerance.parse(args.tolerance)
     require(min(args.align, default=1) >= 1, "--align", args.align, "references, numbered from 1")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
@@ -65,7 +65,10 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
 
 
 def _shown_cases(chosen: list[cases.Case]) -> list[cases.Case]:
-    """The cases for the pictures: all files; of a scene, for each SBR the fewest photons with half a signal photon."""
+    """The cases for the pictures: all files; of a scene, for each SBR that with the fewest photons.
+
+    Only cases with at least half a signal photon per pixel count, if there are any.
+    """
     shown: dict[tuple, cases.Case] = {}
     for case in sorted(chosen, key=lambda case: case.ppp or 0):
         key = (case.source, case.sbr)
@@ -75,7 +78,7 @@ def _shown_cases(chosen: list[cases.Case]) -> list[cases.Case]:
 
 
 def _signal(case: cases.Case) -> float:
-    """Mean signal photons per pixel; of a file, which is always shown, none."""
+    """Mean signal photons per pixel; 0 for a file."""
     return 0.0 if case.sbr is None else case.ppp / (1 + 1 / case.sbr)
 
 
@@ -83,7 +86,3 @@ def _folder(path: Path) -> Path:
     require(not path.exists() or path.is_dir(), "--out", str(path), "a folder")
     (path / "clouds").mkdir(parents=True, exist_ok=True)
     return path
-
-
-def _words(argv: list[str]) -> str:
-    return shlex.join(["srt3d", *argv[1:]])

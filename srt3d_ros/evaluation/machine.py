@@ -1,4 +1,4 @@
-"""Where and with what something was measured."""
+"""The machine and versions of a measurement."""
 
 import os
 import platform
@@ -12,7 +12,7 @@ PACKAGES = ("numpy", "scipy", "numba", "torch", "triton")
 
 
 def machine(device: str = "cpu") -> dict:
-    """Date, processor, its load, the GPU if `device` is "cuda", and the versions of what computes, None if absent."""
+    """Date, processor, load, GPU if `device` is "cuda", and versions of the packages that compute (None: missing)."""
     return {"date": date.today().isoformat(), "machine": cpu_name(), "cpus": len(os.sched_getaffinity(0)),
             **({"gpu": gpu_name()} if device == "cuda" else {}),
             "load_1min": round(os.getloadavg()[0], 2), "python": platform.python_version(), "srt3d_ros": __version__,

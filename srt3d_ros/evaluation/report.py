@@ -1,4 +1,4 @@
-"""README.md and figures of an evaluation."""
+"""The README.md and the figures of an evaluation."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,22 +6,26 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros import __version__
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.metrics import depth_errors
+from srt3d_ros.datasets.files import read_npz_arrays
 from srt3d_ros.evaluation import table
-from srt3d_ros.evaluation.calibration import GOALS, NOMINAL
-from srt3d_ros.evaluation.clouds import load_cloud, true_cloud
 from srt3d_ros.evaluation.machine import PACKAGES, machine
 from srt3d_ros.evaluation.results import Results, number
-from srt3d_ros.evaluation.run import Job, aligned_reference
+from srt3d_ros.evaluation.run import NOMINAL, Job, aligned_reference
 from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
 from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
 
-STRIPS = 10         # of a picture: more files make no readable one
+STRIPS = 10         # most rows of a picture that is still readable
+GOALS = {0.6827: (0.60, 0.76), 0.9545: (0.90, 0.98)}        # observed shares within 1 and 2 standard deviations
 
 
 def write(folder: Path, jobs: Sequence[Job], results: Results, notes: Sequence[str], command: str) -> list[dict]:
-    """Draw what there is to draw and say how it came about; returns the averaged rows."""
+    """Draw the figures and write README.md; returns the averaged rows.
+
+    `notes` are lines for the user, `command` is the command line of this evaluation.
+    """
     rows = table.averaged(table.rows_of(jobs, results))
     figures = [*_curves(folder, rows), *_calibration(folder, rows), *_pictures(folder, jobs, results)]
     facts = machine()
@@ -37,7 +41,7 @@ def write(folder: Path, jobs: Sequence[Job], results: Results, notes: Sequence[s
 
 
 def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
-    """Of every scene: metrics against photons per pixel."""
+    """Draw the metrics of each scene against photons per pixel; returns the files."""
     drawn = []
     for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
         chosen = [row for row in rows if row["source"] == source]
@@ -50,7 +54,7 @@ def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
 
 
 def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
-    """Of every scene, and of all files together: observed against nominal shares, for the default method."""
+    """Draw observed against nominal shares of the default method, of each scene and of all files together."""
     chosen = [row for row in rows if row["method"] == DEFAULT_METHOD and row["within_nominal_percent"]]
     sizes = sorted({row["sketch_size"] for row in chosen}, key=lambda m: abs(int(m) - 10))
     chosen = [row for row in chosen if row["sketch_size"] == sizes[0]]
@@ -69,7 +73,7 @@ def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
 
 
 def _pictures(folder: Path, jobs: Sequence[Job], results: Results) -> list[Path]:
-    """Of every scene, and of all files together: clouds side by side, and their errors."""
+    """Draw clouds side by side, and their errors, of each scene and of all files together."""
     drawn = []
     shown = [job for job in jobs if job.cloud_path is not None and job.cloud_path.exists() and job.key in results]
     for source in dict.fromkeys(_picture_of(job) for job in shown):
@@ -90,10 +94,10 @@ def _picture_of(job: Job) -> str:
 
 
 def _strip(jobs: Sequence[Job], results: Results) -> Strip:
-    """The clouds of one case, after the truth."""
+    """The truth and the clouds of one case."""
     case = jobs[0].case
     observation = case.observe()
-    truth = true_cloud(observation, case.grid)
+    truth = observation.true_cloud(case.grid)
     panels = [] if truth is None else [Panel("truth" if case.sbr else "reference", truth, f"{len(truth):,} points")]
     for job in jobs:
         cloud, row = load_cloud(job.cloud_path), results[job.key]
@@ -110,8 +114,15 @@ def _strip(jobs: Sequence[Job], results: Results) -> Strip:
     return Strip(label, case.grid, panels, known)
 
 
+def load_cloud(path: Path) -> PointCloud:
+    """A cloud that cloud_files.save wrote as .npz."""
+    names = tuple(PointCloud.__dataclass_fields__)
+    arrays = read_npz_arrays(path, names)
+    return PointCloud(**{name: arrays[name] for name in names if name != "stamp_ns"}, stamp_ns=int(arrays["stamp_ns"]))
+
+
 def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:
-    """Error of the strongest point of each pixel, mm; NaN = no point."""
+    """Depth error of the strongest point of each pixel, mm, NaN = no point; float [rows, cols]."""
     error_mm = np.full(cloud.background.shape, np.nan)
     strongest = cloud.surface == 0
     errors = depth_errors(cloud, reference, sensor.num_bins)[strongest] * sensor.bin_width_m * 1e3

@@ -1,13 +1,13 @@
-"""results.csv: one row for each reconstruction that was judged, written at once: nothing is lost, nothing repeated."""
+"""results.csv: a row for each reconstruction, written at once, so that an interrupted evaluation can be resumed."""
 
 import csv
 from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
 
-# Of the file. Since 2 the method "srt3d" is SRT3D as published; in 1 it was what is called "pooled" now.
+# Of the file. In format 1, "srt3d" was the method that is called "pooled" now.
 FORMAT = "2"
-# What makes a row the same as another: it is not measured again.
+# The columns that identify a row.
 KEY = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
        "aligned")
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
@@ -22,11 +22,11 @@ class Results:
     """The rows of a results.csv, as text by column.
 
     Args:
-        path: the file; made if it is not there.
-        fresh: forget what it holds.
+        path: the file; created if missing.
+        fresh: delete its rows.
 
     Raises:
-        InvalidInput: it is no such file, or one of another format.
+        InvalidInput: the file is of something else, or of another format.
     """
 
     def __init__(self, path: Path, fresh: bool = False):
@@ -61,7 +61,7 @@ class Results:
             csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(text)
 
     def _rewrite(self) -> None:
-        """Write the file anew: an interrupted run may have left half a line."""
+        """Write the whole file: an interrupted run may have left half a line."""
         with open(self.path, "w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
@@ -69,12 +69,12 @@ class Results:
 
 
 def key_of(row: dict) -> tuple[str, ...]:
-    """What is compared: the columns KEY as they stand in the file."""
+    """The columns KEY as in the file."""
     return tuple(format_value(row.get(name)) for name in KEY)
 
 
 def format_value(value) -> str:
-    """As it stands in the file: numbers with 6 digits, nothing for what is missing or NaN, lists with semicolons."""
+    """A value as in the file: floats with 6 digits, missing values and NaN empty, lists with semicolons."""
     if value is None or value != value:
         return ""
     if isinstance(value, (tuple, list)):

@@ -1,10 +1,11 @@
-"""Running methods on cases and judging what they find."""
+"""Run methods on cases and compare their clouds with the truth."""
 
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 from tqdm import tqdm
@@ -17,9 +18,11 @@ from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.upsampling import refine
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.evaluation.calibration import NOMINAL, deviations
 from srt3d_ros.evaluation.cases import Case, Observation, photons_near
 from srt3d_ros.evaluation.results import Results, format_value
+
+# Shares of a normal distribution at which the reported standard deviations of depth are checked.
+NOMINAL = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.6827, 0.8, 0.9, 0.9545, 0.99)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,7 @@ class Job:
 
     Args:
         sketch_size: m; None for a method on photons.
-        cloud_path: where the cloud is to be kept, or None.
+        cloud_path: where to save the cloud, or None.
     """
 
     case: Case
@@ -38,13 +41,13 @@ class Job:
 
     @property
     def title(self) -> str:
-        """What runs, for the progress bar."""
+        """Case, method and sketch size, for the progress bar."""
         size = "" if self.sketch_size is None else f", m = {self.sketch_size}"
         return f"{self.case.title}: {self.method.name}{size}"
 
     @property
     def key(self) -> dict:
-        """The columns of the results that name this job."""
+        """The columns of the results that identify this job."""
         case = self.case
         aligned = tuple(k + 1 for k in case.aligned) + (case.seen if case.aligned else ())
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
@@ -54,13 +57,13 @@ class Job:
 
 
 def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
-    """Every method on every case: those on sketches once for each size, those on photons once."""
+    """Every method on every case: methods on sketches once for each size, methods on photons once."""
     return [Job(case, method, size) for case in cases for method in methods
             for size in (sketch_sizes if method.needs == "sketch" else (None,))]
 
 
 def run(jobs: list[Job], results: Results, bar: tqdm) -> list[str]:
-    """Do what is not in the results yet; returns a line for each job that could not be done."""
+    """Run the jobs that the results lack; returns a line for each job that failed with InvalidInput."""
     notes: list[str] = []
     for case, group in groupby(jobs, key=lambda job: job.case):
         every = list(group)
@@ -85,7 +88,7 @@ def _done(job: Job, results: Results) -> bool:
 
 
 def _judged(job: Job, observation: Observation) -> dict:
-    """The row of a job; its cloud is saved before, if it is wanted."""
+    """Run a job, save its cloud if `cloud_path` is set, and return the row of results."""
     case, sensor = job.case, job.case.sensor
     cloud, facts = reconstruct(job, observation)
     if job.cloud_path is not None:
@@ -97,7 +100,7 @@ def _judged(job: Job, observation: Observation) -> dict:
 
 
 def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
-    """A job's cloud, and how it came about: frequencies and milliseconds."""
+    """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
     sensor, options = job.case.sensor, {"surfaces": job.case.surfaces}
     if "upsampling" in job.method.options:
         options["upsampling"] = job.case.upsampling
@@ -112,7 +115,7 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
 
 
 def _on_grid(cloud: PointCloud, case: Case) -> PointCloud:
-    """The cloud on the finer pixels; of a method that knows none, each point stands for all in its pixel."""
+    """The cloud on the finer pixels; a method without upsampling has each point repeated in all of its pixel."""
     if cloud.background.shape == (case.grid.rows, case.grid.cols):
         return cloud
     flat = np.zeros(len(cloud), np.float32)
@@ -136,15 +139,15 @@ def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
 
 
 def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
-    """The references, those to be aligned shifted by their median offset from the cloud; which count; the offsets.
+    """The references with `case.aligned` shifted by their median offset from the cloud; which count; the offsets.
 
-    An aligned reference, measured apart, counts only where the photons show it: `case.seen`.
+    An aligned reference counts only where photons confirm it: `case.seen`.
     """
     reference = np.array(observation.depth_bins, dtype=np.float64)
     counted, offsets = np.isfinite(reference), []
     for surface in case.aligned:
         offset = 0.0
-        for _ in range(2):              # once more around where it then lies
+        for _ in range(2):              # the second time with the photons near its new position
             moved = (reference[surface] + offset) % case.sensor.num_bins
             near = photons_near(observation.frame, moved, case.seen[1], case.sensor) >= case.seen[0]
             offset += median_offset(cloud, np.where(near, moved, np.nan), case.seen[1], case.sensor.num_bins)
@@ -154,8 +157,13 @@ def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
     return reference, counted, tuple(offsets)
 
 
+def deviations(nominal) -> tuple[float, ...]:
+    """How many standard deviations hold each share of normal errors: 0.6827 → 1, 0.9545 → 2."""
+    return tuple(NormalDist().inv_cdf((1 + share) / 2) for share in nominal)
+
+
 def with_clouds(jobs: list[Job], wanted: Callable[[Job], bool], folder: Path) -> list[Job]:
-    """The jobs, those wanted with a place in the folder for their cloud."""
+    """The jobs; those wanted save their cloud in the folder."""
     return [replace(job, cloud_path=folder / f"{_file_name(job)}.npz") if wanted(job) else job for job in jobs]
 
 
@@ -166,7 +174,7 @@ def _file_name(job: Job) -> str:
 
 
 def _timed(compute):
-    """What compute() returns, and the milliseconds it took."""
+    """The result of compute(), and its duration in milliseconds."""
     started = time.perf_counter()
     result = compute()
     return result, (time.perf_counter() - started) * 1e3

@@ -1,4 +1,4 @@
-"""Results for people: repeats averaged, as one markdown table."""
+"""The results as a markdown table, averaged over repeats."""
 
 from collections.abc import Iterable, Sequence
 
@@ -15,7 +15,7 @@ HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "
 
 
 def averaged(rows: Iterable[dict[str, str]]) -> list[dict]:
-    """One row for all repeats, in the order of the first: means of the figures as floats, NaN where none is known."""
+    """One row for all repeats, in the order of the first, with the means of the figures as floats, NaN without data."""
     groups: dict[tuple, list[dict[str, str]]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in KEY if name != "repeat"), []).append(row)
@@ -28,14 +28,14 @@ def markdown(rows: list[dict]) -> str:
 
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """A markdown table of these cells, the first line the headings, that also reads well as it is."""
+    """A markdown table of cells with aligned columns; the first line is the heading."""
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in lines]
     return "\n".join([text[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *text[1:]])
 
 
 def rows_of(jobs: Iterable[Job], results) -> list[dict[str, str]]:
-    """The rows of those jobs that were done."""
+    """The rows of the jobs that have results."""
     return [results[job.key] for job in jobs if job.key in results]
 
 

@@ -1,4 +1,4 @@
-"""How near to the truth a point counts as a true detection."""
+"""The tolerance τ: the largest depth error of a true detection."""
 
 from dataclasses import dataclass, field, replace
 
@@ -8,7 +8,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 @dataclass(frozen=True)
 class Tolerance:
-    """τ in bins or in millimetres of range, and other values for some sources by their names."""
+    """τ in bins or in millimetres of range; `other` has values for single sources, by name."""
 
     bins: float | None = None
     mm: float | None = None

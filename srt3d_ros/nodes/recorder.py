@@ -30,7 +30,7 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
-from srt3d_ros.recording import layout, live
+from srt3d_ros.recording import live, schema
 from srt3d_ros.recording.parts import PartNames
 from srt3d_ros.recording.versions import versions
 from srt3d_ros.recording.writer import RecordingWriter
@@ -142,7 +142,7 @@ class RecorderNode(PipelineNode):
             return
         facts = {"frequencies": list(frequencies), "window_frames": window_frames}
         if self._writer is not None and sensor.same_as(self._sensor):
-            self._writer.tell(layout.RUN, facts)
+            self._writer.set_properties(schema.RUN, facts)
             return
         if self._writer is not None:        # another sensor: what is told of the recording holds no more
             self._writer.close()
@@ -156,7 +156,7 @@ class RecorderNode(PipelineNode):
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         run_facts = {"namespace": self.get_namespace(), "started": started, "machine": platform.node(),
                      "cpus": os.cpu_count(), **facts}
-        properties = {layout.RUN: run_facts, layout.VERSIONS: self._versions, layout.PARAMETERS: self._watched}
+        properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions, schema.PARAMETERS: self._watched}
         return RecordingWriter(
             self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
             style=self._settings.style, split=self._settings.split, live=self._settings.live,
@@ -183,7 +183,7 @@ class RecorderNode(PipelineNode):
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
         if frame.kept:
             every = self._settings.every(number_of_points)
-            kept = {name: columns[name][::every] for name in ("xyz", "intensity", *layout.OF_FULL_CLOUDS)
+            kept = {name: columns[name][::every] for name in ("xyz", "intensity", *schema.OF_FULL_CLOUDS)
                     if name in columns}
             self._writer.log_cloud(frame.stamp_ns, frame.number, **kept)
         frame.has_cloud = True
@@ -206,7 +206,7 @@ class RecorderNode(PipelineNode):
         series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
-        if layout.PHOTONS in self._settings.images:
+        if schema.PHOTONS in self._settings.images:
             self._keep_counts(frame, counts)
         self.diagnostics.count(photons=photons)
         self._logged(frame)
@@ -222,13 +222,13 @@ class RecorderNode(PipelineNode):
 
     def _log_counts(self, frame: Frame) -> None:
         if frame.counts is not None:
-            self._log_image(layout.PHOTONS, frame, frame.counts)
+            self._log_image(schema.PHOTONS, frame, frame.counts)
             frame.counts = None
 
     def _log_image(self, path: str, frame: Frame, image: np.ndarray) -> None:
         if not frame.kept:
             return
-        if path == layout.DEPTH:
+        if path == schema.DEPTH:
             self._writer.log_depth(frame.stamp_ns, frame.number, image)
         else:
             self._writer.log_image(path, frame.stamp_ns, frame.number, image)
@@ -278,7 +278,7 @@ class RecorderNode(PipelineNode):
     def _on_parameters(self, values: dict[str, Value]) -> None:
         self._watched |= values
         if self._writer is not None:
-            self._writer.tell(layout.PARAMETERS, values)
+            self._writer.set_properties(schema.PARAMETERS, values)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -9,14 +9,14 @@ import numpy as np
 from srt3d_ros.colours import CLOUD_MAP, COLOUR_MAPS
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.parameters import Parameter, Parameters
-from srt3d_ros.recording import layout
+from srt3d_ros.recording import schema
 from srt3d_ros.recording.colouring import COLOUR_BY, Colouring
 from srt3d_ros.recording.frame_log import Style
 from srt3d_ros.recording.parts import Split
 
 ADAPTIVE = "adaptive"
 COLOUR_RANGE = "adaptive, or two rising numbers such as 0,50"
-IMAGES = tuple(path.strip("/") for path in (layout.DEPTH, *layout.IMAGES))
+IMAGES = tuple(path.strip("/") for path in (schema.DEPTH, *schema.IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (

@@ -6,27 +6,28 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 
 from srt3d_ros.pictures.png import save_png
 
 DPI = 100
-# Told apart with any colour vision (Okabe and Ito, 2008), and by marker and line as well.
+# Okabe and Ito's colours (2008), distinct for any colour vision. Markers and dashes differ as well.
 METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
 _STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
 _GRID, _GOAL = "#d9dce0", "#b8bec6"
+# Lighter and warmer along a series.
+_SERIES_MAP = LinearSegmentedColormap.from_list(
+    "series", [(0, 0.2, 0.45), (0, 0.5, 0.6), (0.55, 0.6, 0.3), (0.9, 0.5, 0.0)])
 
 
 @dataclass(frozen=True)
 class Metric:
-    """What a row of panels shows.
+    """A row of panels: a column of the results, the label and limits of its axis.
 
     Args:
-        column: of the rows.
-        label: of the axis, with the unit.
         scale: linear, log, or symlog: linear up to 1, logarithmic above.
-        limits: of the axis; the data's unless given.
     """
 
     column: str
@@ -42,7 +43,9 @@ METRICS = (Metric("true_detections_percent", "true detections, %", limits=(-3, 1
 
 
 def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence[str]) -> None:
-    """Metrics of one scene against photons per pixel: a column for each SBR, a line for each method and sketch size.
+    """Draw the METRICS of one scene against photons per pixel.
+
+    There is a column of panels for each SBR and a line for each method and sketch size.
 
     Args:
         rows: with `sbr`, `ppp`, `method`, `sketch_size` and the columns of METRICS.
@@ -55,25 +58,27 @@ def draw_metrics(path: Path, rows: Sequence[dict], title: str, methods: Sequence
         axes[0, k].set_title(f"SBR {sbr:g}", size=12)
         axes[-1, k].set_xlabel("photons per pixel (mean, with background)")
         for ax, metric in zip(axes[:, k], METRICS):
-            for line in lines:
-                points = sorted((float(row["ppp"]), float(row[metric.column])) for row in line.rows
+            for _, style, of_line in lines:
+                points = sorted((float(row["ppp"]), float(row[metric.column])) for row in of_line
                                 if float(row["sbr"]) == sbr)
                 if points:
-                    ax.plot(*zip(*points), **line.style)
-            _finish(ax, metric, first=k == 0)
-    handles = [axes[0, 0].plot([], [], label=line.label, **line.style)[0] for line in lines]
+                    ax.plot(*zip(*points), **style)
+            _format_axes(ax, metric)
+    for ax, metric in zip(axes[:, 0], METRICS):
+        ax.set_ylabel(metric.label)
+    handles = [axes[0, 0].plot([], [], label=label, **style)[0] for label, style, _ in lines]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5), frameon=False)
     save_png(figure, path)
 
 
 def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], nominal: Sequence[float],
                      goals: dict[float, tuple[float, float]], title: str) -> None:
-    """Share of errors within as many reported standard deviations as hold a nominal share of normal errors.
+    """Draw the observed share of errors within k standard deviations against the share of a normal distribution.
 
     Args:
         curves: for each panel (its heading), for each line (its label), the observed shares in percent.
-        nominal: the nominal shares, 0 … 1.
-        goals: observed shares aimed at, for some of them.
+        nominal: the shares of the normal distribution, 0 … 1.
+        goals: for some nominal shares, the range aimed at.
     """
     figure, axes = _figure(1, len(curves), 4.2, 4.4, title)
     nominal_percent = 100 * np.array(nominal)
@@ -81,9 +86,9 @@ def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], 
         ax.plot([0, 100], [0, 100], color=_GOAL, linewidth=1.5, label="as it should be")
         for share, (low, high) in goals.items():
             ax.plot([100 * share] * 2, [100 * low, 100 * high], color=_GOAL, linewidth=7, solid_capstyle="butt")
-        shades = np.linspace(0.0, 0.8, max(len(lines), 2))
+        shades = np.linspace(0.0, 1.0, max(len(lines), 2))
         for (label, observed), shade, (marker, _) in zip(lines.items(), shades, _STYLES * 9):
-            ax.plot(nominal_percent, observed, marker=marker, markersize=5, color=_blue_to_orange(shade), label=label)
+            ax.plot(nominal_percent, observed, marker=marker, markersize=5, color=_SERIES_MAP(shade), label=label)
         ax.set(title=heading, xlim=(0, 101), ylim=(0, 101), xlabel="nominal share, %")
         ax.grid(color=_GRID)
         ax.set_axisbelow(True)
@@ -92,15 +97,8 @@ def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], 
     save_png(figure, path)
 
 
-@dataclass(frozen=True)
-class _Line:
-    label: str
-    rows: list[dict]
-    style: dict
-
-
-def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[_Line]:
-    """A line for each method and sketch size, its colour that of the method, its marker that of the size."""
+def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[tuple[str, dict, list[dict]]]:
+    """(label, style, rows) of each method and sketch size: its colour is the method's, its marker the size's."""
     sizes = sorted({int(row["sketch_size"]) for row in rows if row["sketch_size"]}, key=lambda m: (m != 10, m))
     lines = []
     for k, method in enumerate(methods):
@@ -110,7 +108,7 @@ def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[_Line]:
                 marker, dashes = _STYLES[sizes.index(size) % len(_STYLES)] if size else ("s", (0, (4, 2)))
                 style = {"color": METHOD_COLOURS[k % len(METHOD_COLOURS)], "marker": marker, "linestyle": dashes,
                          "markersize": 4.5, "linewidth": 1.4}
-                lines.append(_Line(f"{method}, m = {size}" if size else f"{method} (all photons)", chosen, style))
+                lines.append((f"{method}, m = {size}" if size else f"{method} (all photons)", style, chosen))
     return lines
 
 
@@ -120,7 +118,7 @@ def _figure(rows: int, cols: int, width_in: float, height_in: float, title: str)
     return figure, figure.subplots(rows, cols, squeeze=False, sharex="all", sharey="row")
 
 
-def _finish(ax: Axes, metric: Metric, first: bool) -> None:
+def _format_axes(ax: Axes, metric: Metric) -> None:
     ax.set_xscale("log")
     if metric.scale == "log":
         ax.set_yscale("log")
@@ -136,11 +134,3 @@ def _finish(ax: Axes, metric: Metric, first: bool) -> None:
     ax.xaxis.set_major_formatter("{x:g}")
     ax.grid(color=_GRID)
     ax.set_axisbelow(True)
-    if first:
-        ax.set_ylabel(metric.label)
-
-
-def _blue_to_orange(share: float) -> tuple[float, float, float]:
-    """From dark blue over teal to orange: lighter and warmer along a series."""
-    stops = np.array([[0, 0.2, 0.45], [0, 0.5, 0.6], [0.55, 0.6, 0.3], [0.9, 0.5, 0.0]])
-    return tuple(np.array([np.interp(share / 0.8 * 3, range(4), stops[:, c]) for c in range(3)]))

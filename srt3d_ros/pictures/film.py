@@ -1,4 +1,4 @@
-"""A film of one cloud that turns to either side and back, so that it can be shown again and again."""
+"""A film of one cloud that turns to either side and back, to be played in a loop."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from srt3d_ros.core.projection import Projection
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.pictures.look import Look
+from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.viewpoint import Viewpoint, look_at
 
 SUFFIXES = (".gif", ".mp4")
@@ -19,48 +19,47 @@ _SWING_DEG = 40             # a cloud seen from one side has no back to show
 _COLOURS = 128
 
 
-def turn(path: Path, cloud, look: Look, projection: Projection | None, size_px: tuple[int, int] = SIZE_PX,
-         frames: int = FRAMES) -> None:
+def save_turntable(path: Path, cloud, style: CloudStyle, projection: Projection | None,
+                   size_px: tuple[int, int] = SIZE_PX, frames: int = FRAMES) -> None:
     """Write a .gif, or with imageio-ffmpeg an .mp4.
 
     Args:
         path: its suffix says which.
         cloud: with `xyz` and `intensity`.
-        look: its colours and size of points.
         projection: the sensor's, which says where up is; or None.
         size_px: width and height.
-        frames: pictures until it is where it began.
+        frames: of the whole loop.
 
     Raises:
-        InvalidInput: it cannot be written there, or not as .mp4 here.
+        InvalidInput: it cannot be written there, or imageio-ffmpeg is missing.
     """
     write = {".gif": _write_gif, ".mp4": _write_mp4}[path.suffix.lower()]
     try:
-        images = tqdm(_images(cloud, look, projection, size_px, frames), "drawing", frames, delay=2, leave=False,
+        images = tqdm(_images(cloud, style, projection, size_px, frames), "drawing", frames, delay=2, leave=False,
                       unit="picture")
         write(path, images, size_px)
     except OSError as e:
         raise InvalidInput("turntable", str(path), f"a file that can be written ({e.strerror or e})") from None
 
 
-def _images(cloud, look: Look, projection: Projection | None, size_px: tuple[int, int], frames: int
+def _images(cloud, style: CloudStyle, projection: Projection | None, size_px: tuple[int, int], frames: int
             ) -> Iterator[np.ndarray]:
-    """The pictures, from the same distance of the same place."""
+    """The pictures, all from the same distance of the same target."""
     width, height = size_px
     middle = look_at(cloud.xyz, projection, yaw_deg=0, aspect=width / height, margin=1.25)
     distance = np.linalg.norm(middle.position - middle.target)
-    seen: dict[float, np.ndarray] = {}          # by angle: on the way back it is the same again
+    drawn: dict[float, np.ndarray] = {}         # by angle: each comes twice
     for k in range(frames):
         yaw_deg = round(_SWING_DEG * np.sin(2 * np.pi * k / frames), 3)
-        if yaw_deg not in seen:
+        if yaw_deg not in drawn:
             towards = look_at(cloud.xyz, projection, yaw_deg=yaw_deg).axes()[2]
             eye = Viewpoint(middle.target - distance * towards, middle.target, middle.up, middle.fov_deg)
-            seen[yaw_deg] = look.draw(cloud, eye, width, height)
-        yield seen[yaw_deg]
+            drawn[yaw_deg] = style.draw(cloud, eye, width, height)
+        yield drawn[yaw_deg]
 
 
 def _write_gif(path: Path, images: Iterator[np.ndarray], size_px: tuple[int, int]) -> None:
-    # Colours are chosen once for all pictures, one under another: what does not move does not flicker.
+    # One palette for all pictures, which are stacked to choose it: the background does not flicker.
     strip = Image.fromarray(np.concatenate(list(images))).quantize(_COLOURS, dither=Image.Dither.NONE)
     width, height = size_px
     first, *rest = (strip.crop((0, top, width, top + height)) for top in range(0, strip.height, height))

@@ -1,17 +1,17 @@
-"""The graph of nodes and topics as a picture, drawn from the nodes' own tables; tools/generate_docs.py writes it.
+"""The graph of nodes and topics as an SVG, drawn from the specs of the nodes; tools/generate_docs.py writes it.
 
-From top to bottom: who sends photons, then in turn the topics of one node and the node that reads them, then the robot.
-What only records stands at the sides.
+From top to bottom: the sources of photons, then in turn the topics of a node and the node that subscribes to them, then
+the robot. Nodes that only record are at the sides.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-PILL, GAP = (158, 46), 10           # of a topic: width and height; space between two
+PILL, GAP = (158, 46), 10           # width and height of a topic; space between two
 NODE = (300, 56)
-SIDE, MARGIN, LANE = 150, 20, 94    # width of the boxes at the sides; around the picture; between boxes and topics
-STEP = 52                           # from a row to the next one below it
+SIDE, MARGIN, LANE = 150, 20, 94    # width of the boxes at the sides; margin; space between these boxes and topics
+STEP = 52                           # between two rows
 FONT = "font-family='DejaVu Sans, Verdana, sans-serif'"
 MONO = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace'"
 INK, DIM = "#1d2733", "#5c6b7a"
@@ -23,14 +23,14 @@ LEGEND = ("dashed: only at times (docs/nodes says when)     latched: late subscr
 
 @dataclass(frozen=True)
 class Row:
-    """Topics beside each other, and the chain's node that reads them (none: the robot does)."""
+    """Topics side by side, and the node that subscribes to them (None: the robot)."""
 
     topics: tuple
     reader: object | None
 
 
 def draw(specs: Iterable) -> str:
-    """The picture as the text of an SVG file.
+    """The graph as the text of an SVG file.
 
     Args:
         specs: of all nodes, `srt3d_ros.nodes.node_spec.NodeSpec`.
@@ -43,13 +43,13 @@ def draw(specs: Iterable) -> str:
     middle = MARGIN + SIDE + LANE + widest / 2
     driver, player = middle - NODE[0] / 2 - GAP, middle + NODE[0] / 2 + GAP
     parts = [_box(driver, MARGIN, NODE, "your driver", OUTSIDE), _box(player, MARGIN, NODE, chain[0].name)]
-    made = {topic.name for topic in chain[0].outputs}
+    published = {topic.name for topic in chain[0].outputs}
     y, bands = MARGIN + NODE[1], []
     for number, row in enumerate(rows):
         pills_y, reader_y = y + STEP, y + 2 * STEP + PILL[1]
         xs = [middle + (k - (len(row.topics) - 1) / 2) * (PILL[0] + GAP) for k in range(len(row.topics))]
         for x, topic in zip(xs, row.topics):
-            starts = (middle,) if number else (driver, player) if topic.name in made else (driver,)
+            starts = (middle,) if number else (driver, player) if topic.name in published else (driver,)
             parts += [_curve(start, y, x, pills_y) for start in starts]
             parts += [_curve(x, pills_y + PILL[1], middle, reader_y, arrow=True), _pill(x, pills_y, topic)]
         parts.append(_box(middle, reader_y, NODE, row.reader.name) if row.reader else
@@ -63,7 +63,7 @@ def draw(specs: Iterable) -> str:
 
 
 def _svg(width: float, height: float, parts: list[str]) -> str:
-    """The file; lines are drawn first, below all else."""
+    """The file; lines come first, below everything else."""
     head = (f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:g} {height:g}' width='{width:g}' "
             f"height='{height:g}'>\n<rect width='{width:g}' height='{height:g}' rx='10' fill='#ffffff'/>\n"
             f"<defs><marker id='tip' viewBox='0 0 8 8' refX='7' refY='4' markerWidth='8' markerHeight='8' "
@@ -72,7 +72,7 @@ def _svg(width: float, height: float, parts: list[str]) -> str:
 
 
 def _chain(nodes: list) -> list:
-    """The nodes in the order of the data: each after all that publish what it cannot do without."""
+    """The nodes in the order of the data: each after those that publish its required inputs."""
     chain: list = []
     while nodes:
         ready = next(one for one in nodes if not any(
@@ -84,7 +84,7 @@ def _chain(nodes: list) -> list:
 
 
 def _rows(chain: Sequence) -> list[Row]:
-    """Each topic once, below the first node that publishes it; what none publishes, above the node that reads it."""
+    """Each topic once: below the first node that publishes it, or else above its subscriber."""
     made = {topic.name for node in chain for topic in node.outputs}
     seen: set[str] = set()
     rows = []
@@ -97,7 +97,7 @@ def _rows(chain: Sequence) -> list[Row]:
 
 
 def _sink(node, side: int, width: float, bottom: float, bands: list) -> list[str]:
-    """A box at one side, with an arrow from each row of topics of which it takes some."""
+    """A box at one side, with an arrow from each row with topics that it subscribes to."""
     left = MARGIN if side < 0 else width - MARGIN - SIDE
     edge = left + SIDE if side < 0 else left
     taken = {topic.name for topic in node.inputs}
@@ -116,7 +116,7 @@ def _sink(node, side: int, width: float, bottom: float, bands: list) -> list[str
 
 
 def _box(x: float, y: float, size: tuple[float, float], name: str, fill: str = NODE_FILL) -> str:
-    """A node, or what is outside of the package; x is its middle, y its top."""
+    """A node, or something outside of the package; x is its middle, y its top."""
     width, height = size
     own = fill == NODE_FILL
     return (f"<rect x='{x - width / 2:g}' y='{y:g}' width='{width:g}' height='{height:g}' rx='8' fill='{fill}' "
@@ -125,7 +125,7 @@ def _box(x: float, y: float, size: tuple[float, float], name: str, fill: str = N
 
 
 def _pill(x: float, y: float, topic) -> str:
-    """A topic; dashed if it is there only at times."""
+    """A topic; dashed if it is published only at times."""
     dashes = " stroke-dasharray='5 4'" if topic.when else ""
     return (f"<rect x='{x - PILL[0] / 2:g}' y='{y:g}' width='{PILL[0]}' height='{PILL[1]}' rx='{PILL[1] / 2:g}' "
             f"fill='{PILL_FILL}' stroke='{NODE_FILL}'{dashes}/>"

@@ -1,7 +1,7 @@
 """Reconstructions side by side: clouds of the same scene by several methods, and maps of their errors."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +12,16 @@ from matplotlib.figure import Figure
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.pictures.look import Look
+from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.pictures.png import save_png
 from srt3d_ros.viewpoint import look_at
 
 DPI = 100
-# Picture elements: an image's side, gaps, the page's edge, the title's height, where in a row its images begin, a row.
+# Picture elements: side of an image, gap, margin, height of the title, offset of the images in a row, height of a row.
 _SIDE_PX, _GAP_PX, _EDGE_PX, _TITLE_PX, _IMAGE_PX, _ROW_PX = 240, 8, 14, 40, 44, 318
 _SCALE_PX, _LEAST_WIDTH_PX = 84, 640
 _NO_POINT, _NO_REFERENCE = (0.0, 0.0, 0.0), (0.72, 0.72, 0.72)
-_ERROR_MAP = "RdBu_r"           # its ends differ for any colour vision
+_ERROR_MAP = "RdBu_r"           # distinct ends for any colour vision
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +29,8 @@ class Panel:
     """One cloud.
 
     Args:
-        heading: of its column: the method.
-        cloud: as reconstructed.
-        caption: below it: what was measured.
+        heading: the method.
+        caption: the figures of merit.
         error_mm: float [rows, cols], depth error of the strongest point, NaN = no point; None for the truth.
     """
 
@@ -46,9 +45,9 @@ class Strip:
     """A row of panels: one observation.
 
     Args:
-        label: what was observed.
-        sensor: by what.
-        panels: the first one, the truth if it is known, gives viewpoint and colours.
+        label: of the observation.
+        sensor: its sensor.
+        panels: the first one (the truth if it is known) sets viewpoint and colours.
         known: bool [rows, cols], pixels whose truth is known.
     """
 
@@ -59,28 +58,28 @@ class Strip:
 
 
 def draw_clouds(path: Path, strips: Sequence[Strip], title: str) -> None:
-    """All clouds from one viewpoint for each row, coloured by range, shaded by intensity."""
+    """Draw the clouds, one viewpoint for each row, coloured by range, shaded by intensity."""
     def prepared(strip: Strip) -> Callable[[Panel], np.ndarray]:
         first = strip.panels[0].cloud
-        look, eye = Look.of(first, strip.sensor), look_at(first.xyz, strip.sensor.projection)
-        return lambda panel: look.draw(panel.cloud, eye, _SIDE_PX, _SIDE_PX)
+        style, eye = CloudStyle.of(first, strip.sensor), look_at(first.xyz, strip.sensor.projection)
+        return lambda panel: style.draw(panel.cloud, eye, _SIDE_PX, _SIDE_PX)
 
     _draw(path, strips, title, prepared)
 
 
 def draw_errors(path: Path, strips: Sequence[Strip], title: str) -> None:
-    """Maps of the depth error in millimetres, one scale for each row; without the truth, which has none."""
-    strips = [Strip(strip.label, strip.sensor, [panel for panel in strip.panels if panel.error_mm is not None],
-                    strip.known) for strip in strips]
+    """Draw maps of the depth error in millimetres, one scale for each row, of all panels but the truth."""
+    strips = [replace(strip, panels=[panel for panel in strip.panels if panel.error_mm is not None])
+              for strip in strips]
     strips = [strip for strip in strips if strip.panels]
     if strips:
-        scales = {id(strip): _error_scale(strip) for strip in strips}
-        _draw(path, strips, title, lambda strip: lambda panel: _error_image(panel, strip, scales[id(strip)]),
-              [scales[id(strip)] for strip in strips])
+        scales = {strip: _error_scale(strip) for strip in strips}
+        _draw(path, strips, title, lambda strip: lambda panel: _error_image(panel, strip, scales[strip]),
+              list(scales.values()))
 
 
 def _error_scale(strip: Strip) -> float:
-    """Millimetres at the ends of the colours: four times the median error of the best panel, rounded up to 1, 2, 5."""
+    """Error in mm at the ends of the colours: 4 × the best panel's median error, rounded up to 1, 2, 5 · 10ⁿ."""
     medians = [float(np.nanmedian(np.abs(panel.error_mm))) for panel in strip.panels
                if np.isfinite(panel.error_mm).any()]
     wanted = max(4 * min(medians, default=1.0), 1e-6)
@@ -96,7 +95,7 @@ def _error_image(panel: Panel, strip: Strip, scale_mm: float) -> np.ndarray:
 
 
 def _draw(path: Path, strips: Sequence[Strip], title: str, prepared: Callable, scales_mm: Sequence[float] = ()) -> None:
-    """A grid of images, each with heading and caption, each row with its label, and with a scale if there are any."""
+    """Draw a grid of images: headings above, captions below, labels of the rows, and a colour bar for each scale."""
     columns = max(len(strip.panels) for strip in strips)
     page = _Page(max(_EDGE_PX + columns * (_SIDE_PX + _GAP_PX) + (_SCALE_PX if scales_mm else _EDGE_PX - _GAP_PX),
                      _LEAST_WIDTH_PX), _TITLE_PX + len(strips) * _ROW_PX)
@@ -116,7 +115,7 @@ def _draw(path: Path, strips: Sequence[Strip], title: str, prepared: Callable, s
 
 
 class _Page:
-    """A figure that is laid out in picture elements from its upper left corner."""
+    """A figure with positions in picture elements from its upper left corner."""
 
     def __init__(self, width: int, height: int):
         self._size = (width, height)

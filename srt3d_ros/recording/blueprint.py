@@ -1,14 +1,14 @@
-"""How a recording looks when it is first opened: the cloud, large; images, plots and the nodes' log beside it."""
+"""The rerun blueprints that recordings open with: a large 3D view; images, plots and the nodes' log beside it."""
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.recording import layout
-from srt3d_ros.recording.layout import STAMP, metric_path
+from srt3d_ros.recording import schema
+from srt3d_ros.recording.schema import STAMP, metric_path
 from srt3d_ros.viewpoint import Viewpoint
 
-# Of each metric: the name in the legend and the colour. Colours by Okabe and Ito, told apart by everyone.
+# Of each metric: the name in the legend and the colour (Okabe and Ito's, for any colour vision).
 SERIES = {
     "latency_ms": ("end to end", (240, 228, 66)),
     "latency_sketch_ms": ("sketch", (0, 158, 115)),
@@ -19,29 +19,29 @@ SERIES = {
     "frame_rate_hz": ("clouds/s", (230, 159, 0)),
     "drops": ("drops", (213, 94, 0)),
 }
-# The plots, in the order shown, and what is in each.
+# The plots, in the order shown, and their metrics.
 PLOTS = {
     "Latency [ms]": ("latency_ms", "latency_sketch_ms", "latency_reconstruct_ms"),
     "Points": ("points",),
     "Photons per pixel": ("ppp",),
     "Rate [Hz] and drops": ("frame_rate_hz", "drops"),
 }
-IMAGE_TITLES = {layout.DEPTH: "Depth", layout.INTENSITY_IMAGE: "Intensity", layout.BACKGROUND: "Background",
-                layout.PHOTONS: "Photons"}
+IMAGE_TITLES = {schema.DEPTH: "Depth", schema.INTENSITY_IMAGE: "Intensity", schema.BACKGROUND: "Background",
+                schema.PHOTONS: "Photons"}
 _BACKGROUND = (13, 16, 21)
 _WIDE = 2.0                         # columns over rows from which images are stacked rather than set side by side
-_HISTORY = ((64**2, 5), (256**2, 3))        # up to so many pixels, so many frames are shown at once; one above
-_HISTORY_S = 0.25                   # on the timeline of stamps, where frames have no number
+_HISTORY = ((64**2, 5), (256**2, 3))        # (pixels, frames): sensors up to this size show this many frames at once
+_HISTORY_S = 0.25                   # on the timeline `stamp`, which does not count frames
 
 
 def cloud_view(eye: Viewpoint, sensor: SensorModel | None = None) -> rrb.Spatial3DView:
-    """The 3D view, seen by `eye`; the viewer lets it be turned about the cloud's middle."""
+    """The 3D view from `eye`, which orbits about the cloud's middle."""
     frames = history_frames(sensor)
     back = rrb.TimeRangeBoundary.cursor_relative
-    ranges = [rrb.VisibleTimeRange(layout.FRAME, start=back(seq=1 - frames), end=back(seq=0)),
+    ranges = [rrb.VisibleTimeRange(schema.FRAME, start=back(seq=1 - frames), end=back(seq=0)),
               rrb.VisibleTimeRange(STAMP, start=back(seconds=-_HISTORY_S), end=back(seconds=0))]
     return rrb.Spatial3DView(
-        origin="/", contents=[layout.POINTS, layout.SENSOR_PATH], name="Point cloud", background=_BACKGROUND,
+        origin="/", contents=[schema.POINTS, schema.SENSOR_PATH], name="Point cloud", background=_BACKGROUND,
         line_grid=False, time_ranges=ranges if frames > 1 else None,
         eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                        eye_up=eye.up),
@@ -49,16 +49,16 @@ def cloud_view(eye: Viewpoint, sensor: SensorModel | None = None) -> rrb.Spatial
 
 
 def history_frames(sensor: SensorModel | None) -> int:
-    """How many frames the 3D view shows at once: a few of a small sensor's, whose single frame is sparse."""
+    """How many frames the 3D view shows at once: several of a small sensor, whose single frame is sparse."""
     return next((frames for pixels, frames in _HISTORY if sensor and sensor.pixels <= pixels), 1)
 
 
 def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str, ...]) -> rrb.Blueprint:
-    """For a recording of many frames: cloud and log on the left, images and plots on the right."""
+    """Blueprint of a recording of many frames: cloud and log on the left, images and plots on the right."""
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
     wide = sensor is not None and sensor.cols > _WIDE * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
-    log = rrb.TextLogView(origin=layout.LOG, name="Log of the nodes",
+    log = rrb.TextLogView(origin=schema.LOG, name="Log of the nodes",
                           columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]))
     right = plots
     if pictures:
@@ -73,22 +73,22 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str
 
 
 def still_blueprint(eye: Viewpoint, *_) -> rrb.Blueprint:
-    """For a single cloud: the cloud, and its depth image beside it."""
+    """Blueprint of a single cloud: the cloud, and its depth image beside it."""
     return rrb.Blueprint(
-        rrb.Horizontal(cloud_view(eye), _image_view(layout.DEPTH), column_shares=[2, 1]), collapse_panels=True,
+        rrb.Horizontal(cloud_view(eye), _image_view(schema.DEPTH), column_shares=[2, 1]), collapse_panels=True,
         auto_views=False, auto_layout=False,
     )
 
 
 def plot_styles() -> dict[str, rr.SeriesLines]:
-    """The static style of each plotted metric, by its entity path."""
+    """The static style of each plotted metric, by entity path."""
     return {metric_path(name): rr.SeriesLines(colors=colour, names=title, widths=1.5)
             for name, (title, colour) in SERIES.items()}
 
 
 def _plot(title: str, names: tuple[str, ...]) -> rrb.TimeSeriesView:
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop) if len(names) > 1 else rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(origin=layout.METRICS, contents=[metric_path(name) for name in names], name=title,
+    return rrb.TimeSeriesView(origin=schema.METRICS, contents=[metric_path(name) for name in names], name=title,
                               plot_legend=corner)
 
 

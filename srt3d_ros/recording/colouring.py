@@ -11,9 +11,8 @@ from srt3d_ros.core.projection import Projection
 from srt3d_ros.viewpoint import sensor_axes
 
 COLOUR_BY = ("intensity", "height", "depth_std", "range")
-UNITS = {"intensity": "photons", "height": "m", "depth_std": "m", "range": "m"}
-_STEPS = 64             # more are not told apart, and cost a byte a point
-_SHOWS = 108            # of 255: the brightest channel of the darkest colour that shows on a dark background
+_STEPS = 64             # distinct colours: more look the same and cost a byte per point
+_LEAST_BRIGHT = 108     # of 255: the brightest channel of the darkest colour that is visible on a dark background
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class Colouring:
     Args:
         by: one of COLOUR_BY.
         map: one of colours.COLOUR_MAPS.
-        fixed_range: (low, high) in photons or metres; None = follows the clouds slowly.
+        fixed_range: (low, high) in photons or metres; None = follow the clouds slowly.
     """
 
     by: str = "intensity"
@@ -32,12 +31,7 @@ class Colouring:
 
 
 class CloudColours:
-    """Colours for one cloud after the other; what the clouds lack is replaced by the intensity.
-
-    Args:
-        colouring: what is asked for.
-        projection: the sensor's, which says where up is; an optical frame if None.
-    """
+    """Computes the colours of one cloud after the other; `projection` says which way is up."""
 
     def __init__(self, colouring: Colouring, projection: Projection | None):
         self._by, self._table = colouring.by, _visible_table(colouring.map)
@@ -45,21 +39,19 @@ class CloudColours:
         self._range = AdaptiveRange(fixed=colouring.fixed_range)
 
     def __call__(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """uint32 [N], 0xRRGGBBAA; the range takes in this cloud first."""
-        by = self._by if self._by in ("height", "range") or self._by in columns else "intensity"
-        values = self._values(by, columns)
+        """uint32 [N], 0xRRGGBBAA. By the intensity where the quantity to colour by is missing."""
+        by = self._by if self._by in ("height", "range", *columns) else "intensity"
+        if by == "height":
+            values = columns["xyz"] @ self._up
+        else:
+            values = np.linalg.norm(columns["xyz"], axis=1) if by == "range" else columns[by]
         low, high = self._range.update(values)
         return self._table[levels(values, low, high, root=by == "intensity")]
-
-    def _values(self, by: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        if by == "height":
-            return columns["xyz"] @ self._up
-        return np.linalg.norm(columns["xyz"], axis=1) if by == "range" else columns[by]
 
 
 @cache
 def _visible_table(name: str) -> np.ndarray:
-    """A map's colours from the first that shows on a dark background, in _STEPS steps; uint32 [256]."""
-    first = int(np.argmax(colour_table(name).max(axis=1) >= _SHOWS))
+    """A map's colours from the first that is visible on a dark background, in _STEPS steps; uint32 [256]."""
+    first = int(np.argmax(colour_table(name).max(axis=1) >= _LEAST_BRIGHT))
     step = np.arange(256) * _STEPS // 256
     return packed_colour_table(name)[np.rint(first + step * (255 - first) / (_STEPS - 1)).astype(int)]

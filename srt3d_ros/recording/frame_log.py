@@ -1,23 +1,27 @@
-"""FrameLog: what is written for each frame, to whatever listens: a file, then the next file, a viewer. One thread."""
+"""FrameLog: log clouds, images, scalars and log lines to files and to the live server. Not thread-safe."""
 
+import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from srt3d_ros.colours import AdaptiveRange
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.recording import layout
-from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
+from srt3d_ros.recording import schema
+from srt3d_ros.recording.blueprint import film_blueprint, plot_styles, still_blueprint
 from srt3d_ros.recording.colouring import CloudColours, Colouring
-from srt3d_ros.recording.compact import by_intensity
-from srt3d_ros.recording.streams import send_blueprint
+from srt3d_ros.recording.rerun_streams import send_blueprint
+from srt3d_ros.recording.rrd_file import RrdFile
 from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m
 
 _RADIUS_SAMPLES = 4096
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
+_CLOUD_APPLICATION_ID = "srt3d_ros_cloud"   # the viewer keeps one blueprint for each application
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,8 @@ class Style:
 
     Args:
         colouring: of the points.
-        exact: points in their order, values in float32; otherwise a third of the size is saved, see compact.py.
-        blueprint: makes the layout that the recording opens with, from the eye, the sensor and the names of the images.
+        exact: keep the order of points and float32 values; otherwise a third of the size is saved.
+        blueprint: makes the blueprint from the eye, the sensor and the names of the images.
     """
 
     colouring: Colouring = field(default_factory=Colouring)
@@ -36,13 +40,13 @@ class Style:
 
 
 class FrameLog:
-    """Logs frames to every stream in `streams`, all of which begin with `begin`.
+    """Logs frames to every stream that `begin` has added.
 
     Args:
         sensor: sets the axes, the size of the points and the precision of the depth image.
-        properties: what is told of the recording: {"run": {…}, …}.
-        images: names of the images that will come, for the layout.
-        style: how.
+        properties: of the recording: {"run": {…}, …}.
+        images: entity paths of the images that will be logged, for the blueprint.
+        style: how clouds and images are recorded.
     """
 
     def __init__(self, sensor: SensorModel | None, properties: Mapping[str, Mapping], images: tuple[str, ...],
@@ -52,88 +56,101 @@ class FrameLog:
         self._properties = {name: dict(facts) for name, facts in properties.items()}
         self._projection = sensor.projection if sensor else None
         self._colours = CloudColours(style.colouring, self._projection)
-        self._depth_range, self._in_mm = AdaptiveRange(), layout.fits_mm(sensor) and not style.exact
+        self._depth_range, self._in_mm = AdaptiveRange(), schema.fits_mm(sensor) and not style.exact
         self._image_ranges: dict[str, AdaptiveRange] = {}
         self._eye: Viewpoint | None = None
-        self._view: list = []
+        self._field_of_view: list = []
 
     def begin(self, stream: rr.RecordingStream) -> None:
-        """Log to this stream from now on, first what every recording begins with."""
-        stream.log("/", layout.view_coordinates(self._sensor), static=True)
+        """Add a stream: log the static entities and properties to it now, and all that follows."""
+        stream.log("/", schema.view_coordinates(self._sensor), static=True)
         for path, style in plot_styles().items():
             stream.log(path, style, static=True)
         for name, facts in self._properties.items():
-            layout.tell(stream, name, facts)
+            schema.log_properties(stream, name, facts)
         if self._sensor is not None:
-            layout.tell(stream, layout.SENSOR, layout.sensor_properties(self._sensor))
+            schema.log_properties(stream, schema.SENSOR, schema.sensor_properties(self._sensor))
         if self._eye is not None:
-            self._send_look(stream)
+            self._send_view(stream)
         self.streams.append(stream)
 
     def end(self, stream: rr.RecordingStream) -> None:
-        """Log no more to this stream; a recording without a point gets its layout now."""
+        """Remove a stream. A recording without a point gets its blueprint now."""
         self.streams.remove(stream)
         if self._eye is None:
-            self._choose_look(np.empty((0, 3)))
-            self._send_look(stream)
+            self._choose_view(np.empty((0, 3)))
+            self._send_view(stream)
             self._eye = None
 
-    def tell(self, name: str, facts: Mapping) -> None:
+    def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of one of the recording's properties, here and in all files that follow."""
         self._properties.setdefault(name, {}).update(facts)
         for stream in self.streams:
-            layout.tell(stream, name, facts)
+            schema.log_properties(stream, name, facts)
 
     def cloud(self, stamp_ns: int, frame_index: int, columns: Mapping[str, np.ndarray]) -> None:
-        """Log a cloud; columns as for layout.points, in arrays that nobody changes any more."""
-        if not self.streams:        # nobody listens: spare the sorting
+        """Log a cloud; columns as for schema.points, in arrays that no longer change."""
+        if not self.streams:        # spare the sorting
             return
         xyz = columns["xyz"]
         if len(xyz) and self._eye is None:
-            self._choose_look(xyz)
+            self._choose_view(xyz)
             for stream in self.streams:
-                self._send_look(stream)
+                self._send_view(stream)
         if not self._style.exact:
-            columns = by_intensity(columns)
-        some = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
-        radius_m = point_radius_m(some, self._sensor) if self._sensor else 0.0
-        things = layout.points(columns, self._colours(columns), radius_m, self._style.exact)
-        self._log(stamp_ns, frame_index, {layout.POINTS: things})
+            columns = schema.sorted_by_intensity(columns)
+        sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
+        radius_m = point_radius_m(sample, self._sensor) if self._sensor else 0.0
+        archetypes = schema.points(columns, self._colours(columns), radius_m, self._style.exact)
+        self._log(stamp_ns, frame_index, {schema.POINTS: archetypes})
 
     def depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
-        """Log a depth image; a float32 array that nobody changes any more."""
+        """Log a depth image, float32, in an array that no longer changes."""
         low, high = self._depth_range.update(depth_m)
-        self._log(stamp_ns, frame_index, {layout.DEPTH: [layout.depth_image(depth_m, low, high, self._in_mm)]})
+        self._log(stamp_ns, frame_index, {schema.DEPTH: [schema.depth_image(depth_m, low, high, self._in_mm)]})
 
     def image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
-        """Log one of layout.IMAGES: integers, or float32 with NaN = none; an array that nobody changes any more."""
+        """Log one of schema.IMAGES: integers, or float32 with NaN = none, in an array that no longer changes."""
         low, high = self._image_ranges.setdefault(path, AdaptiveRange()).update(photons)
-        self._log(stamp_ns, frame_index, {path: [layout.photon_image(photons, low, high, self._style.exact)]})
+        self._log(stamp_ns, frame_index, {path: [schema.photon_image(photons, low, high, self._style.exact)]})
 
-    def scalars(self, stamp_ns: int, frame_index: int | None, values: Mapping[str, float]) -> None:
-        """Log one value for each of several series; None = none this time."""
-        self._log(stamp_ns, frame_index, {layout.metric_path(name): [rr.Scalars(float(value))]
+    def scalars(self, stamp_ns: int, frame_index: int | None, values: Mapping[str, float | None]) -> None:
+        """Log one value for each of several series; None values are skipped."""
+        self._log(stamp_ns, frame_index, {schema.metric_path(name): [rr.Scalars(float(value))]
                                           for name, value in values.items() if value is not None})
 
     def line(self, stamp_ns: int, frame_index: int | None, text: str, level: int) -> None:
         """Log a line of a node's log; the level as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {layout.LOG: [layout.log_line(text, level)]})
+        self._log(stamp_ns, frame_index, {schema.LOG: [schema.log_line(text, level)]})
 
-    def _log(self, stamp_ns: int, frame_index: int | None, things: Mapping[str, list]) -> None:
+    def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
         for stream in self.streams:
             stream.reset_time()
-            stream.set_time(layout.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
+            stream.set_time(schema.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))
             if frame_index is not None:
-                stream.set_time(layout.FRAME, sequence=int(frame_index))
-            for path, archetypes in things.items():
-                stream.log(path, *archetypes)
+                stream.set_time(schema.FRAME, sequence=int(frame_index))
+            for path, of_path in archetypes.items():
+                stream.log(path, *of_path)
 
-    def _choose_look(self, xyz: np.ndarray) -> None:
+    def _choose_view(self, xyz: np.ndarray) -> None:
         self._eye = look_at(xyz, self._projection, fov_deg=_VIEWER_FOV_DEG, aspect=_VIEW_ASPECT)
         if self._sensor is not None:
-            self._view = layout.view_of(self._sensor, xyz)
+            self._field_of_view = schema.field_of_view(self._sensor, xyz)
 
-    def _send_look(self, stream: rr.RecordingStream) -> None:
-        if self._view:
-            stream.log(layout.SENSOR_PATH, *self._view, static=True)
+    def _send_view(self, stream: rr.RecordingStream) -> None:
+        if self._field_of_view:
+            stream.log(schema.SENSOR_PATH, *self._field_of_view, static=True)
         send_blueprint(stream, self._style.blueprint(self._eye, self._sensor, self._images))
+
+
+def save_cloud(cloud: PointCloud, path: Path, sensor: SensorModel, properties: dict) -> None:
+    """Write a cloud and its depth image to an .rrd file, every value exactly; OSError if it cannot be written."""
+    log = FrameLog(sensor, {schema.RUN: properties}, (schema.DEPTH,), Style(exact=True, blueprint=still_blueprint))
+    file = RrdFile(path, _CLOUD_APPLICATION_ID, str(uuid.uuid4()))
+    log.begin(file.stream)
+    columns = {"xyz": cloud.xyz, "intensity": cloud.intensity, "row": cloud.row, "col": cloud.col,
+               "surface": cloud.surface, "depth_std": cloud.depth_std_bins * sensor.bin_width_m}
+    log.cloud(cloud.stamp_ns, 0, columns)
+    log.depth(cloud.stamp_ns, 0, cloud.depth_image(sensor.projection))
+    log.end(file.stream)
+    file.close()

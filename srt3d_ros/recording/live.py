@@ -1,21 +1,21 @@
-"""LiveServer: a recording that viewers on this machine, or through SSH, can watch while it is made."""
+"""LiveServer: serve a recording to viewers on this machine, or through SSH, while it is made."""
 
 import socket
 
 import rerun as rr
 
 from srt3d_ros.errors import require
-from srt3d_ros.recording import streams
+from srt3d_ros.recording import rerun_streams
 
 ADDRESS = "127.0.0.1"       # loopback only: there is no password
 
 
 class LiveServer:
-    """A stream that is kept in memory and served to viewers, who also get what came before they did.
+    """A stream that is kept in memory and served to viewers; those that connect later get the past, too.
 
     Args:
-        port: where it listens, on the loopback interface.
-        memory_mb: how much is kept; the oldest frames are forgotten first.
+        port: on the loopback interface.
+        memory_mb: how much is kept; the oldest frames are discarded first.
         application_id, recording_id: as in the files.
 
     Raises:
@@ -28,10 +28,10 @@ class LiveServer:
         self.stream.set_sinks(rr.GrpcServerSink(ADDRESS, port, server_memory_limit=f"{memory_mb}MB"))
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop the server."""
         self.stream.disconnect()
         self.stream = None
-        streams.let_go()
+        rerun_streams.free_ended()
 
 
 def check_free(port: int) -> None:
@@ -42,8 +42,3 @@ def check_free(port: int) -> None:
             probe.bind((ADDRESS, port))
         except OSError as e:
             require(False, "live_port", port, f"a port that is free ({e.strerror})")
-
-
-def url(host: str, port: int) -> str:
-    """What a viewer connects to."""
-    return f"rerun+http://{host}:{port}/proxy"

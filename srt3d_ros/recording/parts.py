@@ -11,12 +11,7 @@ _MB = 1_000_000
 
 @dataclass(frozen=True)
 class Split:
-    """When a recording goes on in the next file.
-
-    Args:
-        size_mb: once a file is as large, 10⁶ bytes; 0 = at any size.
-        period_s: once a file is as old; 0 = at any age.
-    """
+    """When a recording goes on in the next file: once a file is as large (10⁶ bytes) or as old; 0 = never."""
 
     size_mb: float = 0.0
     period_s: float = 0.0
@@ -25,17 +20,17 @@ class Split:
         return self.size_mb > 0 or self.period_s > 0
 
     def due(self, size: int, age_s: float) -> bool:
-        """True if a file of `size` bytes and this age is to be followed by the next."""
+        """True if the next file must follow one of `size` bytes and this age."""
         return 0 < self.size_mb * _MB <= size or 0 < self.period_s <= age_s
 
 
 class PartNames:
-    """The paths of a recording's files, one after the other.
+    """The paths of a recording's files.
 
     Args:
-        path: as given by the user. Without `numbered` the first file has it, even if it replaces another; those that
-            follow are NAME_2.rrd, NAME_3.rrd, … where nothing is yet. With `numbered` they are NAME_001.rrd,
-            NAME_002.rrd, … after the last there is: nothing is replaced.
+        path: as given by the user. Without `numbered` the first file has this path and replaces what is there; the
+            next ones are NAME_2.rrd, NAME_3.rrd, … and skip existing files. With `numbered` they are NAME_001.rrd,
+            NAME_002.rrd, … after the highest existing number.
         numbered: whether there will be several.
     """
 
@@ -49,9 +44,7 @@ class PartNames:
             self._begun = max(self._begun, self._last_number()) + 1     # files that were moved away keep their numbers
             return self._path.with_stem(f"{self._path.stem}_{self._begun:03}")
         self._begun += 1
-        if self._begun == 1:
-            return self._path
-        return next_free(self._path)
+        return self._path if self._begun == 1 else next_free(self._path)
 
     def _last_number(self) -> int:
         pattern = re.compile(rf"{re.escape(self._path.stem)}_(\d{{3,}})$")

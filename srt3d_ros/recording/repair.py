@@ -1,8 +1,8 @@
-"""Tell whether an .rrd file is whole, and repair one that was cut off into a copy.
+"""Check whether an .rrd file is whole, and repair one that was cut off into a copy.
 
-An .rrd file is a header of 12 bytes (RRF2, the version of rerun that wrote it, how messages are packed) and messages,
-each behind 16 bytes that tell its kind and its length. The footer, an index of all before it, is written when the file
-is closed. What a killed recorder or a full disk leaves behind lacks the footer and may end within a message.
+An .rrd file is a header of 12 bytes (RRF2, version of rerun, compression and encoding) and messages, each after 16
+bytes with its kind and length. The footer, an index of the messages, is written when the file is closed. A killed
+recorder or a full disk leaves a file without footer that may end within a message.
 """
 
 import contextlib
@@ -28,17 +28,15 @@ _FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chun
 _COMPRESSIONS, _PROTOBUF = (0, 1), 2
 _COPY_BYTES = 1 << 20
 _NO_ROOM = "room on the disk for a repaired copy beside it"
-_MEMORY_PER_BYTE = 4                            # of the file, while its index is made: 2.5 were seen
+_MEMORY_PER_BYTE = 4                            # memory per byte of the file while rerun makes its index; 2.5 measured
 
 
 @dataclass(frozen=True)
 class FileState:
-    """How much of a file there is.
+    """How much of a file is usable.
 
     Args:
-        path: the file.
-        size_bytes: of all of it.
-        whole_bytes: up to the end of the last whole message before the footer.
+        whole_bytes: up to the end of the last whole message.
         is_finished: the footer is there.
     """
 
@@ -49,15 +47,15 @@ class FileState:
 
     @property
     def lost_bytes(self) -> int:
-        """Of a message that was not written to its end."""
+        """Size of a last message that was not written completely."""
         return 0 if self.is_finished else self.size_bytes - self.whole_bytes
 
 
 def examine(path) -> FileState:
-    """Look at header, messages and end of a file, not into the messages.
+    """Check the header, the lengths of the messages and the footer of a file.
 
     Raises:
-        InvalidInput: there is no such file; it is empty, or no .rrd file; a newer rerun wrote it; it holds nothing.
+        InvalidInput: the file does not exist, is empty or no .rrd file, a newer rerun wrote it, or it has no message.
     """
     path = Path(path)
     require(path.is_file(), "recording", str(path), "an .rrd file that exists")
@@ -74,17 +72,17 @@ def examine(path) -> FileState:
 
 
 def repair(state: FileState, progress: bool = False) -> Path:
-    """Write the whole messages of an unfinished file to NAME_repaired.rrd beside it, with a footer; the copy's path.
+    """Copy the whole messages of an unfinished file to NAME_repaired.rrd, with a footer; returns the copy's path.
 
-    A copy that is there already is replaced; the original stays as it is. Chunks are joined to larger ones on the way,
-    all in memory: a file too large for that is only cut to its whole messages, which opens just as well.
+    An earlier copy is replaced; the original is not changed. rerun joins the chunks in memory and makes the footer. A
+    file too large for that is cut after its last whole message: it opens, more slowly.
 
     Args:
-        state: what `examine` found.
-        progress: show a bar on the terminal if it takes longer than 2 s.
+        state: from `examine`.
+        progress: show a bar on the terminal after 2 s.
 
     Raises:
-        InvalidInput: the copy cannot be written, or what is left cannot be read.
+        InvalidInput: the copy cannot be written, or no message can be read.
     """
     path = state.path
     target = path.with_name(f"{path.stem}_repaired{path.suffix}")
@@ -135,13 +133,13 @@ def _whole_bytes(file, size: int) -> int:
 
 
 def _available_bytes() -> int:
-    """Memory that can be had without swapping."""
+    """Memory available without swapping."""
     facts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
     return int(facts["MemAvailable"].split()[0]) * 1024
 
 
 def _cut(state: FileState, part: Path) -> None:
-    """Copy the whole messages, no footer."""
+    """Copy the whole messages, without a footer."""
     with open(state.path, "rb") as file, open(part, "wb") as copy:
         left = state.whole_bytes
         while left and (data := file.read(min(left, _COPY_BYTES))):
@@ -149,23 +147,23 @@ def _cut(state: FileState, part: Path) -> None:
 
 
 def _index(state: FileState, part: Path, progress: bool) -> None:
-    """Copy the whole messages that can be read, with a footer."""
+    """Copy the readable messages, with a footer."""
     command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", "--continue-on-error", "-o", str(part)]
     bar = tqdm(total=state.whole_bytes, unit="B", unit_scale=True, desc="repairing", delay=2, leave=False,
                disable=not progress)
     quiet = os.environ | {"NO_COLOR": "1", "RUST_LOG": "error"}
-    with bar, tempfile.TemporaryFile() as complaints:
+    with bar, tempfile.TemporaryFile() as errors:
         with open(state.path, "rb") as file, subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=complaints, env=quiet) as process:
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, env=quiet) as process:
             left = state.whole_bytes
-            with contextlib.suppress(BrokenPipeError):          # it has ended: what it says tells why
+            with contextlib.suppress(BrokenPipeError):          # rerun has ended: its output says why
                 while left and (data := file.read(min(left, _COPY_BYTES))):
                     process.stdin.write(data)
                     left -= len(data)
                     bar.update(len(data))
                 process.stdin.close()
-        complaints.seek(0)
-        said = complaints.read().decode(errors="replace").strip().split("\n")[-1] or "rerun says nothing"
-    require(process.returncode == 0, "recording", str(state.path), f"chunks that can be read ({said})")
-    with open(part, "rb") as copy:      # on a full disk rerun ends as if all were well
+        errors.seek(0)
+        error = errors.read().decode(errors="replace").strip().split("\n")[-1] or "no output of rerun"
+    require(process.returncode == 0, "recording", str(state.path), f"chunks that can be read ({error})")
+    with open(part, "rb") as copy:      # on a full disk rerun exits with 0
         require(_ends_with_footer(copy, part.stat().st_size), "recording", str(state.path), _NO_ROOM)

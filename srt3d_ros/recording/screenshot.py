@@ -1,6 +1,6 @@
-"""Pictures of clouds by the rerun viewer, without a screen. Needs Vulkan: a GPU's, or Mesa's in software (lavapipe).
+"""Draw clouds with the headless rerun viewer. Needs Vulkan, by a GPU or in software (Mesa's lavapipe).
 
-rerun's API for this is experimental: nothing else here uses it.
+rerun's API for this is experimental: no other module uses it.
 """
 
 import ctypes.util
@@ -29,10 +29,10 @@ _DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
 _VIEW = "cloud"
 _START_TIMEOUT_S = 30.0
 _STOP_TIMEOUT_S = 5.0
-_MOST_SHOTS = 6                 # until two are alike: the first may be taken before all is drawn
-_ABOVE_PX = 100                 # of the window's height: what is not the view
-_NOTES_PX = 400                 # right of the view, an empty one over which the viewer may show its notes
-_SPARE_PX = 16                  # of the view's width, cut off on both sides
+_MOST_SHOTS = 6                 # until two are equal: the first may come before everything is drawn
+_ABOVE_PX = 100                 # height of the window above the view
+_NOTES_PX = 400                 # width of an empty view on the right, where the viewer shows its notifications
+_SPARE_PX = 16                  # width of the view's borders, cut off on both sides
 
 
 class ScreenshotError(RuntimeError):
@@ -40,20 +40,20 @@ class ScreenshotError(RuntimeError):
 
 
 def is_possible() -> bool:
-    """Whether there is Vulkan, so that the viewer can run."""
+    """True if Vulkan is installed, so that the viewer can run."""
     return ctypes.util.find_library("vulkan") is not None and any(
         any(Path(folder).glob("*.json")) for folder in _DRIVERS)
 
 
 def screenshots(clouds: Sequence[tuple[np.ndarray, np.ndarray]], radius_m: float, eye: Viewpoint, width: int,
                 height: int, background: tuple[int, int, int]) -> list[np.ndarray]:
-    """Clouds as the viewer draws them; uint8 [height, width, 3] each.
+    """Draw clouds with the viewer; returns uint8 [height, width, 3] each.
 
     Args:
         clouds: xyz float [N, 3] in metres and colours uint8 [N, 3] of each.
         radius_m: of the points.
-        eye: from where, with a fov_deg of FOV_DEG; the picture is wider than high.
-        width, height: of the pictures.
+        eye: with a fov_deg of FOV_DEG; the picture must be wider than high.
+        width, height: of the pictures, pixels.
         background: colour behind the points.
 
     Raises:
@@ -73,7 +73,7 @@ def screenshots(clouds: Sequence[tuple[np.ndarray, np.ndarray]], radius_m: float
 
 def _record(path: Path, clouds, radius_m: float, eye: Viewpoint, background: tuple[int, int, int],
             widths: list[int]) -> None:
-    """The clouds as frames 0, 1, … of a recording that opens on a view of them and, to its right, an empty one."""
+    """Record the clouds as frames 0, 1, … with a blueprint of a 3D view and, on its right, an empty view."""
     view = rrb.Spatial3DView(
         origin="/", background=background, line_grid=False, name=_VIEW,
         eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
@@ -89,17 +89,17 @@ def _record(path: Path, clouds, radius_m: float, eye: Viewpoint, background: tup
 
 @contextmanager
 def _viewer(width: int, height: int, folder: Path) -> Iterator[ViewerClient]:
-    """A viewer of its own, which only this machine can reach, ended afterwards."""
+    """Start a viewer on the loopback interface; stop it afterwards."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    # Not ViewerClient.spawn(): that viewer listens to the whole network.
+    # Not ViewerClient.spawn(), whose viewer listens on all interfaces.
     command = [str(Path(rerun_cli.__file__).with_name("rerun")), "--headless", "--bind", "127.0.0.1",
                "--port", str(port), "--window-size", f"{width}x{height}", "--hide-welcome-screen"]
     with open(folder / "viewer.log", "wb") as log:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                                    env=os.environ | {"RUST_LOG": "error", "XDG_RUNTIME_DIR": str(folder),
-                                                     "TMPDIR": str(folder)})       # where it leaves a folder
+                                                     "TMPDIR": str(folder)})       # where it leaves files
     try:
         yield _connected(process, port, folder / "viewer.log")
     finally:
@@ -108,8 +108,8 @@ def _viewer(width: int, height: int, folder: Path) -> Iterator[ViewerClient]:
 
 
 def _connected(process: subprocess.Popen, port: int, log: Path) -> ViewerClient:
-    give_up_s = time.monotonic() + _START_TIMEOUT_S
-    while process.poll() is None and time.monotonic() < give_up_s:
+    deadline_s = time.monotonic() + _START_TIMEOUT_S
+    while process.poll() is None and time.monotonic() < deadline_s:
         try:
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
             client.get_state()
@@ -121,7 +121,7 @@ def _connected(process: subprocess.Popen, port: int, log: Path) -> ViewerClient:
 
 
 def _shot(viewer: ViewerClient, frame: int, folder: Path) -> Image.Image:
-    """The view of frame `frame`, drawn completely: two shots are alike."""
+    """A screenshot of a frame, once two in a row are equal: everything is drawn."""
     viewer.set_time("frame", sequence=frame, play_state="paused")
     (view,) = (view for view in viewer.get_state().views if view.name == _VIEW)
     if view.reports:
@@ -137,7 +137,7 @@ def _shot(viewer: ViewerClient, frame: int, folder: Path) -> Image.Image:
 
 
 def _fitted(image: Image.Image, width: int, height: int) -> np.ndarray:
-    """The middle of a view in the size asked for: its frame may be some elements wider in another viewer."""
+    """The middle of a view in this size; the width of its borders varies between versions of the viewer."""
     scale = height / image.height
     image = image.resize((round(image.width * scale), height)) if scale != 1 else image
     left = (image.width - width) // 2

@@ -16,16 +16,15 @@ ABSENT = "not installed"
 
 
 def versions() -> dict[str, str]:
-    """By name; "unknown" for what cannot be told, "not installed" for packages that are not."""
+    """Versions by name; "unknown" for what cannot be found out, "not installed" for packages that are not."""
     return {"srt3d_ros": __version__, "git_revision": git_revision(), "python": platform.python_version(),
             **{name: _version(package) for name, package in _PACKAGES.items()}, "ros_distro": _ros_distro()}
 
 
 def git_revision(root: Path = Path(__file__).resolve().parents[2]) -> str:
-    """The revision of the checkout that this package is in, "+changes" after it if there are any.
+    """The first 12 digits of the revision that is checked out at `root`, and "+changes" if files were changed.
 
-    Args:
-        root: where the package lies; a checkout that it is installed into, but not part of, does not count.
+    "unknown" if `root` is not the top of a checkout: a package installed somewhere into one does not count.
     """
     try:
         top, revision = _git(root, "rev-parse", "--show-toplevel", "HEAD").split("\n")

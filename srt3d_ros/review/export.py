@@ -1,4 +1,4 @@
-"""Take a cloud out of a recording: as a cloud file, a picture, a turning film; or all clouds, as a bag."""
+"""Export a cloud of a recording as a cloud file, a picture or a turning film; or all clouds as a bag."""
 
 from pathlib import Path
 
@@ -9,32 +9,39 @@ from srt3d_ros import cloud_files
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.pictures.film import SUFFIXES, turn
-from srt3d_ros.pictures.look import Look
-from srt3d_ros.pictures.still import marked
-from srt3d_ros.recording import layout
-from srt3d_ros.recording.reader import CloudFrame
-from srt3d_ros.review.camera import Camera
+from srt3d_ros.pictures import film
+from srt3d_ros.pictures.annotations import annotated
+from srt3d_ros.pictures.cloud_renderer import CloudStyle
+from srt3d_ros.recording import schema
+from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.gallery import figures_of, title_of
 from srt3d_ros.review.recorded import Recorded
+from srt3d_ros.review.renderer import Renderer
 
 _PICTURE_PX = (1400, 800)
 _PICTURE = ".png"
 FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", _PICTURE)
-TURNTABLE_SUFFIXES = SUFFIXES
+TURNTABLE_SUFFIXES = film.SUFFIXES
 
 
-def save_frame(recorded: Recorded, place: int, output: Path, pictures: str = "auto") -> None:
-    """Save the cloud at a place of the index: a picture if `output` ends in .png, else as `cloud_files.save` does.
+def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
+    """Check suffix and directory of an output before any work; InvalidInput if they do not suit."""
+    require(output.suffix.lower() in suffixes, "output", str(output), f"a file name that ends in {', '.join(suffixes)}")
+    require(output.parent.is_dir(), "output", str(output), f"a directory {output.parent} that exists")
+
+
+def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = "auto") -> None:
+    """Save the cloud at a position of the index: a picture if `output` ends in .png, else as `cloud_files.save` does.
 
     Raises:
-        InvalidInput: it cannot be written there; the recording tells too little of its sensor for a cloud file.
+        InvalidInput: it cannot be written there, or a cloud file needs a sensor and the recording has none.
     """
-    cloud = _cloud(recorded, place)
+    cloud = _cloud(recorded, position)
     if output.suffix.lower() == _PICTURE:
-        camera = Camera(pictures, cloud, Look.of(cloud, recorded.sensor), _projection(recorded), *_PICTURE_PX)
-        (image,) = camera.draw([cloud])
-        picture = marked(image, camera.look, camera.eye, title_of(recorded, place), figures_of(recorded, place))
+        renderer = Renderer(pictures, cloud, CloudStyle.of(cloud, recorded.sensor), recorded.projection, *_PICTURE_PX)
+        (image,) = renderer.draw([cloud])
+        picture = annotated(image, renderer.style, renderer.eye, title_of(recorded, position),
+                            figures_of(recorded, position))
         try:
             picture.save(output, optimize=True)
         except OSError as e:
@@ -42,22 +49,22 @@ def save_frame(recorded: Recorded, place: int, output: Path, pictures: str = "au
         return
     require(recorded.sensor is not None, "recording", str(recorded.path), "one that describes its sensor")
     frequencies = np.atleast_1d(recorded.properties.get("run", {}).get("frequencies", ())).tolist()
-    background = next((image for *_, image in recorded.reader.images(layout.BACKGROUND, {cloud.frame_index})), None)
+    background = next((image for *_, image in recorded.reader.images(schema.BACKGROUND, {cloud.frame_index})), None)
     cloud_files.save(point_cloud(cloud, recorded.sensor, background), output, frequencies=tuple(frequencies),
                      sensor=recorded.sensor)
 
 
-def save_turntable(recorded: Recorded, place: int, output: Path) -> None:
-    """Save a film of the cloud at a place of the index, turning to either side; InvalidInput as `turn` says."""
-    cloud = _cloud(recorded, place)
-    turn(output, cloud, Look.of(cloud, recorded.sensor), _projection(recorded))
+def save_turntable(recorded: Recorded, position: int, output: Path) -> None:
+    """Save a film of the cloud at a position of the index; InvalidInput as film.save_turntable."""
+    cloud = _cloud(recorded, position)
+    film.save_turntable(output, cloud, CloudStyle.of(cloud, recorded.sensor), recorded.projection)
 
 
 def save_bag(recorded: Recorded, folder: Path, topic: str = "/points") -> int:
-    """Write all clouds as PointCloud2 messages (x, y, z, intensity), at their stamps; their number.
+    """Write all clouds as PointCloud2 messages (x, y, z, intensity) with their stamps; returns their number.
 
     Raises:
-        InvalidInput: something is there already, or nothing can be written there.
+        InvalidInput: the folder exists, or cannot be written.
     """
     from srt3d_ros.datasets.bag_writer import BagWriter, Offer
     from srt3d_ros.messages import points
@@ -66,18 +73,18 @@ def save_bag(recorded: Recorded, folder: Path, topic: str = "/points") -> int:
     writer = BagWriter(folder)
     writer.add_topic(topic, "sensor_msgs/msg/PointCloud2", [Offer()])
     for cloud in tqdm(recorded.reader.clouds(), "writing", len(recorded.index), delay=2, leave=False, unit="cloud"):
-        writer.write(topic, cloud.stamp_ns, points.encode_cdr(_bare(cloud), frame_id))
+        empty, zeros = np.empty(0), np.zeros(len(cloud), np.uint16)         # what the message leaves out
+        message = PointCloud(zeros, zeros, empty, cloud.intensity, empty, cloud.xyz, empty, empty, cloud.stamp_ns)
+        writer.write(topic, cloud.stamp_ns, points.encode_cdr(message, frame_id))
     writer.close()
     return writer.messages[topic]
 
 
-def point_cloud(cloud: CloudFrame, sensor: SensorModel, background: np.ndarray | None = None) -> PointCloud:
-    """A recorded cloud as the reconstruction gave it; what was not recorded is found from the geometry, or is NaN.
+def point_cloud(cloud: RecordedCloud, sensor: SensorModel, background: np.ndarray | None = None) -> PointCloud:
+    """The reconstructed cloud of a recorded one. Pixels that were not recorded are derived from the geometry.
 
     Args:
-        cloud: as recorded.
-        sensor: gives pixels and bins.
-        background: float [rows, cols], photons, if recorded.
+        background: float [rows, cols], photons, if recorded; NaN otherwise, as depth_std_bins.
     """
     range_m = np.linalg.norm(cloud.xyz.astype(np.float64), axis=1)
     row, col = (cloud.row, cloud.col) if cloud.row is not None and cloud.col is not None else _pixels(cloud.xyz, sensor)
@@ -100,27 +107,10 @@ def _pixels(xyz: np.ndarray, sensor: SensorModel) -> tuple[np.ndarray, np.ndarra
 
 
 def _ranks(row: np.ndarray, col: np.ndarray) -> np.ndarray:
-    """0 for the first of the points of a pixel, 1 for the next, …; points of a pixel follow each other."""
+    """0 for the first point of a pixel, 1 for the next, …; the points must be sorted by pixel."""
     begins = np.flatnonzero((np.diff(row.astype(int), prepend=-1) != 0) | (np.diff(col.astype(int), prepend=-1) != 0))
     return (np.arange(len(row)) - np.repeat(begins, np.diff(begins, append=len(row)))).astype(np.uint8)
 
 
-def _bare(cloud: CloudFrame) -> PointCloud:
-    """A cloud of which only positions, intensities and the stamp are known."""
-    none = np.empty(0)
-    number = np.zeros(len(cloud), np.uint16)
-    return PointCloud(number, number, none, cloud.intensity, none, cloud.xyz, none, none, cloud.stamp_ns)
-
-
-def _cloud(recorded: Recorded, place: int) -> CloudFrame:
-    return next(iter(recorded.reader.clouds({int(recorded.index.frame_index[place])})))
-
-
-def _projection(recorded: Recorded):
-    return recorded.sensor.projection if recorded.sensor else None
-
-
-def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
-    """InvalidInput unless a file of one of these kinds could be written there, as far as can be told before."""
-    require(output.suffix.lower() in suffixes, "output", str(output), f"a file name that ends in {', '.join(suffixes)}")
-    require(output.parent.is_dir(), "output", str(output), f"a directory {output.parent} that exists")
+def _cloud(recorded: Recorded, position: int) -> RecordedCloud:
+    return next(iter(recorded.reader.clouds({int(recorded.index.frame_index[position])})))

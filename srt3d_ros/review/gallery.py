@@ -1,4 +1,4 @@
-"""The pictures of a report: telling clouds, a strip over the whole time, and the images of the typical frame."""
+"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame."""
 
 import base64
 import io
@@ -8,26 +8,24 @@ import numpy as np
 from PIL import Image
 
 from srt3d_ros.colours import colour_table, levels, percentile_range
-from srt3d_ros.pictures.look import BACKGROUND, RANGE_MAP, Look
-from srt3d_ros.pictures.marks import length_text
-from srt3d_ros.pictures.still import marked
-from srt3d_ros.recording import layout
-from srt3d_ros.recording.reader import CloudFrame
-from srt3d_ros.review.camera import Camera
+from srt3d_ros.pictures.annotations import annotated, length_text
+from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle
+from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import iso_time, telling_frames
+from srt3d_ros.review.renderer import Renderer
+from srt3d_ros.review.summary import iso_time, notable_frames
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
-_IMAGES = {layout.DEPTH: ("depth", "m"), layout.INTENSITY_IMAGE: ("intensity", "photons"),
-           layout.BACKGROUND: ("background", "photons"), layout.PHOTONS: ("photons as they came", "photons")}
+_IMAGES = {schema.DEPTH: ("depth", "m"), schema.INTENSITY_IMAGE: ("intensity", "photons"),
+           schema.BACKGROUND: ("background", "photons"), schema.PHOTONS: ("photons as they came", "photons")}
 _MAP = "inferno"
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture for a page: what it shows, more about it in a few words, and the picture as a data: URI."""
+    """A picture for the report, as a data: URI."""
 
     title: str
     caption: str
@@ -40,10 +38,10 @@ class Gallery:
 
     Args:
         typical: a typical cloud.
-        ends: those with the fewest and the most points.
+        ends: the clouds with the fewest and the most points.
         strip: clouds evenly spaced over the recording.
-        images: depth, intensity, … of the typical cloud's frame, as far as recorded.
-        by: who drew the large ones.
+        images: the recorded images of the typical cloud's frame.
+        by: who drew the large pictures.
     """
 
     typical: Picture
@@ -54,37 +52,32 @@ class Gallery:
 
 
 def make_gallery(recorded: Recorded, pictures: str) -> Gallery:
-    """Choose, read and draw; `pictures` as for Camera."""
+    """Choose, read and draw the clouds; `pictures` is the kind of Renderer."""
     index = recorded.index
-    typical, fewest, most = telling_frames(recorded)
+    typical, fewest, most = notable_frames(recorded)
     strip = np.unique(np.linspace(0, len(index) - 1, min(_STRIP, len(index))).round().astype(int))
-    wanted = {int(index.frame_index[k]) for k in (typical, fewest, most, *strip)}
-    clouds = {cloud.frame_index: cloud for cloud in recorded.reader.clouds(wanted)}
-
-    def cloud(place: int) -> CloudFrame:
-        return clouds[int(index.frame_index[place])]
-
-    projection = recorded.sensor.projection if recorded.sensor else None
-    look = Look.of(cloud(typical), recorded.sensor)
-    camera = Camera(pictures, cloud(typical), look, projection, *_LARGE_PX)
-    places = list(dict.fromkeys((typical, fewest, most)))
-    large = dict(zip(places, camera.draw([cloud(place) for place in places])))
+    frames = {position: int(index.frame_index[position]) for position in (typical, fewest, most, *strip)}
+    by_frame = {cloud.frame_index: cloud for cloud in recorded.reader.clouds(set(frames.values()))}
+    clouds = {position: by_frame[frame] for position, frame in frames.items()}
+    style = CloudStyle.of(clouds[typical], recorded.sensor)
+    renderer, small = (Renderer(kind, clouds[typical], style, recorded.projection, *size)
+                       for kind, size in ((pictures, _LARGE_PX), ("own", _SMALL_PX)))
+    notable = list(dict.fromkeys((typical, fewest, most)))
+    large = dict(zip(notable, renderer.draw([clouds[position] for position in notable])))
     titles = {fewest: "Fewest points", most: "Most points"}
-    small = Camera("own", cloud(typical), look, projection, *_SMALL_PX)
     return Gallery(
-        _cloud_picture(recorded, typical, "A typical cloud", large[typical], camera),
-        [_cloud_picture(recorded, place, title, large[place], camera) for place, title in titles.items()
-         if place != typical],
-        [_thumbnail(recorded, place, image)
-         for place, image in zip(strip, small.draw([cloud(place) for place in strip]))],
-        _images(recorded, int(index.frame_index[typical]), look),
-        "the rerun viewer" if camera.by_viewer else "srt3d_ros")
+        _cloud_picture(recorded, typical, "A typical cloud", large[typical], renderer),
+        [_cloud_picture(recorded, position, title, large[position], renderer) for position, title in titles.items()
+         if position != typical],
+        [_thumbnail(recorded, position, image)
+         for position, image in zip(strip, small.draw([clouds[position] for position in strip]))],
+        _images(recorded, frames[typical], style), "the rerun viewer" if renderer.by_viewer else "srt3d_ros")
 
 
-def figures_of(recorded: Recorded, place: int) -> dict:
-    """What a caption says of a cloud."""
-    figures = {"points": int(recorded.points[place])}
-    photons, latency_ms = (recorded.at_clouds(name)[place] for name in ("photons", "latency_ms"))
+def figures_of(recorded: Recorded, position: int) -> dict:
+    """The figures in the caption of a cloud."""
+    figures = {"points": int(recorded.points[position])}
+    photons, latency_ms = (recorded.at_clouds(name)[position] for name in ("photons", "latency_ms"))
     if np.isfinite(photons):
         figures["photons"] = int(photons)
     if np.isfinite(latency_ms):
@@ -92,42 +85,36 @@ def figures_of(recorded: Recorded, place: int) -> dict:
     return figures
 
 
-def title_of(recorded: Recorded, place: int) -> str:
-    """Frame and stamp of a cloud."""
-    stamp = iso_time(recorded.index.stamp_ns[place]).replace("T", " ").replace("Z", " UTC")
-    return f"Frame {recorded.index.frame_index[place]}, {stamp}"
+def title_of(recorded: Recorded, position: int) -> str:
+    """Frame index and stamp of a cloud."""
+    stamp = iso_time(recorded.index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
+    return f"Frame {recorded.index.frame_index[position]}, {stamp}"
 
 
-def _cloud_picture(recorded: Recorded, place: int, title: str, image: np.ndarray, camera: Camera) -> Picture:
+def _cloud_picture(recorded: Recorded, position: int, title: str, image: np.ndarray, renderer: Renderer) -> Picture:
     figures = ", ".join(f"{value:,} {name}" if isinstance(value, int) else f"{name} {value}"
-                        for name, value in figures_of(recorded, place).items())
-    return Picture(title, f"{title_of(recorded, place)}: {figures}", _jpeg(marked(image, camera.look, camera.eye)))
+                        for name, value in figures_of(recorded, position).items())
+    picture = annotated(image, renderer.style, renderer.eye)
+    return Picture(title, f"{title_of(recorded, position)}: {figures}", _uri(picture, "jpeg", **_JPEG))
 
 
-def _thumbnail(recorded: Recorded, place: int, image: np.ndarray) -> Picture:
-    caption = f"frame {recorded.index.frame_index[place]}, {recorded.points[place]:,} points"
-    return Picture(f"{recorded.seconds[place]:.1f} s", caption, _jpeg(Image.fromarray(image)))
+def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
+    caption = f"frame {recorded.index.frame_index[position]}, {recorded.points[position]:,} points"
+    return Picture(f"{recorded.seconds[position]:.1f} s", caption, _uri(Image.fromarray(image), "jpeg", **_JPEG))
 
 
-def _images(recorded: Recorded, frame: int, look: Look) -> list[Picture]:
+def _images(recorded: Recorded, frame: int, style: CloudStyle) -> list[Picture]:
     pictures = []
     for path, (title, unit) in _IMAGES.items():
         for _, _, values in recorded.reader.images(path, {frame}):
-            low, high = (look.near_m, look.far_m) if unit == "m" else percentile_range(values) or (0.0, 1.0)
+            low, high = (style.near_m, style.far_m) if unit == "m" else percentile_range(values) or (0.0, 1.0)
             table = RANGE_MAP if unit == "m" else colour_table(_MAP)
             colours = table[levels(values, low, high)]
             colours[~np.isfinite(values)] = BACKGROUND
             ends = " … ".join(length_text(float(f"{end:.3g}")) if unit == "m" else f"{end:.3g}" for end in (low, high))
-            pictures.append(Picture(title, ends if unit == "m" else f"{ends} {unit}", _png(Image.fromarray(colours))))
+            picture = _uri(Image.fromarray(colours), "png", optimize=True)
+            pictures.append(Picture(title, ends if unit == "m" else f"{ends} {unit}", picture))
     return pictures
-
-
-def _jpeg(image: Image.Image) -> str:
-    return _uri(image, "jpeg", **_JPEG)
-
-
-def _png(image: Image.Image) -> str:
-    return _uri(image, "png", optimize=True)
 
 
 def _uri(image: Image.Image, kind: str, **options) -> str:

@@ -1,31 +1,47 @@
-"""Which plots a recording's report shows."""
+"""The plots of a recording's report, as SVG. Text and axes take the page's text colour, for dark and light pages."""
+
+import io
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from srt3d_ros.pictures.svg import draw_histogram, draw_lines
 from srt3d_ros.recording.reader import Series
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import find_gaps
 
 TIME = "seconds since the first cloud"
 TOTAL = "end to end"
+# Of Okabe and Ito (2008), distinct for any colour vision, visible on white and on black.
+COLOURS = ("#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9")
+_GAP_COLOUR = "#d55e00"
+_PAGE_COLOUR = "#010203"            # stands for the page's text colour
+_SIZE_IN, _DPI = (5.2, 2.35), 100
+_MOST_PARTS = 600                   # of a line: of more values, the median and range of each part are drawn
+_MOST_GAPS = 200
+_HISTOGRAM_BINS = 60
+_PERCENTILES = {50: "median", 95: "95 %"}
 
 
 def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
-    """(title, SVG) of the plots for which the recording holds values; gaps are shaded."""
+    """(title, <svg> element) of the plots for which the recording has values; gaps are shaded."""
     latencies = {TOTAL if stage == "total" else stage: series for stage, series in recorded.latencies().items()}
     plots = [("Latency", "latency, ms", latencies),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.at_clouds("points"))}),
              ("Photons a frame", "photons", _chosen(recorded, "photons")),
              ("Frame rate", "frames a second", {"rate": _rate(recorded)}),
              ("Drops so far, all nodes", "frames or messages", _chosen(recorded, "drops"))]
-    spans = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in find_gaps(recorded)[0]]
-    drawn = [(title, draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
-                                TIME, label, spans)) for title, label, lines in plots if lines]
+    gaps = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in find_gaps(recorded)[0]]
+    drawn = [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
+                                 label, gaps)) for title, label, lines in plots if lines]
     if latencies:
         name = TOTAL if TOTAL in latencies else next(iter(latencies))
-        drawn.insert(1, ("How often each latency", draw_histogram(latencies[name].values, f"latency {name}, ms",
-                                                                  "frames")))
+        drawn.insert(1, ("How often each latency", _draw_histogram(latencies[name].values, f"latency {name}, ms",
+                                                                   "frames")))
     return drawn
 
 
@@ -34,9 +50,77 @@ def _chosen(recorded: Recorded, name: str) -> dict[str, Series]:
 
 
 def _rate(recorded: Recorded) -> Series:
-    """Clouds a second, as recorded or else from their stamps."""
+    """Clouds per second, as recorded or else from their stamps."""
     if "frame_rate_hz" in recorded.series:
         return recorded.series["frame_rate_hz"]
     stamps = recorded.index.stamp_ns
     with np.errstate(divide="ignore"):
         return Series(stamps[1:], 1e9 / np.diff(stamps))
+
+
+def _draw_lines(lines: dict[str, tuple[np.ndarray, np.ndarray]], label: str, gaps: Sequence[tuple[float, float]]
+                ) -> str:
+    """Lines of (seconds, values) by name; values that are not finite are left out, gaps are shaded."""
+    def draw(axes: Axes) -> None:
+        for first, last in gaps[:_MOST_GAPS]:
+            axes.axvspan(first, last, color=_GAP_COLOUR, alpha=0.3, linewidth=1)
+        for (name, (x, y)), colour in zip(lines.items(), COLOURS):
+            finite = np.isfinite(y)
+            _draw_line(axes, x[finite], y[finite], color=colour, label=name, linewidth=1.3)
+        if len(lines) > 1:
+            axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, borderpad=0.1,
+                        handlelength=1.2, columnspacing=1.2)
+        axes.set(xlabel=TIME, ylabel=label)
+        axes.margins(x=0.01)
+        low, high = axes.get_ylim()
+        if low <= 0 or high - low > 0.3 * high:         # from zero, unless that hides the changes
+            axes.set_ylim(0, max(high, 1e-9) if high > 0.1 else 1)
+    return _svg(draw)
+
+
+def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, **style) -> None:
+    if len(x) <= 2 * _MOST_PARTS:
+        axes.plot(x, y, marker="o" if len(x) < 3 else "", **style)
+        return
+    parts = np.array_split(np.arange(len(x)), _MOST_PARTS)
+    middle = [x[part].mean() for part in parts]
+    low, median, high = np.array([np.percentile(y[part], (0, 50, 100)) for part in parts]).T
+    axes.fill_between(middle, low, high, color=style["color"], alpha=0.35, linewidth=0)
+    axes.plot(middle, median, **style)
+
+
+def _draw_histogram(values: np.ndarray, x_label: str, y_label: str) -> str:
+    def draw(axes: Axes) -> None:
+        axes.hist(values, _HISTOGRAM_BINS, color=COLOURS[0])
+        for percent, name in _PERCENTILES.items():
+            at = float(np.percentile(values, percent))
+            axes.axvline(at, color=_PAGE_COLOUR, linewidth=1, linestyle=":")
+            axes.annotate(f"{name} {_tick(at)}", (at, 1), (0, 3), ("data", "axes fraction"), "offset points", size=9,
+                          ha="right" if percent == 50 else "left")
+        axes.set(xlabel=x_label, ylabel=y_label)
+    return _svg(draw)
+
+
+def _svg(draw: Callable[[Axes], None]) -> str:
+    """The <svg> element of the plot that draw(axes) makes."""
+    ink = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color"),
+                        _PAGE_COLOUR)
+    style = {"svg.fonttype": "none", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False,
+             "grid.alpha": 0.18, "axes.grid": True, "axes.axisbelow": True}
+    with rc_context(ink | style):
+        figure = Figure(_SIZE_IN, dpi=_DPI, layout="constrained")
+        axes = figure.add_subplot()
+        for patch in (figure.patch, axes.patch):
+            patch.set_visible(False)
+        draw(axes)
+        for axis, most in ((axes.xaxis, 7), (axes.yaxis, 5)):
+            axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+            axis.set_major_formatter(lambda value, _: _tick(value))
+        text = io.StringIO()
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
+    svg = text.getvalue()
+    return svg[svg.index("<svg"):].replace(_PAGE_COLOUR, "currentColor")
+
+
+def _tick(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"

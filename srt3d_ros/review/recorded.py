@@ -1,4 +1,4 @@
-"""All of a recording but its clouds and images: read once, held against each other by stamp."""
+"""A recording without its clouds and images, in memory: the index of clouds, time series, log, properties."""
 
 import re
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
@@ -22,16 +22,7 @@ _NAMED = ("frame_id", "toa_reference")
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What a recording holds.
-
-    Args:
-        path: the file that was read.
-        reader: for the clouds and images.
-        index: the clouds there are.
-        series: by name.
-        log: lines of the nodes' logs.
-        properties: by name: run, sensor, parameters, versions.
-    """
+    """The contents of a recording; `reader` reads its clouds and images."""
 
     path: Path
     reader: RecordingReader
@@ -42,7 +33,7 @@ class Recorded:
 
     @classmethod
     def read(cls, path) -> "Recorded":
-        """Read a whole recording but its clouds; InvalidInput if it is none, or holds no cloud."""
+        """Read a recording; InvalidInput if the file is none, or has no cloud."""
         reader = RecordingReader(path)
         index = reader.cloud_index(progress=True)
         require(len(index) > 0, "recording", str(path), "a recording with clouds at /points")
@@ -50,7 +41,7 @@ class Recorded:
 
     @property
     def seconds(self) -> np.ndarray:
-        """When each cloud is, since the first; float64 [N]."""
+        """Seconds of each cloud since the first; float64 [N]."""
         return self.since_first(self.index.stamp_ns)
 
     def since_first(self, stamp_ns: np.ndarray) -> np.ndarray:
@@ -59,11 +50,11 @@ class Recorded:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Points of each cloud as it was reconstructed, int64 [N]: more than recorded where clouds were thinned."""
+        """Points of each reconstructed cloud, int64 [N]: more than recorded where clouds were thinned."""
         return np.nan_to_num(self.at_clouds("points"), nan=-1).astype(np.int64)
 
     def at_clouds(self, name: str) -> np.ndarray:
-        """A series' value at each cloud's stamp, float64 [N]; NaN where there is none, for points those recorded."""
+        """A series' value at each cloud's stamp, float64 [N]. Missing: NaN; for points, the number recorded."""
         stamps, values = self.index.stamp_ns, np.full(len(self.index), np.nan)
         if name == "points":
             values[:] = self.index.points
@@ -82,7 +73,7 @@ class Recorded:
 
     @cached_property
     def sensor(self) -> SensorModel | None:
-        """The sensor as the recording tells it, all pixels alike; None if it tells too little."""
+        """The sensor from the recording's properties, all pixels alike; None if they do not suffice."""
         facts = self.properties.get("sensor", {})
         try:
             projection = _projection(facts)
@@ -94,8 +85,13 @@ class Recorded:
         except (KeyError, TypeError, ValueError, InvalidInput):
             return None
 
+    @property
+    def projection(self) -> Projection | None:
+        """The sensor's projection, if the sensor is known."""
+        return self.sensor.projection if self.sensor else None
+
     def frame_at(self, frame: int) -> int:
-        """The place in the index of the cloud with a frame index; negative ones count from the end."""
+        """The position in the index of the cloud with a frame index; negative ones count from the end."""
         frames = self.index.frame_index
         wanted = frames[frame] if -len(frames) <= frame < 0 else frame
         (found,) = np.nonzero(frames == wanted)

@@ -8,31 +8,29 @@ from markupsafe import Markup
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import appearing_whole
-from srt3d_ros.review import words
+from srt3d_ros.review import summary_text
 from srt3d_ros.review.gallery import make_gallery
-from srt3d_ros.review.page import PAGE
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
+from srt3d_ros.review.report_template import TEMPLATE
 
 _MOST_LOG_LINES = 500
-_LONGEST_LIST = 24          # values; of longer ones (an IRF) their number is told
+_LONGEST_LIST = 24          # values; of a longer list (an IRF), only the length is shown
 
 
 def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = "auto", notes: tuple[str, ...] = ()
                  ) -> None:
-    """Write the report; it appears whole or not at all.
+    """Write the report as an .html file, whole or not at all.
 
     Args:
-        recorded: the recording.
-        summary: of it.
-        path: the .html file.
-        pictures: who draws the clouds, as for Camera.
-        notes: what the reader should know first: that the recording was repaired, say.
+        summary: from `summarise`.
+        pictures: who draws the clouds: the kind of Renderer.
+        notes: for the top of the page, such as that the recording was repaired.
 
     Raises:
         InvalidInput: if the file cannot be written there.
     """
-    require(not path.is_dir(), "report", str(path), "a file, not a directory")     # told before time is spent
+    require(not path.is_dir(), "report", str(path), "a file, not a directory")     # before the pictures are drawn
     html = _page(recorded, summary, pictures, notes)
     try:
         with appearing_whole(path) as part:
@@ -43,23 +41,23 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
 
 def _page(recorded: Recorded, summary: dict, pictures: str, notes: tuple[str, ...]) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return environment.from_string(PAGE).render(
+    return environment.from_string(TEMPLATE).render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
-        subtitle=words.subtitle(summary), notes=notes, headlines=words.headlines(summary),
+        subtitle=summary_text.subtitle(summary), notes=notes, headlines=summary_text.headlines(summary),
         gallery=make_gallery(recorded, pictures),
         plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
-        log_summary=words.log_words(summary), rows=words.rows(summary), tables=_tables(summary))
+        log_summary=summary_text.log_counts(summary), rows=summary_text.rows(summary), tables=_tables(summary))
 
 
 def _log(recorded: Recorded) -> list[dict]:
-    """The log's last lines, with the seconds since the first cloud."""
+    """The last lines of the log, with the seconds since the first cloud."""
     return [{"at": "" if line.stamp_ns is None else f"{recorded.since_first(line.stamp_ns):+.2f} s",
              "level": line.level, "text": line.text} for line in recorded.log[-_MOST_LOG_LINES:]]
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
-    """The recording's properties, as (title, rows); the parameters node by node."""
+    """The recording's properties as (title, rows), the parameters by node."""
     tables = {name.capitalize(): dict(summary.get(name, {})) for name in ("sensor", "run", "versions")}
     for name, value in summary.get("parameters", {}).items():
         node, _, parameter = name.rpartition(".")

@@ -1,4 +1,4 @@
-"""The figures of a recording, as a dictionary for JSON; `words` says them."""
+"""The figures of a recording, as a dictionary for JSON; summary_text formats them."""
 
 from collections import Counter
 from datetime import UTC, datetime
@@ -7,13 +7,13 @@ import numpy as np
 
 from srt3d_ros.review.recorded import Recorded
 
-GAP_PERIODS = 1.5               # frames farther apart than this many usual periods have a gap between them
-_MOST_GAPS = 100                # listed; all are counted
+GAP_PERIODS = 1.5               # frames farther apart than this many median periods have a gap between them
+_MOST_GAPS = 100                # in the list; gap_count has all
 _DECIMALS = 3
 
 
 def summarise(recorded: Recorded) -> dict:
-    """What the review tells of a recording; times in s or ms as named, None where the recording does not tell.
+    """All figures of a recording; None for those without data.
 
     frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
     missing_frames, clouds_not_recorded, drops, latency_ms (p50, p95, max for each stage), points, photons, ppp and
@@ -24,7 +24,7 @@ def summarise(recorded: Recorded) -> dict:
     frames, duration = len(index), float(seconds[-1])
     gaps, period = find_gaps(recorded)
     size = recorded.path.stat().st_size
-    typical, fewest, most = telling_frames(recorded)
+    typical, fewest, most = notable_frames(recorded)
     summary = {
         "recording": str(recorded.path), "started": iso_time(index.stamp_ns[0]),
         "frames": frames, "duration_s": round(duration, _DECIMALS),
@@ -45,20 +45,20 @@ def summarise(recorded: Recorded) -> dict:
 
 
 def find_gaps(recorded: Recorded) -> tuple[list[dict], float]:
-    """Places where frames are missing, and the usual period in seconds (0 for a single frame)."""
+    """The gaps, where frames are missing, and the median period in seconds (0 for a single frame)."""
     seconds, frames = recorded.seconds, recorded.index.frame_index
     steps = np.diff(seconds)
     period = float(np.median(steps)) if len(steps) else 0.0
-    places = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
+    positions = np.flatnonzero(steps > GAP_PERIODS * period) if period > 0 else ()
     return [{"after_frame": int(frames[k]), "at_s": round(float(seconds[k]), _DECIMALS),
              "seconds": round(float(steps[k]), _DECIMALS), "missing": max(round(float(steps[k]) / period) - 1, 1)}
-            for k in places], period
+            for k in positions], period
 
 
-def telling_frames(recorded: Recorded) -> tuple[int, int, int]:
-    """Places in the index of a typical cloud, of that with the fewest points and of that with the most.
+def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
+    """Positions in the index of a typical cloud, of that with the fewest points and of that with the most.
 
-    Typical: its points are nearest to the median, and of equals it is nearest to the middle of the recording.
+    The typical cloud has the number of points nearest to the median; of several, it is nearest to the middle.
     """
     points = recorded.points
     off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
@@ -68,14 +68,14 @@ def telling_frames(recorded: Recorded) -> tuple[int, int, int]:
 
 
 def incomplete_series(recorded: Recorded) -> dict[str, int]:
-    """Series that belong to frames but lack a value at some clouds' stamps: how many are missing."""
+    """Number of clouds without a value, for each series that has one value for each frame."""
     def missing(name: str) -> int:
         return int(np.isnan(recorded.at_clouds(name)).sum())
 
-    later = {"frame_rate_hz": 1}        # it takes two clouds
+    expected = {"frame_rate_hz": 1}     # the first cloud has none
     per_frame = [name for name in recorded.series if name not in ("drops", "points") and missing(name) < len(
         recorded.index)]
-    found = {name: missing(name) - later.get(name, 0) for name in per_frame}
+    found = {name: missing(name) - expected.get(name, 0) for name in per_frame}
     return {name: count for name, count in found.items() if count > 0}
 
 
@@ -86,7 +86,7 @@ def latency(values: np.ndarray) -> dict[str, float]:
 
 
 def spread(values: np.ndarray) -> dict[str, float] | None:
-    """Median and ends of finite values; None without any."""
+    """Median, minimum and maximum of the finite values; None without any."""
     values = np.asarray(values, np.float64)
     values = values[np.isfinite(values)]
     if len(values) == 0:
@@ -94,11 +94,11 @@ def spread(values: np.ndarray) -> dict[str, float] | None:
     return {"median": _rounded(np.median(values)), "min": _rounded(values.min()), "max": _rounded(values.max())}
 
 
-def iso_time(stamp_ns: int, decimals: str = "milliseconds") -> str:
+def iso_time(stamp_ns: int) -> str:
     """A stamp as UTC, 2026-11-21T18:18:50.123Z."""
     whole, rest = divmod(int(stamp_ns), 10**9)
     moment = datetime.fromtimestamp(whole, UTC).replace(microsecond=rest // 1000, tzinfo=None)
-    return moment.isoformat(timespec=decimals) + "Z"
+    return moment.isoformat(timespec="milliseconds") + "Z"
 
 
 def _clouds_not_recorded(recorded: Recorded) -> int:
@@ -121,7 +121,7 @@ def _rounded(value: float) -> float:
 
 
 def _plain(value):
-    """A property as JSON has it; numbers that are not finite as text."""
+    """A property for JSON; numbers that are not finite as strings."""
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
     if isinstance(value, list):
         return [_plain(one) for one in value]

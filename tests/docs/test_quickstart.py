@@ -101,7 +101,9 @@ def run(ros, page, checkout):
     try:
         driver, up = (terminal(checkout, typed(page, "4", text)) for text in (DRIVER, "srt3d up"))
         graph.processes += [driver, up]
-        graph.wait(lambda: len(clouds) > 3, "clouds")
+        up.says("health")           # all nodes have started, the recorder too
+        before = len(clouds)
+        graph.wait(lambda: len(clouds) > before + 3, "clouds")
         up.end(signal.SIGINT)
         _record(page, checkout, graph)
         driver.end(signal.SIGINT)

@@ -87,9 +87,8 @@ class Driver:
 
     def described(self) -> None:
         """A description, and the sketcher has taken it in: it forgot the last when it was deactivated."""
-        sketch_sensors = self.nodes.collect_latched(String, "/sketch/sensor")
         self.describe()
-        self.nodes.wait(lambda: sketch_sensors, "sketch/sensor")
+        self.has_logged("sensor on /sensor: ")
 
     def ready(self):
         """The publisher of gates, which the sketcher has found."""

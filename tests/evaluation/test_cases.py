@@ -23,15 +23,6 @@ def test_every_setting_is_a_case_of_the_photons_it_says(scene_file):
     assert np.array_equal(cases[0].observe().frame.toa, cases[0].observe().frame.toa)
 
 
-@pytest.mark.parametrize(("scene", "shape", "bins", "surfaces", "tolerance"), [
-    ("bust", (141, 141), 4613, 1, 40 / 0.3), ("net", (32, 32), 153, 2, 3)])
-def test_the_scenes_of_the_paper(scene, shape, bins, surfaces, tolerance):
-    case, = simulated(scene, [1], [1])
-    assert (case.sensor.rows, case.sensor.cols) == shape and case.sensor.num_bins == bins
-    assert case.surfaces == surfaces and case.tolerance_bins == pytest.approx(tolerance)
-    assert len(case.observe().depth_bins) == surfaces
-
-
 def test_a_quick_look_sees_the_same_field_with_fewer_pixels():
     (quick,), (full,) = (simulated("bust", [1], [1], quick=quick) for quick in (True, False))
     assert quick.sensor.pixels < full.sensor.pixels / 3
@@ -51,12 +42,6 @@ def test_finer_truth_keeps_the_photons_of_the_sensor(scene, source):
     expected = expected.reshape(coarse.sensor.rows, 3, coarse.sensor.cols, 3).sum(axis=(1, 3)).ravel()
     counts = np.bincount(seen.frame.pixel, minlength=coarse.sensor.pixels)
     assert ((counts - expected)**2).sum() == pytest.approx(expected.sum(), rel=0.2)         # Poisson
-
-
-@pytest.mark.parametrize("factor", [0, 5])
-def test_upsampling_that_cannot_be_used_is_named(factor):
-    with pytest.raises(InvalidInput, match=f"^upsampling is {factor}: expected an integer from 1 to 4"):
-        simulated("net", [1], [4], upsampling=factor)
 
 
 def test_a_measured_scene_is_not_drawn_finer_than_it_is_known(scene_file):

@@ -35,18 +35,6 @@ def test_each_method_has_a_line_in_each_column(path):
     assert not coloured(path, METHOD_COLOURS[2]).any()
 
 
-def test_the_colour_of_a_method_is_its_own_whoever_else_is_shown(path):
-    draw_metrics(path, [row("other", "", 1, ppp) for ppp in (1, 10)], "", ["ours", "other"])
-    assert coloured(path, METHOD_COLOURS[1]).any() and not coloured(path, METHOD_COLOURS[0]).any()
-
-
-def test_what_is_not_known_is_not_drawn(path):
-    nothing = float("nan")
-    rows = [row("ours", "10", 1, ppp, dae_mm=nothing, iae=nothing, true_detections_percent=0.0) for ppp in (1, 10)]
-    draw_metrics(path, rows, "", ["ours"])
-    assert path.stat().st_size > 5_000
-
-
 def test_calibration_shows_a_line_for_each_setting_in_its_panel(path):
     nominal = (0.1, 0.5, 0.9)
     draw_calibration(path, {"SBR 1": {"1 ppp": (10, 50, 90), "10 ppp": (5, 30, 70)}, "SBR 10": {"1 ppp": (1, 2, 3)}},

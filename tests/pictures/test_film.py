@@ -8,7 +8,7 @@ from PIL import Image
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures import film
-from srt3d_ros.pictures.look import BACKGROUND, Look
+from srt3d_ros.pictures.cloud_renderer import BACKGROUND, CloudStyle
 
 FRAMES = 8
 
@@ -18,7 +18,7 @@ def pictures(tmp_path_factory, ball):
     """The film's pictures as arrays, and whether it is shown again and again."""
     cloud, sensor = ball
     path = tmp_path_factory.mktemp("film") / "a.gif"
-    film.turn(path, cloud, Look.of(cloud, sensor), sensor.projection, (200, 150), FRAMES)
+    film.save_turntable(path, cloud, CloudStyle.of(cloud, sensor), sensor.projection, (200, 150), FRAMES)
     gif = Image.open(path)
     assert gif.n_frames == FRAMES and gif.info["loop"] == 0
     found = []
@@ -44,4 +44,4 @@ def test_mp4_says_what_to_install(tmp_path, ball):
     if importlib.util.find_spec("imageio_ffmpeg") is not None:
         pytest.skip("imageio-ffmpeg is installed")
     with pytest.raises(InvalidInput, match="pip install imageio-ffmpeg"):
-        film.turn(tmp_path / "a.mp4", ball[0], Look(1, 2, 0.01), None, (64, 48), 2)
+        film.save_turntable(tmp_path / "a.mp4", ball[0], CloudStyle(1, 2, 0.01), None, (64, 48), 2)

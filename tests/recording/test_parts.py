@@ -1,6 +1,5 @@
 """Recordings in several files: how they are named, that each is complete, and that nothing is between them."""
 
-import os
 import subprocess
 import sys
 import time
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.parts import PartNames, Split
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
@@ -19,7 +17,7 @@ POINTS = 5000
 
 
 def threads_of_streams() -> int:
-    """Threads of this process that rerun has started for its streams."""
+    """Number of threads of rerun's streams in this process."""
     comms = [path.read_text() for path in Path("/proc/self/task").glob("*/comm")]
     return sum(comm.startswith(("ChunkBatcher", "RecordingStream")) for comm in comms)
 
@@ -52,7 +50,7 @@ def test_files_follow_each_other_by_size_or_by_age():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are counted on Linux only")
 def test_a_file_that_is_finished_leaves_no_threads_behind(tmp_path):
-    """rerun keeps two for each file and two for the layout in it, if it is left to itself."""
+    """Without rerun_streams, rerun keeps two for each file and two for its blueprint."""
     before = threads_of_streams()
     with RecordingWriter(tmp_path / "a.rrd", None, split=Split(size_mb=0.02)) as writer:
         while writer.parts < 5:
@@ -71,7 +69,7 @@ def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(
             writer.log_cloud(k, k, rng.normal(size=(POINTS, 3)) + [0, 0, 5], rng.gamma(2, 5, POINTS))
             writer.log_scalars(k, {"points": POINTS}, k)
             if k == 0:
-                writer.tell("parameters", {"sketcher.sketch_size": 5})
+                writer.set_properties("parameters", {"sketcher.sketch_size": 5})
             time.sleep(0.03)
     paths = sorted(tmp_path.glob("*.rrd"))
     readers = [RecordingReader(path) for path in paths]
@@ -80,10 +78,10 @@ def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(
     assert sorted(clouds) == list(range(frames)) and writer.dropped == 0
     assert sum(len(reader.series()["points"].values) for reader in readers) == frames
     for number, (reader, path) in enumerate(zip(readers, paths), start=1):
-        told = reader.properties()
+        properties = reader.properties()
         assert reader.is_finished() and reader.recording_id == readers[0].recording_id
-        assert told["run"] == {"namespace": "/", "part": number} and told["parameters"]["sketcher.sketch_size"] == 5
-        assert told["sensor"]["rows"] == 40 and told["versions"]["numpy"] == "2"
+        assert properties["run"] == {"namespace": "/", "part": number} and properties["versions"]["numpy"] == "2"
+        assert properties["sensor"]["rows"] == 40 and properties["parameters"]["sketcher.sketch_size"] == 5
         assert len(RrdReader(path).blueprints()) == 1
         static = {chunk.entity_path for chunk in RrdReader(path).stream().filter(content="/**", is_static=True)}
         assert {"/", "/sensor", "/metrics/points"} <= static
@@ -108,7 +106,7 @@ def log(until):
         writer.log_cloud(sent, sent, np.ones((5000, 3)), np.ones(5000))
         sent += 1
         time.sleep(0.01)
-def limit(size):            # what a write sees of it is what it sees of a full disk: an error
+def limit(size):            # a write then fails as on a full disk
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 log(lambda: sent == 20)
 limit(0)
@@ -136,40 +134,3 @@ def test_recording_goes_on_in_a_new_file_once_the_disk_takes_more(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"recording {tmp_path / 'a.rrd'}: File too large\n" and done.stderr == ""
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "a_2.rrd"]
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A folder on a disk of its own of 20 MB; skips where none can be made."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=20m", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
-        pytest.skip("no small disk: only root may mount one")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
-
-
-def test_a_full_disk_gives_one_error_until_there_is_room_again(small_disk, monkeypatch):
-    monkeypatch.setattr(writer_module, "RETRY_S", 0.05)
-    rng, errors, recoveries = np.random.default_rng(0), [], []
-    writer = RecordingWriter(small_disk / "a.rrd", None, on_error=errors.append, on_recovery=recoveries.append)
-
-    def log_until(condition):
-        frame = 0
-        while not condition() and frame < 2000:
-            writer.log_cloud(frame, frame, rng.normal(size=(20_000, 3)), rng.gamma(2, 5, 20_000))
-            frame += 1
-            time.sleep(0.01)
-        assert condition()
-
-    log_until(lambda: errors)
-    dropped = writer.dropped
-    log_until(lambda: writer.dropped > dropped + 30)
-    assert errors == [f"recording {small_disk / 'a.rrd'}: No space left on device"] and not recoveries
-    (small_disk / "a.rrd").unlink()                 # somebody makes room
-    log_until(lambda: recoveries)
-    writer.log_scalars(5, {"points": 1})
-    assert writer.flush() and writer.error is None
-    writer.close()
-    assert len(errors) == 1 and RecordingReader(writer.path).is_finished()

@@ -1,4 +1,4 @@
-"""Pictures by the rerun viewer: what is seen from the eye asked for, in the size asked for."""
+"""Pictures by the rerun viewer: from the given eye, in the given size."""
 
 import tempfile
 
@@ -58,7 +58,7 @@ def test_points_are_where_the_eye_sees_them(pictures, k, channel):
     assert (pictures[k][..., channel] > 100).mean() > 0.8 * (0.2 * HEIGHT)**2 / (HEIGHT * WIDTH)
 
 
-def test_a_viewer_that_ends_at_once_is_told_in_one_line(monkeypatch, tmp_path):
+def test_a_viewer_that_ends_at_once_is_reported_in_one_line(monkeypatch, tmp_path):
     stub = tmp_path / "rerun"
     stub.write_text("#!/bin/sh\necho 'No graphics adapter was found' >&2\nexit 1\n")
     stub.chmod(0o755)

@@ -8,21 +8,19 @@ import threading
 import time
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from srt3d_ros.colours import colour_table, packed_colour_table
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.recording import layout
+from srt3d_ros.recording import schema
 from srt3d_ros.recording import writer as writer_module
 from srt3d_ros.recording.colouring import Colouring
-from srt3d_ros.recording.file_sink import FileSink
 from srt3d_ros.recording.frame_log import Style
 from srt3d_ros.recording.reader import RecordingReader
+from srt3d_ros.recording.rrd_file import PipeToFile
 from srt3d_ros.recording.writer import RecordingWriter
 
 
@@ -72,22 +70,17 @@ def test_positions_are_kept_bit_for_bit_and_intensities_in_11_bits_whatever_thei
         assert np.allclose(rounded, intensity, rtol=2**-11, atol=0, equal_nan=True)
 
 
-def test_what_full_clouds_tell_stays_with_its_point(tmp_path, ball):
+def test_row_column_surface_and_deviation_stay_with_their_point(tmp_path, ball):
     cloud, sensor = ball
     std_m = cloud.depth_std_bins * sensor.bin_width_m
     with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
         writer.log_cloud(0, 0, cloud.xyz, cloud.intensity, depth_std=std_m, row=cloud.row, col=cloud.col,
                          surface=cloud.surface)
-    (batch,) = (chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content="/points")
-                if "row" in chunk.to_record_batch().schema.names)
-    columns = {name: batch.column(name)[0].values.to_numpy() for name in ("depth_std", "row", "col", "surface")}
-    assert {name: str(values.dtype) for name, values in columns.items()} == {
-        "depth_std": "float16", "row": "uint16", "col": "uint16", "surface": "uint8"}
     (read,) = RecordingReader(tmp_path / "a.rrd").clouds()
-    place = {(row, col, surface): k for k, (row, col, surface) in enumerate(zip(cloud.row, cloud.col, cloud.surface))}
-    order = [place[one] for one in zip(columns["row"], columns["col"], columns["surface"])]
-    assert np.array_equal(read.xyz, cloud.xyz[order])
-    assert np.array_equal(columns["depth_std"], std_m[order].astype(np.float16))
+    assert (read.row.dtype, read.col.dtype, read.surface.dtype) == (np.uint16, np.uint16, np.uint8)
+    order, read_order = (np.lexsort((c.surface, c.col, c.row)) for c in (cloud, read))
+    assert np.array_equal(read.xyz[read_order], cloud.xyz[order])
+    assert np.array_equal(read.depth_std_m[read_order], std_m[order].astype(np.float16))
 
 
 def test_points_cost_thirteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
@@ -97,8 +90,8 @@ def test_points_cost_thirteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
     intensity = rng.gamma(8, 2, 60_000).astype(np.float32)
     sizes = []
     for log in (lambda writer: None, lambda writer: writer.log_cloud(0, 0, xyz, intensity),
-                lambda writer: writer.log_image(layout.BACKGROUND, 0, 0, intensity.reshape(200, 300)),
-                lambda writer: writer.log_image(layout.PHOTONS, 0, 0, rng.poisson(intensity.reshape(200, 300)))):
+                lambda writer: writer.log_image(schema.BACKGROUND, 0, 0, intensity.reshape(200, 300)),
+                lambda writer: writer.log_image(schema.PHOTONS, 0, 0, rng.poisson(intensity.reshape(200, 300)))):
         with RecordingWriter(tmp_path / "a.rrd", None) as writer:
             log(writer)
         sizes.append((tmp_path / "a.rrd").stat().st_size)
@@ -120,13 +113,13 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path,
     reader = RecordingReader(tmp_path / "a.rrd")
     assert [(cloud.xyz == cloud.frame_index).all() for cloud in reader.clouds()] == [True] * 4
     assert [(cloud.intensity == cloud.frame_index).all() for cloud in reader.clouds()] == [True] * 4
-    assert [(depth_m == k).all() for _, k, depth_m in reader.depth_images()] == [True] * 2
+    assert [(depth_m == k).all() for _, k, depth_m in reader.images("/depth")] == [True] * 2
 
 
 @pytest.mark.parametrize("by, values", [
     ("height", lambda xyz: -xyz[:, 1]), ("range", lambda xyz: np.linalg.norm(xyz, axis=1)),
     ("depth_std", lambda xyz: xyz[:, 0] ** 2)])
-def test_colours_follow_what_is_asked_for_over_the_range_that_is_asked_for(tmp_path, by, values):
+def test_colours_show_the_chosen_quantity_over_the_chosen_range(tmp_path, by, values):
     xyz, intensity = random_cloud(1000)
     style = Style(Colouring(by, "viridis", fixed_range=(0.5, 2.0)))
     with RecordingWriter(tmp_path / "a.rrd", None, style=style) as writer:
@@ -143,34 +136,21 @@ def test_colours_follow_what_is_asked_for_over_the_range_that_is_asked_for(tmp_p
 
 def test_without_a_depth_std_the_intensity_colours(tmp_path):
     xyz, intensity = random_cloud(1000)
-    clouds = []
-    for by in ("depth_std", "intensity"):
-        with RecordingWriter(tmp_path / "a.rrd", None, style=Style(Colouring(by))) as writer:
-            writer.log_cloud(0, 0, xyz, intensity)
-        clouds += RecordingReader(tmp_path / "a.rrd").clouds()
-    assert np.array_equal(clouds[0].colour, clouds[1].colour)
+    by_std, by_intensity = (record_clouds(tmp_path / "a.rrd", [(xyz, intensity)], None, style=Style(Colouring(by)))
+                            for by in ("depth_std", "intensity"))
+    assert np.array_equal(by_std[0].colour, by_intensity[0].colour)
 
 
-def test_brighter_points_get_brighter_colours_and_the_range_follows_slowly(tmp_path):
-    xyz, intensity = np.zeros((100, 3)), np.linspace(1, 50, 100)
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_cloud(0, 0, xyz, intensity)
-        writer.log_cloud(1, 1, xyz, 4 * intensity)
-    first, second = RecordingReader(tmp_path / "a.rrd").clouds()
-    luminance = sum((first.colour >> shift & 255) * weight for shift, weight in ((24, 0.3), (16, 0.6), (8, 0.1)))
-    assert (np.diff(luminance) >= -1).all() and luminance[-1] > 3 * luminance[0] and (first.colour & 255 == 255).all()
-    assert np.mean(second.colour == first.colour[-1]) > 0.5     # still the range of the first frame, nearly
-
-
-def test_depth_image_is_kept_to_half_a_millimetre_with_its_holes(tmp_path, ball):
+@pytest.mark.parametrize("offset_m, error_m", [(0.0, 0.0005 + 1e-6), (9790.0, 0)])
+def test_depth_is_kept_to_half_a_millimetre_or_exactly_beyond_65_m(tmp_path, ball, offset_m, error_m):
     cloud, sensor = ball
-    image = cloud.range_image()
-    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+    image = cloud.range_image() + np.float32(offset_m)
+    with RecordingWriter(tmp_path / "a.rrd", sensor.replace(range_offset_m=offset_m)) as writer:
         writer.log_depth(5, 2, image)
-    (stamp_ns, frame_index, read), = RecordingReader(tmp_path / "a.rrd").depth_images()
+    (stamp_ns, frame_index, read), = RecordingReader(tmp_path / "a.rrd").images("/depth")
     assert (stamp_ns, frame_index) == (5, 2)
     assert np.isnan(image).sum() == 12 and (np.isnan(read) == np.isnan(image)).all()
-    assert np.nanmax(np.abs(read - image)) <= 0.0005 + 1e-6
+    assert np.nanmax(np.abs(read - image)) <= error_m
 
 
 def test_photon_images_are_kept_to_a_third_of_their_noise_and_counts_exactly(tmp_path):
@@ -179,32 +159,15 @@ def test_photon_images_are_kept_to_a_third_of_their_noise_and_counts_exactly(tmp
     mean[3, 4] = np.nan
     counts = [rng.poisson(9, (30, 40)), np.full((30, 40), 70_000)]
     with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_image(layout.INTENSITY_IMAGE, 0, 0, mean)
+        writer.log_image(schema.INTENSITY_IMAGE, 0, 0, mean)
         for k, count in enumerate(counts):
-            writer.log_image(layout.PHOTONS, k, k, count)
+            writer.log_image(schema.PHOTONS, k, k, count)
     reader = RecordingReader(tmp_path / "a.rrd")
-    ((_, _, read),) = reader.images(layout.INTENSITY_IMAGE)
+    ((_, _, read),) = reader.images(schema.INTENSITY_IMAGE)
     assert np.isnan(read[3, 4]) and np.isnan(read).sum() == 1
     assert np.nanmax(np.abs(np.sqrt(read.astype(float)) - np.sqrt(mean))) <= 0.175 + 0.01
-    read = sorted((image for image in reader.images(layout.PHOTONS)), key=lambda image: image[1])
+    read = sorted((image for image in reader.images(schema.PHOTONS)), key=lambda image: image[1])
     assert all(np.array_equal(image, count) for (_, _, image), count in zip(read, counts, strict=True))
-
-
-def test_log_lines_are_kept_with_their_level_and_stamp(tmp_path):
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_line(5, "sketcher: ready")
-        writer.log_line(6, "player: the end is near", 30, frame_index=4)
-    lines = RecordingReader(tmp_path / "a.rrd").log_lines()
-    assert [(line.stamp_ns, line.level, line.text) for line in sorted(lines, key=lambda line: line.stamp_ns)] == [
-        (5, "INFO", "sketcher: ready"), (6, "WARN", "player: the end is near")]
-
-
-def test_depth_image_of_a_far_sensor_is_kept_exactly(tmp_path, ball):
-    image = np.array([[9800.123, np.nan], [9801.5, 9799.25]], np.float32)
-    with RecordingWriter(tmp_path / "a.rrd", ball[1].replace(range_offset_m=9790.0)) as writer:
-        writer.log_depth(0, 0, image)
-    (_, _, read), = RecordingReader(tmp_path / "a.rrd").depth_images()
-    assert np.array_equal(read, image, equal_nan=True)
 
 
 def test_scalars_are_complete_under_load_and_every_missing_cloud_is_counted(tmp_path):
@@ -225,7 +188,7 @@ def test_scalars_are_complete_under_load_and_every_missing_cloud_is_counted(tmp_
 
 
 def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeypatch):
-    """Without a flush now and then, rerun would write clouds only."""
+    """Without regular flushes, rerun writes clouds only."""
     monkeypatch.setattr(writer_module, "FLUSH_PERIOD_S", 0.1)
     xyz, intensity = random_cloud(20_000)
     names = set()
@@ -251,9 +214,9 @@ def test_scalars_without_a_frame_or_a_value_are_taken(tmp_path):
 
 
 def test_flush_puts_everything_into_the_unfinished_file(tmp_path, monkeypatch):
-    """Though the disk takes its time: what rerun has written may still be in the pipe, or in the hand of our thread."""
-    write = FileSink._write
-    monkeypatch.setattr(FileSink, "_write", lambda sink, data: (time.sleep(0.02), write(sink, data)))
+    """Even on a slow disk, when data of rerun is still in the pipe or in our copying thread."""
+    write = PipeToFile._write
+    monkeypatch.setattr(PipeToFile, "_write", lambda sink, data: (time.sleep(0.02), write(sink, data)))
     writer = RecordingWriter(tmp_path / "a.rrd", None)
     xyz, intensity = random_cloud(20_000)
     for k in range(5):
@@ -307,7 +270,7 @@ def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path
 
 
 def test_a_full_disk_gives_one_error_and_lets_the_process_end():
-    """In a process of its own: rerun's file sink, left to itself, keeps a process with a full disk from ending."""
+    """In a process of its own: with rerun's own file sink, a process with a full disk does not end."""
     script = """
 import numpy as np, time
 from srt3d_ros.recording.writer import RecordingWriter
@@ -331,19 +294,6 @@ print(writer.error)
     assert done.stderr == ""
 
 
-def test_the_newest_file_is_the_one_that_there_is_as_long_as_the_disk_is_full(monkeypatch):
-    monkeypatch.setattr(writer_module, "RETRY_S", 0.01)
-    tries = []
-    monkeypatch.setattr(RecordingWriter, "_try_again", lambda self, again=RecordingWriter._try_again:
-                        (tries.append(self), again(self)))
-    monkeypatch.setattr(writer_module, "ROOM_BYTES", 1 << 62)
-    with RecordingWriter("/dev/full", None) as writer:
-        while len(tries) < 2:
-            writer.log_cloud(0, 0, np.ones((10_000, 3)), np.ones(10_000))
-            time.sleep(0.01)
-        assert writer.error and writer.path == Path("/dev/full")
-
-
 def test_a_process_that_forgets_to_close_ends_with_a_finished_file(tmp_path):
     script = """
 import sys
@@ -353,7 +303,7 @@ writer = RecordingWriter(sys.argv[1], None)
 for k in range(30):
     writer.log_cloud(k, k, np.ones((20_000, 3)), np.ones(20_000))
 """
-    for name in ("a.rrd", "b.rrd", "c.rrd"):        # left to rerun, about every fourth such process hangs
+    for name in ("a.rrd", "b.rrd", "c.rrd"):        # with rerun's exit handler, every fourth such process hangs
         subprocess.run([sys.executable, "-c", script, tmp_path / name], timeout=60, check=True)
         assert RecordingReader(tmp_path / name).is_finished()
         assert len(list(RecordingReader(tmp_path / name).clouds())) == 30
@@ -371,22 +321,13 @@ def test_closing_twice_and_logging_afterwards_change_nothing(tmp_path):
     assert (tmp_path / "a.rrd").stat().st_size == size
 
 
-def test_two_recordings_of_one_process_stay_apart(tmp_path):
-    with RecordingWriter(tmp_path / "a.rrd", None) as a, RecordingWriter(tmp_path / "b.rrd", None) as b:
-        a.log_scalars(0, {"points": 1})
-        b.log_scalars(0, {"points": 2})
-    readers = [RecordingReader(tmp_path / name) for name in ("a.rrd", "b.rrd")]
-    assert readers[0].recording_id != readers[1].recording_id
-    assert [reader.series()["points"].values.tolist() for reader in readers] == [[1], [2]]
-
-
-def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
+def test_properties_hold_the_run_and_the_sensor(tmp_path, ball):
     sensor = ball[1].replace(projection=replace(ball[1].projection, distortion=PlumbBob(k1=-0.05, p2=0.01)))
     facts = {"version": "1.2", "frequencies": [1, 2, 5], "nothing": None, "path": tmp_path, "rate_hz": 10.0,
              "live": True}
     with RecordingWriter(tmp_path / "a.rrd", sensor, properties={"run": facts, "versions": {"numpy": "2"}}) as writer:
-        writer.tell("parameters", {"sketcher.sketch_size": 5, "sketcher.layout": "float32"})
-        writer.tell("parameters", {"sketcher.sketch_size": 6})
+        writer.set_properties("parameters", {"sketcher.sketch_size": 5, "sketcher.layout": "float32"})
+        writer.set_properties("parameters", {"sketcher.sketch_size": 6})
     properties = RecordingReader(tmp_path / "a.rrd").properties()
     run = properties["run"]
     assert run["frequencies"].tolist() == [1, 2, 5] and run["path"] == str(tmp_path) and "nothing" not in run
@@ -400,12 +341,12 @@ def test_properties_tell_the_run_and_the_sensor(tmp_path, ball):
 
 
 @pytest.mark.parametrize("facts", [{}, {"unset": None}, {"none": []}, {"none": ()}])
-def test_nothing_told_of_a_property_is_no_property_and_no_warning(tmp_path, facts):
-    """As of a node that is ended while it is asked for its parameters."""
+def test_a_property_without_facts_is_left_out_without_a_warning(tmp_path, facts):
+    """Such as the parameters of a node that has ended."""
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         with RecordingWriter(tmp_path / "a.rrd", None, properties={"versions": facts}) as writer:
-            writer.tell("parameters", facts)
+            writer.set_properties("parameters", facts)
             assert writer.flush()
     assert not [str(warning.message) for warning in seen]
     assert not {"versions", "parameters"} & RecordingReader(tmp_path / "a.rrd").properties().keys()

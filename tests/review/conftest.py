@@ -1,16 +1,33 @@
-"""Recordings to review: a ball that moves, with a gap, an outlier and all that a recorder knows to tell."""
+"""Recordings of a ball to review, with a gap and all that a recorder records; and pages of reports."""
+
+from html.parser import HTMLParser
 
 import numpy as np
 import pyarrow as pa
 import pytest
 import rerun as rr
 
-from srt3d_ros.recording import layout
+from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
 
 FRAMES, PERIOD_NS, FIRST_NS = 30, 10**8, 1_795_285_122_000_000_000
 MISSING = (10, 11)                  # of the sensor's frames: the recording has a gap
 FEWEST, MOST = 5, 20
+
+
+class Page(HTMLParser):
+    """The tags of a page, each with its attributes, and its text."""
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.tags, self.text = [], ""
+        self.feed(html)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.text += data
 
 
 @pytest.fixture(scope="session")
@@ -38,10 +55,10 @@ def write_recording():
 
 def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0,
            more=lambda stream: None):
-    """Write by rerun itself what docs/recording.md says, and at the end what `more` does."""
+    """Write with rerun alone what docs/recording.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
-    layout.tell(stream, "sensor", layout.sensor_properties(sensor))
+    schema.log_properties(stream, "sensor", schema.sensor_properties(sensor))
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
     stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
     stream.send_property("parameters", rr.AnyValues(**{"sketcher.sketch_size": 10}))
@@ -57,7 +74,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
         stream.log("/points", rr.Points3D(xyz, colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
                    rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
                                 depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
-        stream.log("/depth", layout.depth_image(cloud.depth_image(sensor.projection), 0, 1, True))
+        stream.log("/depth", schema.depth_image(cloud.depth_image(sensor.projection), 0, 1, True))
         stream.log("/background", rr.DepthImage(cloud.background.astype(np.float16)))
         series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5,
                   "drops": 2 * (frame > 15)}

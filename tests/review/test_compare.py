@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.review.compare import compare, nearest_mm, words
+from srt3d_ros.review.compare import compare, format_comparison, nearest_mm
 from srt3d_ros.review.recorded import Recorded
 
 
@@ -34,7 +34,7 @@ def test_a_shift_is_found_and_frames_match_by_stamp(recorded, other):
 def test_without_common_stamps_frames_match_by_index(recorded, other):
     found = compare(recorded, other(first_ns=7, frames=14))
     assert found["matched_by"] == "frame" and found["frames"] == 12
-    assert "no stamp is in both" in words(found)
+    assert "no stamp is in both" in format_comparison(found)
 
 
 def test_points_are_compared_with_their_sign(recorded, other, ball):

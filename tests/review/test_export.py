@@ -36,7 +36,7 @@ def test_other_cloud_files_hold_all_points(recorded, ball, tmp_path, suffix):
         assert str(len(ball[0])).encode() in (tmp_path / f"a{suffix}").read_bytes()[:400]
 
 
-def test_points_are_told_apart_within_a_pixel_whatever_their_order(recorded, ball):
+def test_points_of_a_pixel_are_ranked_whatever_their_order(recorded, ball):
     cloud, sensor = ball
     (frame,) = recorded.reader.clouds({PLACE})
     rng = np.random.default_rng(0)
@@ -74,7 +74,7 @@ def test_a_bag_holds_every_cloud_at_its_stamp(recorded, ball, tmp_path):
 
 @pytest.mark.parametrize("output, expected", [
     ("a.xyz", "a file name that ends in .npz, .ply, .pcd, .rrd, .png"), ("no/a.ply", "a directory .*no that exists")])
-def test_an_output_that_cannot_be_is_told_before(tmp_path, output, expected):
+def test_an_output_that_cannot_be_written_is_refused_before(tmp_path, output, expected):
     with pytest.raises(InvalidInput, match=expected):
         export.check_output(tmp_path / output, export.FRAME_SUFFIXES)
 

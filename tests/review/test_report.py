@@ -2,23 +2,22 @@
 
 import base64
 import io
-import re
 import shutil
 import subprocess
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.pictures.look import Look
+from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import screenshot
 from srt3d_ros.review import gallery
-from srt3d_ros.review.camera import Camera
 from srt3d_ros.review.recorded import Recorded
+from srt3d_ros.review.renderer import Renderer
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import summarise
+from tests.review.conftest import Page
 
 NOTE = "a.rrd was not finished: repaired into b.rrd"
 
@@ -39,37 +38,18 @@ def report(recorded, tmp_path_factory):
     return path
 
 
-class Page(HTMLParser):
-    """A page's tags, with their attributes, and its text."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.text = [], ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.text += data
-
-
-@pytest.fixture(scope="module")
-def page(report):
-    return Page(report.read_text())
-
-
-def test_everything_that_belongs_in_it_is_in_it(page):
+def test_everything_that_belongs_in_it_is_in_it(report):
+    page = Page(report.read_text())
     for expected in ("ball.rrd", "Recorded 2026-11-21 18:18:42 UTC, 2.9 s, 40 × 48 pixels", NOTE, "A typical cloud",
                      "Fewest points", "Most points", "end to end", "How often each latency", "latency, ms", "photons",
                      "after frame 9, at 0.90 s", "about 2 frames", "1 WARN", "Parameters of sketcher", "sketch_size",
-                     "0123456789abcdef",
-                     "bins of 20 ps", "median 43.5 ms", "Drawn by srt3d_ros"):
+                     "0123456789abcdef", "bins of 20 ps", "median 43.5 ms", "Drawn by srt3d_ros"):
         assert expected in page.text, expected
-    assert [tag for tag, _ in page.tags].count("svg") == 6
+    assert [tag for tag, _ in page.tags].count("svg") == 6 and "#010203" not in report.read_text()
 
 
-def test_pictures_are_inside_and_show_clouds(page):
+def test_pictures_are_inside_and_show_clouds(report):
+    page = Page(report.read_text())
     sources = [attributes["src"] for tag, attributes in page.tags if tag == "img"]
     assert len(sources) == 3 + 12 + 2        # typical and ends, strip, depth and background
     for source in sources[:15]:
@@ -78,29 +58,6 @@ def test_pictures_are_inside_and_show_clouds(page):
         assert kind == "data:image/jpeg" and (picture.max(axis=2) > 60).mean() > 0.1
     depth = Image.open(io.BytesIO(base64.b64decode(sources[15].split(",")[1])))
     assert depth.size == (48, 40)
-
-
-def test_nothing_is_fetched_or_run(page, report):
-    assert not {"script", "link", "iframe", "object", "embed"} & {tag for tag, _ in page.tags}
-    for _, attributes in page.tags:
-        assert not any(name.startswith("on") for name in attributes)
-        for name in ("src", "href", "xlink:href"):
-            assert attributes.get(name, "data:").startswith(("data:", "#"))
-    assert "@import" not in report.read_text() and not re.search(r"url\((?!#)", report.read_text())
-
-
-def test_what_a_node_logged_is_text_not_markup(page, report):
-    assert "<script>alert(1)</script>" in page.text and "<script>" not in report.read_text()
-    assert "x86_64 <&>" in page.text
-
-
-def test_plots_take_the_colour_of_the_page(report):
-    svgs = re.findall(r"<svg.*?</svg>", report.read_text(), re.DOTALL)
-    assert all("currentColor" in svg and "#010203" not in svg for svg in svgs)
-
-
-def test_it_is_light(report):
-    assert report.stat().st_size < 2_000_000
 
 
 @pytest.mark.parametrize("width, height, dark", [(1280, 1600, False), (390, 1600, True)])
@@ -143,18 +100,18 @@ def test_a_report_that_cannot_be_written_is_one_line(recorded, tmp_path):
 
 def test_a_viewer_that_cannot_run_is_one_line_or_our_own_pictures(recorded, monkeypatch):
     (cloud,) = recorded.reader.clouds({3})
-    look = Look.of(cloud, recorded.sensor)
+    look = CloudStyle.of(cloud, recorded.sensor)
 
     def fails(*_):
         raise screenshot.ScreenshotError("it does not draw")
 
     monkeypatch.setattr(screenshot, "screenshots", fails)
     monkeypatch.setattr(screenshot, "is_possible", lambda: True)
-    camera = Camera("auto", cloud, look, None, 160, 120)
-    assert camera.draw([cloud])[0].shape == (120, 160, 3) and not camera.by_viewer
+    renderer = Renderer("auto", cloud, look, None, 160, 120)
+    assert renderer.draw([cloud])[0].shape == (120, 160, 3) and not renderer.by_viewer
     with pytest.raises(InvalidInput, match="a viewer that draws .it does not draw."):
-        Camera("viewer", cloud, look, None, 160, 120).draw([cloud])
+        Renderer("viewer", cloud, look, None, 160, 120).draw([cloud])
     monkeypatch.setattr(screenshot, "is_possible", lambda: False)
-    assert not Camera("auto", cloud, look, None, 160, 120).by_viewer
+    assert not Renderer("auto", cloud, look, None, 160, 120).by_viewer
     with pytest.raises(InvalidInput, match="apt-get install mesa-vulkan-drivers"):
-        Camera("viewer", cloud, look, None, 160, 120)
+        Renderer("viewer", cloud, look, None, 160, 120)

@@ -7,9 +7,9 @@ import pytest
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
-from srt3d_ros.review import words
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import iso_time, summarise
+from srt3d_ros.review.summary import summarise
+from srt3d_ros.review.summary_text import format_summary
 from tests.review.conftest import FEWEST, FRAMES, MISSING, MOST
 
 
@@ -40,7 +40,7 @@ def test_points_photons_and_drops(summary, ball):
     assert summary["typical_frame"] not in (FEWEST, MOST)
 
 
-def test_a_series_with_a_gap_is_told(summary):
+def test_missing_values_of_a_series_are_counted(summary):
     assert summary["incomplete_series"] == {"photons": 1}
 
 
@@ -50,11 +50,12 @@ def test_it_is_json_and_carries_what_the_run_was(summary):
     assert again["parameters"] == {"sketcher.sketch_size": 10} and again["log"] == {"WARN": 1}
 
 
-def test_words_tell_the_same(summary):
-    text = words.words(summary)
+def test_text_has_the_same_figures(summary):
+    text = format_summary(summary)
     for expected in ("28, 9.31 Hz", "1, about 2 frames; the longest 0.3 s after frame 9", "median 43.5 ms",
                      "40 × 48 pixels, 600 bins of 20 ps", "0.1.0, revision 0123456789ab", "photons lacks 1", "1 WARN"):
         assert expected in text
+    assert "5 min 0 s" in format_summary(summary | {"duration_s": 299.96})
 
 
 def test_an_early_recording_with_clouds_alone_has_figures_too(tmp_path, ball):
@@ -65,7 +66,7 @@ def test_an_early_recording_with_clouds_alone_has_figures_too(tmp_path, ball):
     summary = summarise(recorded)
     assert summary["frames"] == 1 and summary["points"]["median"] == len(cloud) and recorded.sensor is None
     assert summary["latency_ms"] == {} and summary["drops"] is summary["photons"] is summary["frame_rate_hz"] is None
-    assert "points a frame" in words.words(summary)
+    assert "points a frame" in format_summary(summary)
 
 
 def test_a_recording_without_clouds_is_one_line(tmp_path):
@@ -87,11 +88,3 @@ def test_the_reference_of_toa_is_found_again(tmp_path, ball):
     with RecordingWriter(tmp_path / "a.rrd", sensor.replace(toa_reference="bin_edge")) as writer:
         writer.log_cloud(5, 0, cloud.xyz, cloud.intensity)
     assert Recorded.read(tmp_path / "a.rrd").sensor.toa_reference == "bin_edge"
-
-
-def test_durations_are_said_in_minutes(summary):
-    assert "5 min 0 s" in words.words(summary | {"duration_s": 299.96})
-
-
-def test_stamps_are_utc_to_the_millisecond():
-    assert iso_time(1_795_285_122_356_999_999) == "2026-11-21T18:18:42.356Z"

@@ -1,6 +1,6 @@
-"""The page of a report: one HTML file that needs nothing else, no scripts; dark or light as the reader's screen is."""
+"""The Jinja2 template of the report: one HTML file without scripts or external files, for dark and light screens."""
 
-PAGE = """<!doctype html>
+TEMPLATE = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">

@@ -1,10 +1,9 @@
-"""The point raster: what is where, what hides what, and what cannot be drawn."""
+"""The renderer of clouds: positions, occlusion, shading, and points that cannot be drawn."""
 
 import numpy as np
 import pytest
 
-from srt3d_ros.pictures import raster
-from srt3d_ros.pictures.raster import draw_fog, draw_surface, project
+from srt3d_ros.pictures.cloud_renderer import draw_fog, draw_surface, project
 from srt3d_ros.viewpoint import Viewpoint
 
 EYE = Viewpoint(np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, -1, 0]), 53.13)      # 2 m wide at 2 m
@@ -77,15 +76,3 @@ def test_fog_glows_where_many_points_are_and_hides_nothing():
     assert image[50, 60].tolist() == [60, 0, 0]
     assert image[50, 93].tolist() == pytest.approx([100 * (1 - 0.7**6), 0, 100 * (1 - 0.7**6)], abs=1)
     assert (image.sum(axis=2) > 0).sum() == 2
-
-
-def test_larger_specks_cover_squares():
-    image = draw_fog(np.array([[0.01, 0.01, 2.0]]), np.array([RED]), EYE, 120, 100, 0.5, size_px=3)
-    assert (image[49:52, 59:62, 0] == 100).all() and (image > 0).sum() == 9
-
-
-def test_few_large_discs_are_drawn_as_many_small_ones_are():
-    rng = np.random.default_rng(3)
-    x, y, radius = (rng.uniform(low, high, 60).astype(np.float32) for low, high in ((-9, 110), (-9, 90), (0.75, 9)))
-    few, many = (draw(x, y, radius, 100, 80) for draw in (raster._topmost_of_few, raster._topmost_of_many))
-    assert np.array_equal(few, many) and (few >= 0).mean() > 0.2 and (few < 0).any()

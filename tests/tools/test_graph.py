@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from srt3d_ros.nodes.specs import SPECS
-from srt3d_ros.pictures import graph
+from tools import graph
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,105 @@
+"""Texts, scale bar and range colours on dark pictures of clouds."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle, focal_px
+from srt3d_ros.viewpoint import Viewpoint
+
+TEXT, DIM = "#e8eaed", "#8b939e"
+DPI = 100
+_BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
+_RANGE_BAR = 0.16, 0.012                # of the picture's width and height
+_TITLE_PX, _FIGURES_PX = 84, 56         # heights of the bands above and below the cloud
+
+
+def dark_figure(width_px: int, height_px: int) -> Figure:
+    """A figure of this size on the background of clouds."""
+    figure = Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=hex_colour(BACKGROUND))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray, **options) -> Axes:
+    """Axes at (left, bottom, width, height) of the figure, filled by an image."""
+    axes = figure.add_axes(box)
+    axes.set_axis_off()
+    axes.imshow(image, interpolation="nearest", aspect="auto", **options)
+    return axes
+
+
+def write_line(figure: Figure, height: float, text: str, size: float, colour: str, **style) -> None:
+    """Write a line of text at this height, smaller if it would be too long; $ is not markup."""
+    size = min(size, figure.get_figwidth() * DPI / max(len(text), 1))
+    figure.text(0.02, height, text, size=size, color=colour, va="center", parse_math=False, **style)
+
+
+def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
+    """Draw a bar of 1, 2 or 5 · 10ⁿ metres at the lower right; its length holds at the eye's target."""
+    height, width = axes.images[0].get_array().shape[:2]
+    px_per_m = focal_px(eye, width, height) / np.linalg.norm(eye.target - eye.position)
+    exponent = np.floor(np.log10(_BAR_SHARE * width / px_per_m))
+    length_m = max(step * 10**exponent for step in (1, 2, 5) if step * 10**exponent * px_per_m <= _BAR_SHARE * width)
+    end, line = width - 0.02 * width, height - 0.03 * height
+    axes.plot([end - length_m * px_per_m, end], [line, line], color=DIM, linewidth=2, solid_capstyle="butt")
+    axes.text(end, line - 0.015 * height, length_text(length_m), color=DIM, size=size, ha="right", va="bottom")
+
+
+def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
+    """Draw the colours of the range at the lower left, with the metres at their ends."""
+    height, width = axes.images[0].get_array().shape[:2]
+    wide, tall = _RANGE_BAR[0] * width, _RANGE_BAR[1] * height
+    left, bottom = 0.02 * width, height - 0.03 * height
+    limits = axes.get_xlim(), axes.get_ylim()
+    axes.imshow(RANGE_MAP[None] / 255, extent=(left, left + wide, bottom, bottom - tall), aspect="auto", zorder=3)
+    axes.set(xlim=limits[0], ylim=limits[1])
+    for x, metres, side in ((left, style.near_m, "left"), (left + wide, style.far_m, "right")):
+        axes.text(x, bottom - tall - 0.012 * height, f"{metres:.3g} m", color=DIM, size=size, ha=side, va="bottom")
+
+
+def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint, title: str = "", figures: dict | None = None
+              ) -> Image.Image:
+    """A drawn cloud with scale bar and range colours; title and figures make the picture taller.
+
+    Args:
+        image: uint8 [height, width, 3], the cloud seen from `eye`.
+        title: above the cloud.
+        figures: below the cloud, in order: {"points": 19_871, "latency": "35 ms"}.
+    """
+    height, width = image.shape[:2]
+    above, below = _TITLE_PX * bool(title), _FIGURES_PX * bool(figures)
+    total = height + above + below
+    figure = dark_figure(width, total)
+    axes = image_axes(figure, (0, below / total, 1, height / total), image)
+    size = max(width / 100, 9)
+    scale_bar(axes, eye, size)
+    range_bar(axes, style, size)
+    write_line(figure, 1 - above / 2 / total, title, 1.9 * size, TEXT, weight="bold")
+    write_line(figure, below / 2 / total, caption(figures or {}), 1.15 * size, DIM)
+    figure.canvas.draw()
+    return Image.fromarray(np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., :3]))
+
+
+def length_text(length_m: float) -> str:
+    """A length in the unit that makes it short: 2 m, 50 cm, 5 mm."""
+    if length_m >= 1:
+        return f"{length_m:g} m"
+    return f"{length_m * 100:g} cm" if length_m >= 0.01 else f"{length_m * 1000:g} mm"
+
+
+def caption(figures: dict) -> str:
+    """Figures in one line, numbers as 19,871 or 0.569."""
+    def text(value) -> str:
+        if isinstance(value, (int, np.integer)):
+            return f"{value:,}"
+        return f"{value:.3g}" if isinstance(value, (float, np.floating)) else str(value)
+
+    return "     ".join(f"{name}: {text(value)}" for name, value in figures.items())
+
+
+def hex_colour(colour: tuple[int, int, int]) -> str:
+    """#rrggbb."""
+    return "#" + bytes(colour).hex()

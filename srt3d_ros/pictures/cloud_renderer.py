@@ -1,0 +1,170 @@
+"""Draw clouds: perspective, nearest points on top, coloured by range, shaded by intensity, edges darkened. NumPy only.
+
+Points are drawn as discs from far to near. Edges are then darkened from the depth of each picture element (eye-dome
+lighting: Boucheny, Interactive Scientific Visualization of Large Datasets: Towards a Perceptive-Based Approach, thesis,
+Grenoble 2009), which shows shape without normals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from srt3d_ros.colours import colour_table, levels, percentile_range
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.viewpoint import Viewpoint, point_radius_m
+
+BACKGROUND = (13, 16, 21)
+# Near is bright. The darkest quarter of the map is left out: it is hard to see on the background.
+RANGE_MAP = colour_table("viridis")[np.linspace(255, 45, 256).round().astype(int)]
+_OUTSIDE = (96, 104, 116)
+_RADIUS_PER_DISTANCE = 0.6      # neighbours then just overlap
+_RADIUS_FACTOR = 1.2            # larger points than in the viewer: no gaps in oblique surfaces
+_NEAREST = 1e-3                 # of the distance to the target: closer points are not drawn
+_SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX = 0.75, 24.0
+_BLOCK_ELEMENTS = 4_000_000     # picture elements of discs that are computed at once, for memory's sake
+_EDGE_REACHES = (0.004, 0.015)  # distances at which the edge shading compares depths, of the picture's height
+_EDGE_SLOPE = 0.7               # depth over reach at which an edge has two thirds of the greatest darkening
+_DEEPEST_EDGE = 0.02            # of the distance between eye and target: deeper edges are not darker
+_DARKEST_EDGE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class CloudStyle:
+    """What the panels of a picture share: the ranges in metres at the ends of the colours, and the points' radius."""
+
+    near_m: float
+    far_m: float
+    radius_m: float
+
+    @classmethod
+    def of(cls, cloud: PointCloud, sensor: SensorModel | None) -> "CloudStyle":
+        """The style that suits a cloud; without a sensor, the radius is that of points spread evenly on a surface."""
+        near_m, far_m = percentile_range(np.linalg.norm(cloud.xyz, axis=1), 1, 99) or (
+            sensor.range_m(np.array([0, sensor.num_bins])) if sensor else (0.0, 1.0))
+        radius_m = point_radius_m(cloud.xyz, sensor) if sensor else _even_radius_m(cloud.xyz)
+        return cls(float(near_m), float(far_m), _RADIUS_FACTOR * radius_m)
+
+    def colour(self, xyz: np.ndarray) -> np.ndarray:
+        """Colours of points by range, uint8 [N, 3]; grey far outside the ranges of the style."""
+        range_m, span_m = np.linalg.norm(xyz, axis=1), self.far_m - self.near_m
+        colour = RANGE_MAP[levels(range_m, self.near_m, self.far_m)]
+        colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
+        return colour
+
+    def shaded(self, cloud: PointCloud) -> np.ndarray:
+        """Colours of a cloud's points by range, darker where the intensity is low, uint8 [N, 3]."""
+        low, high = percentile_range(cloud.intensity) or (0, 1)
+        bright = levels(cloud.intensity, low, high, root=True)[:, None] / np.float32(255)
+        return (self.colour(cloud.xyz) * (0.7 + 0.3 * bright)).astype(np.uint8)
+
+    def draw(self, cloud: PointCloud, eye: Viewpoint, width: int, height: int) -> np.ndarray:
+        """A cloud seen from `eye`, uint8 [height, width, 3]."""
+        return draw_surface(cloud.xyz, self.shaded(cloud), eye, width, height, self.radius_m, BACKGROUND, finer=2)
+
+
+def draw_surface(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, radius_m: float,
+                 background: tuple[int, int, int] = (0, 0, 0), finer: int = 1) -> np.ndarray:
+    """Draw points as opaque discs; uint8 [height, width, 3].
+
+    Args:
+        xyz: float [N, 3], metres; points that are not finite are left out.
+        colour: uint8 [N, 3].
+        radius_m: of the discs; they are at least one picture element.
+        background: colour without points.
+        finer: supersampling: 2 gives smooth edges for four times the work.
+    """
+    width, height = width * finer, height * finer
+    x, y, depth = project(xyz, eye, width, height)
+    seen = np.flatnonzero(np.isfinite(x + y + depth) & (np.abs(x) < 2 * width) & (np.abs(y) < 2 * height))
+    seen = seen[np.argsort(-depth[seen])]
+    x, y, depth = x[seen], y[seen], depth[seen]
+    radius_px = radius_m * focal_px(eye, width, height) / depth
+    radius_px = np.clip(radius_px, _SMALLEST_RADIUS_PX, _LARGEST_RADIUS_PX * finer)
+    top = _last_disc(x, y, radius_px, width, height)        # sorted from far to near: the nearest
+    covered = top >= 0
+    image = np.empty((width * height, 3), np.float32)
+    image[:] = background
+    buffer = np.full(width * height, np.inf, np.float32)
+    buffer[covered] = depth[top[covered]]
+    with np.errstate(invalid="ignore"):     # inf − inf in the background
+        shade = _edge_shade(buffer.reshape(height, width), np.linalg.norm(eye.target - eye.position)).ravel()
+    image[covered] = colour[seen][top[covered]] * shade[covered, None]
+    return image.reshape(height // finer, finer, width // finer, finer, 3).mean(axis=(1, 3)).astype(np.uint8)
+
+
+def draw_fog(xyz: np.ndarray, colour: np.ndarray, eye: Viewpoint, width: int, height: int, opacity: float,
+             size_px: int = 1, background: tuple[int, int, int] = (0, 0, 0)) -> np.ndarray:
+    """Draw points as translucent squares: lines of sight with many points glow; uint8 [height, width, 3].
+
+    Args:
+        xyz, colour, eye, width, height, background: as for draw_surface.
+        opacity: of one point, 0 … 1.
+        size_px: side of its square.
+    """
+    x, y, _ = project(xyz, eye, width, height)
+    steps = np.mgrid[:size_px, :size_px].reshape(2, -1, 1) - (size_px - 1) / 2
+    x, y = (np.ravel(at + step) for at, step in zip((x, y), steps))
+    colour = np.tile(colour, (size_px**2, 1))
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)      # False for NaN
+    element = y[inside].astype(np.int64) * width + x[inside].astype(np.int64)
+    number = np.bincount(element, minlength=width * height)
+    total = np.stack([np.bincount(element, colour[inside, c], minlength=width * height) for c in range(3)], axis=1)
+    mean = total / np.maximum(number, 1)[:, None]
+    cover = 1 - (1 - opacity)**number[:, None]
+    return (mean * cover + (1 - cover) * background).reshape(height, width, 3).astype(np.uint8)
+
+
+def project(xyz: np.ndarray, eye: Viewpoint, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Project points [N, 3]: x and y in pixels, and distance along the line of sight in metres (NaN: not in view)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        right, down, forward = ((np.asarray(xyz, np.float32) - eye.position.astype(np.float32))
+                                @ eye.axes().T.astype(np.float32)).T
+        nearest = _NEAREST * np.linalg.norm(eye.target - eye.position)
+        forward = np.where(forward > nearest, forward, np.nan)
+        focal = focal_px(eye, width, height)
+        return right / forward * focal + width / 2, down / forward * focal + height / 2, forward
+
+
+def focal_px(eye: Viewpoint, width: int, height: int) -> float:
+    """Focal length in pixels; fov_deg spans the smaller side of the picture."""
+    return min(width, height) / 2 / np.tan(np.radians(eye.fov_deg) / 2)
+
+
+def _last_disc(x: np.ndarray, y: np.ndarray, radius: np.ndarray, width: int, height: int) -> np.ndarray:
+    """The last of the points whose disc covers a picture element, int32 [height · width], −1 = none."""
+    top = np.full(height * width, -1, np.int32)
+    reaches = np.ceil(radius).astype(np.int32)
+    for reach in np.unique(reaches):
+        step = np.arange(-reach, reach + 1, dtype=np.int32)
+        points = np.flatnonzero(reaches == reach).astype(np.int32)
+        for k in np.array_split(points, 1 + len(points) * len(step)**2 // _BLOCK_ELEMENTS):
+            cols, rows = (np.floor(at[k]).astype(np.int32)[:, None] + step for at in (x, y))       # [points, steps]
+            across, down = ((n + np.float32(0.5) - at[k, None])**2 for n, at in ((cols, x), (rows, y)))
+            across[(cols < 0) | (cols >= width)] = np.inf
+            down[(rows < 0) | (rows >= height)] = np.inf
+            inside = down[:, :, None] + across[:, None] <= radius[k, None, None]**2
+            element = (rows[:, :, None] * width + cols[:, None])[inside]
+            # Of equal elements, NumPy keeps the last assignment; the maximum keeps those of other reaches.
+            top[element] = np.maximum(top[element], np.repeat(k, inside.sum(axis=(1, 2))))
+    return top
+
+
+def _edge_shade(depth: np.ndarray, distance: float) -> np.ndarray:
+    """1 on smooth surfaces, less beside something nearer; float32 like `depth`, inf = background."""
+    light = np.ones_like(depth)
+    rows, cols = depth.shape
+    for reach in _EDGE_REACHES:
+        step = max(round(reach * rows), 1)
+        padded = np.pad(depth, step, constant_values=np.inf)
+        around = (padded[i * step:i * step + rows, j * step:j * step + cols] for i, j in np.ndindex(3, 3)
+                  if (i, j) != (1, 1))
+        occlusion = sum(np.clip(depth - beside, 0, _DEEPEST_EDGE * distance) for beside in around) / 8
+        light *= 1 - _DARKEST_EDGE * (1 - np.exp(-occlusion / (reach * _EDGE_SLOPE * distance)))
+    return light
+
+
+def _even_radius_m(xyz: np.ndarray) -> float:
+    """Half the distance of points spread evenly over the two larger sides of the box that holds most of them."""
+    sides = [np.subtract(*(percentile_range(axis, 1, 99) or (0, 0))[::-1]) for axis in xyz.T]
+    return float(np.sqrt(np.prod(sorted(sides)[1:]) / max(len(xyz), 1))) * _RADIUS_PER_DISTANCE

@@ -1,0 +1,27 @@
+"""Release rerun's streams. rerun 0.41 keeps each stream, with its threads, until the process ends.
+
+A recorder that begins a file every few minutes would grow forever. This is the only module that uses private names of
+rerun. It can go once `RecordingStream.disconnect` and `send_blueprint` of rerun release their streams.
+"""
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun import bindings
+
+abandoned: set = set()      # files whose streams may never end, as their disks hang
+
+
+def send_blueprint(stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
+    """Like rerun's function of this name, which does not release the stream that it logs the blueprint to."""
+    made = rr.RecordingStream._from_native(bindings.new_blueprint(
+        stream.get_application_id(), make_default=False, make_thread_default=False))
+    made.set_time("blueprint", sequence=0)
+    blueprint._log_to_stream(made)
+    bindings.send_blueprint(made.memory_recording().storage, True, True, recording=stream.to_native())
+    made.disconnect()       # the stream and its memory refer to each other
+
+
+def free_ended() -> None:
+    """Free the streams that have ended and are not referred to."""
+    if not abandoned:       # rerun waits for all streams first
+        bindings.flush_and_cleanup_orphaned_recordings()

@@ -1,0 +1,151 @@
+"""RrdFile: one .rrd file, written by us from a pipe that rerun writes into.
+
+When a write fails (disk full, disk removed), the file sink of rerun 0.41 ends its thread. A pending flush, the next
+disconnect and the exit of the process can then wait forever. Behind a pipe, rerun never sees the failure: it becomes
+an OSError here, and what rerun still writes is discarded.
+"""
+
+import fcntl
+import os
+import select
+import struct
+import termios
+import threading
+import time
+from pathlib import Path
+
+import rerun as rr
+
+from srt3d_ros.recording import rerun_streams
+
+TICK_S = 0.4            # how long rerun gathers rows: a kill loses as much, and every chunk of an entity costs 1 kB
+_FLUSH_TIMEOUT_S = 2.0
+_FLUSH_TRIES = 10
+_CHUNK_BYTES = 1 << 20
+_POLL_S = 0.005
+
+
+class RrdFile:
+    """A rerun stream into a file that is complete by itself.
+
+    Args:
+        path: the file; an existing one is overwritten.
+        application_id, recording_id: the viewer shows files with the same of both as one recording.
+
+    Raises:
+        OSError: if the file cannot be opened, and from `check`, `flush` and `close` once it cannot be written.
+    """
+
+    def __init__(self, path: Path, application_id: str, recording_id: str):
+        self._pump = PipeToFile(path)
+        batches = rr.ChunkBatcherConfig(flush_tick=TICK_S)
+        self.stream = rr.RecordingStream(application_id, recording_id=recording_id, batcher_config=batches)
+        self.stream.save(self._pump.pipe_path)
+        self._pump.release_pipe()
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of the file so far."""
+        return self._pump.bytes_written
+
+    def check(self) -> None:
+        """Raise the OSError of a write that failed."""
+        if self._pump.error is not None:
+            raise OSError(self._pump.error)
+
+    def flush(self) -> None:
+        """Return when all data logged so far is in the file; OSError if the disk accepts nothing for 20 s."""
+        for _ in range(_FLUSH_TRIES):
+            self.check()
+            try:
+                self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+            except RuntimeError:        # timeout: a slow disk
+                continue
+            if self._pump.drain(_FLUSH_TIMEOUT_S):
+                self.check()
+                return
+        raise OSError(f"the disk accepted nothing for {_FLUSH_TRIES * _FLUSH_TIMEOUT_S:g} s")
+
+    def close(self) -> None:
+        """Write the footer and close the file."""
+        self.flush()
+        self._end()
+        self.check()
+
+    def abandon(self) -> None:
+        """Close a file that cannot be written, without its footer. Blocks as long as the disk hangs."""
+        rerun_streams.abandoned.add(self)
+        self._end()
+
+    def _end(self) -> None:
+        self.stream.disconnect()
+        self._pump.join()
+        rerun_streams.abandoned.discard(self)
+        self.stream = None
+        rerun_streams.free_ended()
+
+
+class PipeToFile:
+    """A thread that copies what is written to `pipe_path` into a file, until every writer has closed the pipe.
+
+    Raises:
+        OSError: if the file cannot be opened for writing.
+    """
+
+    def __init__(self, path: Path):
+        self._file = open(path, "wb", buffering=0)
+        self._read_end, self._write_end = os.pipe()
+        self.error: str | None = None
+        self.bytes_written = 0
+        self._copying = threading.Lock()        # held from before a read until its data is written
+        self._thread = threading.Thread(target=self._run, name="recording file", daemon=True)
+        self._thread.start()
+
+    @property
+    def pipe_path(self) -> str:
+        """The path that rerun is to open before `release_pipe()`."""
+        return f"/dev/fd/{self._write_end}"
+
+    def release_pipe(self) -> None:
+        """Leave rerun's own handle as the pipe's only writer, so that the file ends when rerun closes it."""
+        os.close(self._write_end)
+
+    def drain(self, timeout_s: float) -> bool:
+        """Wait until all data in the pipe is in the file; False after `timeout_s` seconds."""
+        deadline_s = time.monotonic() + timeout_s
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            if self._copying.acquire(timeout=left_s):
+                try:
+                    if not struct.unpack("i", fcntl.ioctl(self._read_end, termios.FIONREAD, bytes(4)))[0]:
+                        return True
+                finally:
+                    self._copying.release()
+            time.sleep(_POLL_S)
+        return False
+
+    def join(self) -> None:
+        """Wait until every writer has closed the pipe and all of it is in the file."""
+        self._thread.join()
+
+    def _run(self) -> None:
+        readable = select.poll()
+        readable.register(self._read_end, select.POLLIN)
+        with open(self._read_end, "rb", buffering=0) as pipe, self._file:
+            while readable.poll() and self._copy(pipe):
+                pass
+
+    def _copy(self, pipe) -> bool:
+        with self._copying:
+            data = pipe.read(_CHUNK_BYTES)
+            if data and self.error is None:
+                self._write(data)
+            return bool(data)
+
+    def _write(self, data: bytes) -> None:
+        try:
+            rest = memoryview(data)
+            while len(rest):
+                rest = rest[self._file.write(rest):]
+            self.bytes_written += len(data)
+        except OSError as e:
+            self.error = e.strerror or str(e)

@@ -1,0 +1,85 @@
+"""WriteQueue: what waits to be recorded. The memory of clouds and images is bounded; the oldest are dropped first."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+_MOST_WAITING = 100_000     # writes of all kinds; only scalars logged to a disk that hangs come near it
+
+
+@dataclass(frozen=True, eq=False)
+class Write:
+    """A pending write: `size` bytes of a cloud or an image, or 0 if it is small and only dropped in an emergency."""
+
+    run: Callable[[], None]
+    size: int = 0
+
+    @property
+    def is_frame(self) -> bool:
+        """Whether it writes a cloud or an image."""
+        return self.size > 0
+
+
+class WriteQueue:
+    """A queue from any number of threads to one.
+
+    Args:
+        most_bytes: of clouds and images that may wait; one always may. `dropped` counts those that gave way.
+    """
+
+    def __init__(self, most_bytes: int):
+        self.dropped = 0
+        self._most_bytes, self._bytes = most_bytes, 0
+        self._writes: deque[Write] = deque()
+        self._changed, self._closed = threading.Condition(), False
+
+    def put(self, write: Write) -> None:
+        """Append a write; after `close` it is dropped."""
+        with self._changed:
+            if self._closed:
+                self.dropped += write.is_frame
+                return
+            if len(self._writes) >= _MOST_WAITING:
+                self._drop_oldest(frames_only=False)
+            while write.is_frame and self._bytes and self._bytes + write.size > self._most_bytes:
+                self._drop_oldest(frames_only=True)
+            self._writes.append(write)
+            self._bytes += write.size
+            self._changed.notify()
+
+    def take(self, timeout_s: float) -> Write | None:
+        """Wait for the oldest write and remove it; None after `timeout_s` seconds, or when closed and empty."""
+        with self._changed:
+            if not self._writes and not self._closed:
+                self._changed.wait(timeout_s)
+            if not self._writes:
+                return None
+            write = self._writes.popleft()
+            self._bytes -= write.size
+            return write
+
+    def count_dropped(self, write: Write) -> None:
+        """Count a write that was taken and failed."""
+        with self._changed:
+            self.dropped += write.is_frame
+
+    def close(self) -> None:
+        """Drop all further writes; those that wait can still be taken."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+
+    @property
+    def at_end(self) -> bool:
+        """True once closed and empty."""
+        with self._changed:
+            return self._closed and not self._writes
+
+    def _drop_oldest(self, frames_only: bool) -> None:
+        for k, write in enumerate(self._writes):
+            if write.is_frame >= frames_only:
+                del self._writes[k]
+                self._bytes -= write.size
+                self.dropped += 1
+                return
