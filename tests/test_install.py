@@ -152,7 +152,7 @@ def test_a_parameter_file_that_is_not_there_is_refused(ros2):
 def test_package_data_is_installed(prefix, environment, repository):
     def data(package: Path) -> set[Path]:
         return {path.relative_to(package) for path in package.rglob("*")
-                if path.is_file() and path.suffix not in (".pyc", ".nbi", ".nbc")}
+                if path.is_file() and "__pycache__" not in path.parts}
     assert data(Path(environment["PYTHONPATH"]) / "srt3d_ros") == data(repository / "srt3d_ros")
 
 

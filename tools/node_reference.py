@@ -15,7 +15,7 @@ MANAGED = """\
 work, `activate` goes on. The node configures and activates itself unless `autostart` is false."""
 QUALITY = """\
 Relative names can be remapped, and take the namespace in which the node is started. QoS is reliable; latched topics are
-also transient local, depth 1. It can be set for every topic, as in
+also transient local, and published with depth 1. It can be set for every topic, as in
 `-p qos_overrides./{topic}.{end}.reliability:=best_effort`, with the topic's full name after remapping; `history`,
 `depth` and `durability` likewise."""
 LEVELS = """\

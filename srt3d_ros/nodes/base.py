@@ -9,7 +9,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
@@ -172,7 +172,9 @@ class PipelineNode(ManagedNode):
     def _listen(self, topic: str, callback: Callable, depth: int, raw: bool = False, lost=None,
                 qos: QoSProfile | None = None) -> Subscription:
         declared = self.spec.topic(topic)
-        qos = qos or (LATCHED if declared.latched else QoSProfile(depth=depth))
+        # Not LATCHED: a queue of one would lose all but one of what several publishers keep for a late subscriber.
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if declared.latched else DurabilityPolicy.VOLATILE
+        qos = qos or QoSProfile(depth=depth, durability=durability)
         options = {"raw": raw, "qos_overriding_options": OVERRIDABLE}
         events = SubscriptionEventCallbacks(message_lost=lost)
         make = partial(self._make, self.create_subscription, declared, callback, qos)
