@@ -23,11 +23,7 @@ M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD = -1, -2, -3      # glibc's malloc
 
 
 def prepare_process() -> None:
-    """Choose the shared-memory profile, unless the user chose one, and keep freed memory in the process.
-
-    Threads that wait for their next kernel are to sleep: by default OpenMP's spin, on cores that other nodes need.
-    """
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    """Choose the shared-memory profile, unless the user chose one, and keep freed memory in the process."""
     remove_leaked_segments()
     profile = choose_profile()
     if profile is not None:
