@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import ManagedNode
 from srt3d_ros.nodes.log_forwarding import LogForwarding
@@ -205,9 +205,11 @@ class PipelineNode(ManagedNode):
                                f"one without another type than {declared.type_name} in this process") from None
 
     def serve(self, name: str, job: Callable[[], str]) -> None:
-        """Serve `~/name` (std_srvs/Trigger): the worker does the job; the answer is the text that it returns."""
+        """Serve `~/name` (std_srvs/Trigger) while active: the worker does the job; the answer is what it returns."""
         def work(answer: Future) -> None:
             try:
+                node = self.get_fully_qualified_name()
+                require(self.state == "active", node, self.state, f"an active node: ros2 lifecycle set {node} activate")
                 answer.set_result((True, job()))
             except InvalidInput as error:
                 answer.set_result((False, str(error)))

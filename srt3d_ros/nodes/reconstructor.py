@@ -112,8 +112,7 @@ class ReconstructorNode(PipelineNode):
         return "the next frame begins without the last one's surfaces"
 
     def _save_cloud(self) -> str:
-        name, newest = self.get_fully_qualified_name(), self._newest
-        require(self.state == "active", name, self.state, f"an active node: ros2 lifecycle set {name} activate")
+        newest = self._newest
         require(newest is not None, "cloud", "none yet", "a sketch to have come: does the sketcher publish `sketch`?")
         cloud, frame = newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()

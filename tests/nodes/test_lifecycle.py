@@ -43,6 +43,9 @@ def test_without_autostart_a_node_waits_for_its_manager_and_then_works(graph, se
     assert change("sketcher", "configure") and state(graph, "sketcher") == "inactive"
     assert graph.reports("sketcher", "state", "inactive")["message"] == "inactive"
     assert photons.get_subscription_count() == 0
+    name, refused = f"{graph.namespace}/sketcher", graph.call(Trigger, "sketcher/reset", Trigger.Request())
+    assert (refused.success, refused.message) == (
+        False, f"{name} is inactive: expected an active node: ros2 lifecycle set {name} activate")
     assert change("sketcher", "activate")
     node.says("]: ready")
     graph.reports("sketcher", "rows", sensor.rows)
