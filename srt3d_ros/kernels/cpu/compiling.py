@@ -11,7 +11,7 @@ import numba
 from numba import njit
 from numba.core import event
 
-# OpenMP lets several threads of one process (two nodes on one executor, say) call kernels at once; numba's own
+# OpenMP lets several threads of one process (those of somebody's own program, say) call kernels at once; numba's own
 # work queue would abort. An explicit choice in the environment wins.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"

@@ -35,23 +35,23 @@ from srt3d_ros.kernels.layout import BLOCK, FIELDS, MARGIN
 
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
 # sums of the row of neighbours that is being added, each of 1, dx or dx².
-(T, SC, SR, TOLERANCE, W, E, PER,
+(T, SC, SR, TOLERANCE, W, E,
  V, G, C, S2, S1, X, SPREAD, CX, CY,
  P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE,
- ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(29))
-SCRATCH = 29 * BLOCK
+ ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
+SCRATCH = 28 * BLOCK
 
 
 @inline
 def _begin(s, state, point, padded_cols, max_chi2):
-    """Load the points, and empty the sums."""
+    """Load the points, and empty the sums of the window."""
     for x in range(B):
         s[T + x] = state[point + DEPTH * padded_cols + x]
         s[SC + x] = state[point + SLOPE_COL * padded_cols + x]
         s[SR + x] = state[point + SLOPE_ROW * padded_cols + x]
         std = state[point + STD * padded_cols + x]
         s[TOLERANCE + x] = max_chi2 * std * std + TINY
-    for x in range(U(SCRATCH) - V):
+    for x in range(ROW_C - V):
         s[V + x] = ZERO
 
 
