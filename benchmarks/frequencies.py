@@ -16,9 +16,9 @@ from matplotlib.ticker import FixedLocator, ScalarFormatter
 from tqdm import tqdm
 
 from srt3d_ros.core.baselines.fisher import DepthInformation
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import RULES
 from srt3d_ros.core.frequency_design import expected_error_bins
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.frequencies import angular_frequencies
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.photons import PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
@@ -55,7 +55,7 @@ class Background:
         """Whether there is nothing to remove."""
         return self._matched is None and not self._estimates
 
-    def remove(self, frame: Frame) -> Frame:
+    def remove(self, frame: MatchedFrame) -> MatchedFrame:
         """The frame with a background that is flat in expectation; the same one if it is so already."""
         if self.is_flat:
             return frame
@@ -74,7 +74,7 @@ class Background:
         background = frame.counts * share[np.ix_(rows, cols)]
         return replace(frame, matched=frame.matched - background[:, None] * matched)
 
-    def _estimate(self, frame: Frame, cells: "_Cells", kernels) -> np.ndarray:
+    def _estimate(self, frame: MatchedFrame, cells: "_Cells", kernels) -> np.ndarray:
         """What each background photon adds to `matched` on average, float32 [2m]: Σ (matched − surfaces) / Σ B.
 
         It begins with the mean of all photons: once less what is too sharp to be background, for a wall that fills the
@@ -86,7 +86,8 @@ class Background:
             _without_sharp(every, frame, self._omega), every))
         return (other if other_rest < MUCH_LESS * rest and seen > 0.5 else mean).astype(np.float32)
 
-    def _alternate(self, frame: Frame, cells: "_Cells", mean: np.ndarray, kernels) -> tuple[np.ndarray, float, float]:
+    def _alternate(self, frame: MatchedFrame, cells: "_Cells", mean: np.ndarray,
+                   kernels) -> tuple[np.ndarray, float, float]:
         """Surfaces and background in turn.
 
         Returns:
@@ -143,13 +144,13 @@ class _Cells:
     counts: np.ndarray
 
     @classmethod
-    def of(cls, frame: Frame, kernels) -> "_Cells":
+    def of(cls, frame: MatchedFrame, kernels) -> "_Cells":
         photons, (weights, step) = frame.counts[:, None], POOL
         return cls(kernels.blur(frame.matched, weights, step), kernels.blur(photons, weights, step),
                    kernels.blur(photons, weights**2, step))
 
 
-def _surfaces(frame: Frame, cells: _Cells, every: np.ndarray, signal: np.ndarray,
+def _surfaces(frame: MatchedFrame, cells: _Cells, every: np.ndarray, signal: np.ndarray,
               kernels) -> tuple[np.ndarray, np.ndarray]:
     """Depth and photons of the surface of every cell, 0 photons where there is none for sure.
 
@@ -164,7 +165,7 @@ def _surfaces(frame: Frame, cells: _Cells, every: np.ndarray, signal: np.ndarray
     return depth, np.where(score > SURE, np.clip(found, 0, cells.photons), 0)
 
 
-def _sharpened(frame: Frame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sharpened(frame: MatchedFrame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Depths after two Newton steps, and their intensities: what the filter's grid leaves over would be background."""
     m = len(frame.energy)
     omega = 2 * np.pi * frame.bin_frequencies[:, None]
@@ -178,7 +179,7 @@ def _sharpened(frame: Frame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.nd
 
 
 def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """What a background photon adds to `Frame.matched` on average, float32 [rows or 1, 2m, cols or 1]."""
+    """What a background photon adds to `MatchedFrame.matched` on average, float32 [rows or 1, 2m, cols or 1]."""
     sums = np.exp(1j * np.outer(omega, np.arange(len(shape)) + matcher.sensor.first_bin_center)) @ shape
     late = matcher.sensor.delay_bins
     if late is not None:
@@ -187,7 +188,7 @@ def _matched(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarr
 
 
 def _clutter(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """`Frame.clutter`: √(variance of a background photon's response at each bin / that in an even background)."""
+    """`MatchedFrame.clutter`: √(variance of a background photon's response at each bin / its variance if even)."""
     spectrum = matcher.spectrum
     centers = np.arange(len(shape)) + matcher.sensor.first_bin_center
     response = (np.exp(1j * np.outer(centers, omega)) @ np.conj(spectrum)).real
@@ -197,7 +198,7 @@ def _clutter(matcher: Matcher, shape: np.ndarray, omega: np.ndarray) -> np.ndarr
     return np.sqrt(np.maximum((square - mean**2) / (np.square(np.abs(spectrum)).sum() / 2), 1)).astype(np.float32)
 
 
-def _without_sharp(mean: np.ndarray, frame: Frame, omega: np.ndarray) -> np.ndarray:
+def _without_sharp(mean: np.ndarray, frame: MatchedFrame, omega: np.ndarray) -> np.ndarray:
     """The mean sketch of all photons without surfaces that many pixels see at one depth.
 
     The upper half of the frequencies shows them: there a background that changes slowly has died away. Strongest first,

@@ -10,7 +10,7 @@ P(d) is the probability that s signal and b background photons speak for depth t
 response q(x) = Σ_l Re conj(ĥ_l) exp(i ω_l x) at x bins from a surface, D(d) = Σ_l |ĥ_l|² (1 − cos ω_l d) is by how much
 a signal photon prefers the truth on average, b·D(d) the variance that the background adds to the preference, and
 V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d that is the sandwich variance of the estimator
-that we use (`Frame`), not that of an ideal one.
+that we use (`MatchedFrame`), not that of an ideal one.
 """
 
 import math

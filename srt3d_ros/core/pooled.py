@@ -19,13 +19,13 @@ import numpy as np
 from srt3d_ros.core.background import Background
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.upsampling import refine
 from srt3d_ros.errors import require
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import (
     FIRST_STEPS,
     REST_SCALES,
@@ -75,7 +75,7 @@ class Pooled:
         self._padded = self._matcher.padded_on(self.kernels, self._background.clutter)
         self._equaliser, self._used, self._rays = map(array, (self._matcher.equaliser, self._matcher.used, sensor.rays))
         self._scratch = self.kernels.Scratch()
-        self._first, self._next = (self.kernels.Pipeline(partial(self._points, warm)) for warm in (False, True))
+        self._first, self._next = (self.kernels.FrameStream(partial(self._points, warm)) for warm in (False, True))
         self._warm_start, self._warm = warm_start, False
 
     def forget(self) -> None:
@@ -104,7 +104,7 @@ class Pooled:
         return lambda: self._cloud(sketch.stamp_ns, *wait())
 
     def _points(self, warm: bool, photons, *maps) -> tuple:
-        """The points of a frame and its background, of photons and sums, or of photons and a Frame's maps."""
+        """The points of a frame and its background, of photons and sums, or of photons and a MatchedFrame's maps."""
         kernels, scratch, sensor = self.kernels, self._scratch, self._matcher.sensor
         if len(maps) == 1:
             maps = kernels.prepare(*maps, photons, self._equaliser, self._used, scratch)
@@ -124,16 +124,16 @@ class Pooled:
         return background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
                                             float(sensor.range_m(0)), sensor.num_bins)
 
-    def _empty(self, frame: Frame, warm: bool) -> tuple:
+    def _empty(self, frame: MatchedFrame, warm: bool) -> tuple:
         """A state without surfaces, and the last frame's surfaces if the start is warm."""
         scratch, carried = self._scratch, None
-        state = scratch.array("state", layout.state_shape(*frame.shape, self.surfaces))
+        state = scratch.array("state", maps.state_shape(*frame.shape, self.surfaces))
         if warm:
             carried = scratch.array("carried", state.shape)
             carried[:] = state
         return scratch.array("state", state.shape, zero=True), carried
 
-    def _search(self, frame: Frame, state, scales, enough: float, carried=None, confirmed: float = 0.0) -> None:
+    def _search(self, frame: MatchedFrame, state, scales, enough: float, carried=None, confirmed: float = 0.0) -> None:
         """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
         A scale pools the pixels that finer ones, or an earlier search, left open. At the last one `enough` is enough.
@@ -149,7 +149,7 @@ class Pooled:
                 least = enough if scale == scales[-1] and layer == 0 else max(SURE, enough)
                 self.kernels.search(frame, matched, state, layer, *scale, least, self._scratch, carried, confirmed)
 
-    def _iterate(self, frame: Frame, state, sigma: float, radius: int, steps: int = 1):
+    def _iterate(self, frame: MatchedFrame, state, sigma: float, radius: int, steps: int = 1):
         """Let surfaces compete and spread, then step to the top of the data terms pooled over the window."""
         kernels, scratch = self.kernels, self._scratch
         terms = kernels.expand(frame, state, scratch)

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled, noise_sketch
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.window import WindowSketcher
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import SAME_SURFACE
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
@@ -36,8 +36,8 @@ def birth_death() -> None:
     from srt3d_ros.kernels import cpu
 
     frame = Matcher(ANY_SENSOR, FREQUENCIES)(noise_sketch(ANY_SENSOR, FREQUENCIES)).padded
-    state = layout.no_surfaces(*frame.shape, 1)
-    terms = np.zeros((*state.shape[:2], layout.TERMS, state.shape[3]), np.float32)
+    state = maps.no_surfaces(*frame.shape, 1)
+    terms = np.zeros((*state.shape[:2], maps.TERMS, state.shape[3]), np.float32)
     cpu.birth_death(frame, state, terms, SAME_SURFACE**2)
 
 

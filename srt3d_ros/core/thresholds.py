@@ -5,7 +5,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from srt3d_ros.core.frame import Frame
+from srt3d_ros.core.matched_frame import MatchedFrame
 
 SMALLEST = 1e-300               # probability that floats still tell from 0
 
@@ -35,7 +35,7 @@ def continuation_threshold(false_alarm_rate: float) -> float:
     return -NormalDist().inv_cdf(math.sqrt(false_alarm_rate))
 
 
-def score(frame: Frame, signal: np.ndarray, counts: np.ndarray) -> np.ndarray:
+def score(frame: MatchedFrame, signal: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Score of single pixels' matched filters against "background alone", standard deviations; right for few photons.
 
     Args:

@@ -28,7 +28,7 @@ class WeightedSteps:
 
     Args:
         table: float32 [LEVELS or 1, 4, m], for r · t, then for r, the weights of real and of imaginary parts of the
-            residual of `Frame.matched`, conj(ĥ_l) · sums_l.
+            residual of `MatchedFrame.matched`, conj(ĥ_l) · sums_l.
         variance: float32 [LEVELS], bins²: what each photon adds to the variance of r · t, (A Σ_θ Aᵀ)_tt.
     """
 

@@ -14,7 +14,7 @@ EXPECTED = "a complete rosbag2 bag (docs/bags.md tells what to do about one that
 
 
 @dataclass(frozen=True)
-class Topic:
+class BagTopic:
     """A topic of a bag.
 
     Args:
@@ -71,7 +71,7 @@ class Bag:
             for connection in (connection for reader in self._readers for connection in reader.connections):
                 key = connection.topic, connection.msgtype
                 counts[key] = counts.get(key, 0) + connection.msgcount
-        self.topics = tuple(Topic(*key, count) for key, count in counts.items())
+        self.topics = tuple(BagTopic(*key, count) for key, count in counts.items())
 
     def __enter__(self) -> "Bag":
         return self
@@ -79,7 +79,7 @@ class Bag:
     def __exit__(self, *exc) -> None:
         self.close()
 
-    def messages(self, topics: Collection[Topic], start_ns: int | None = None) -> Iterator[Message]:
+    def messages(self, topics: Collection[BagTopic], start_ns: int | None = None) -> Iterator[Message]:
         """The messages of these topics in the order of their recording, those from `start_ns` on if given.
 
         Raises:

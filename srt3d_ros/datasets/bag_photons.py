@@ -6,7 +6,7 @@ from pathlib import Path
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.bag import Bag, Topic
+from srt3d_ros.datasets.bag import Bag, BagTopic
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
@@ -30,8 +30,8 @@ class PhotonTopics:
     """
 
     output: str
-    frames: Topic
-    sensor: Topic | None
+    frames: BagTopic
+    sensor: BagTopic | None
 
 
 def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> PhotonTopics:
@@ -98,11 +98,11 @@ def _events(output: str, raw: bytes, sensor: SensorModel) -> PhotonEvents:
     return gates_message.decode_cdr(raw, sensor)[1].to_events(sensor)
 
 
-def _may_be(topic: Topic, message_type: str, name: str) -> bool:
+def _may_be(topic: BagTopic, message_type: str, name: str) -> bool:
     return topic.type == message_type and topic.messages > 0 and name in ("", topic.name)
 
 
-def _first(bag: Bag, topic: Topic) -> bytes:
+def _first(bag: Bag, topic: BagTopic) -> bytes:
     """The first message of a topic; empty if the bag has none although it says so."""
     return next((message.raw for message in bag.messages((topic,))), b"")
 

@@ -13,17 +13,17 @@ Notation:
     R(z, t)      response to the matched filter, Σ_l Re(z_l exp(−i ω_l t))
     (·)₊, wrap   the positive part; a difference of depths on the circle, in [−T/2, T/2]
     ρ(u)         what a mean response u of background photons is worth, standard deviations per √photon
-    CAPITALS     constants of `kernels.constants` and `kernels.layout`
+    CAPITALS     constants of `kernels.constants` and `kernels.maps`
 
 Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are
-padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.layout`). `scratch` is memory for results that last
+padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is memory for results that last
 until the next call with it; a result is written to `out` where that is given. Types are those of `cpu` and `cuda`;
 `reference` computes in float64 and complex128. Arrays lie on the kernels' device unless said to be NumPy's.
 """
 
 from typing import Protocol
 
-from srt3d_ros.kernels.data import Array, FrameData, PhotonData, Pipeline, Scratch
+from srt3d_ros.kernels.data import Array, FrameData, FrameStream, PhotonData, Scratch
 
 
 class Kernels(Protocol):
@@ -32,7 +32,7 @@ class Kernels(Protocol):
     ON_HOST: bool               # whether its arrays are NumPy's, in the host's memory
     WARM_FRAMES: int            # frames of a sensor's own size before all are fast; 0: one frame of any size is enough
     Scratch: type[Scratch]
-    Pipeline: type[Pipeline]
+    FrameStream: type[FrameStream]
 
     # ---- Arrays
 

@@ -7,7 +7,7 @@ Array = Any         # numpy.ndarray, or torch.Tensor on a GPU
 
 
 class FrameData(Protocol):
-    """What the kernels read of a frame; `core.frame.Frame` has it. `pixelwise` takes it without padding.
+    """What the kernels read of a frame; `core.matched_frame.MatchedFrame` has it. `pixelwise` takes it without padding.
 
     Args:
         matched: float32 [rows', 2m, cols'], z_l; 0 in masked pixels.
@@ -76,7 +76,7 @@ class Scratch(Protocol):
         """The float32 array of this name and shape: as it was left, or 0 if `zero` is set or it is new."""
 
 
-class Pipeline(Protocol):
+class FrameStream(Protocol):
     """Frames through a sequence of kernels; a device may upload, compute and download different frames at once.
 
     Args:

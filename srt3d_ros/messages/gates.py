@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, typed
 from srt3d_ros.messages.header import Header
-from srt3d_ros.messages.layout import pack_image, unpack_image
+from srt3d_ros.messages.packing import pack_image, unpack_image
 from srt3d_ros.messages.schema import load
 
 if TYPE_CHECKING:

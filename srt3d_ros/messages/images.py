@@ -6,7 +6,7 @@ from sensor_msgs.msg import Image
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, typed
 from srt3d_ros.messages.header import Header
-from srt3d_ros.messages.layout import pack_image, unpack_image
+from srt3d_ros.messages.packing import pack_image, unpack_image
 from srt3d_ros.messages.schema import load
 
 

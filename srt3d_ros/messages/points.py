@@ -8,7 +8,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, typed
 from srt3d_ros.messages.header import Header
-from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
+from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
 
 

@@ -10,7 +10,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, json_text, typed
 from srt3d_ros.messages import sensor as sensor_codec
 from srt3d_ros.messages.header import Header
-from srt3d_ros.messages.layout import pack_cloud, unpack_cloud
+from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts, load
 
 INT16_SCALE = 32_767

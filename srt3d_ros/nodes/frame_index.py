@@ -10,7 +10,7 @@ RATE_FRAMES = 10        # over which the rate is taken
 
 
 @dataclass
-class Frame:
+class RecordedFrame:
     """A frame: its number in the order in which stamps were first seen, and what has come of it.
 
     Args:
@@ -37,15 +37,15 @@ class FrameIndex:
 
     def __init__(self, max_rate_hz: float = 0.0):
         self._period_ns = 0.99e9 / max_rate_hz if max_rate_hz else 0.0     # stamps jitter
-        self._frames: dict[int, Frame] = {}
+        self._frames: dict[int, RecordedFrame] = {}
         self._seen, self._last_kept_ns = 0, None
         self._clouds: deque[int] = deque(maxlen=RATE_FRAMES)
-        self.newest: Frame | None = None
+        self.newest: RecordedFrame | None = None
 
-    def __getitem__(self, stamp_ns: int) -> Frame:
+    def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, which may be new."""
         if stamp_ns not in self._frames:
-            self._frames[stamp_ns] = Frame(stamp_ns, self._seen, self._keeps(stamp_ns))
+            self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen, self._keeps(stamp_ns))
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]
@@ -53,7 +53,7 @@ class FrameIndex:
                 self.newest = self._frames[stamp_ns]
         return self._frames[stamp_ns]
 
-    def cloud_came(self, frame: Frame) -> float | None:
+    def cloud_came(self, frame: RecordedFrame) -> float | None:
         """Count a frame's cloud; clouds a second, by their stamps; None where that cannot be told."""
         self._clouds.append(frame.stamp_ns)
         seconds = (self._clouds[-1] - self._clouds[0]) * 1e-9

@@ -56,7 +56,7 @@ ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.o
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class ReconstructedFrame:
     """A frame under way: the cloud to wait for, and what to know to publish it."""
 
     wait: Callable[[], PointCloud]
@@ -77,7 +77,7 @@ class ReconstructorNode(PipelineNode):
         self._stage = self.add_stage()      # publishes beside the worker, in the pipeline "throughput"
         self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: tuple[SensorModel, tuple[int, ...]] | None = None
-        self._newest: tuple[PointCloud, Frame] | None = None
+        self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -161,11 +161,11 @@ class ReconstructorNode(PipelineNode):
         facts = (self._reconstructor.sensor, frequencies, self._settings["frame_id"] or header.frame_id,
                  int(sketch.photons.sum()), self._settings)
         if self._settings["pipeline"] == "latency":
-            self._publish(Frame(self._begin(sketch), *facts))
+            self._publish(ReconstructedFrame(self._begin(sketch), *facts))
             return
         self._in_flight.acquire()
         try:
-            self._stage.offer(self._publish_beside, Frame(self._begin(sketch), *facts))
+            self._stage.offer(self._publish_beside, ReconstructedFrame(self._begin(sketch), *facts))
         except BaseException:
             self._in_flight.release()
             raise
@@ -183,13 +183,13 @@ class ReconstructorNode(PipelineNode):
 
         return finish
 
-    def _publish_beside(self, frame: Frame) -> None:
+    def _publish_beside(self, frame: ReconstructedFrame) -> None:
         try:
             self._publish(frame)
         finally:
             self._in_flight.release()
 
-    def _publish(self, frame: Frame) -> None:
+    def _publish(self, frame: ReconstructedFrame) -> None:
         settings, seen = frame.settings, frame.wait()
         cloud = seen.within(*limits_m(settings))
         data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], frame.sensor, settings["organised"])

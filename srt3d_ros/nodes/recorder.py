@@ -23,7 +23,7 @@ from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.frame_index import STAMPS_KEPT, Frame, FrameIndex
+from srt3d_ros.nodes.frame_index import STAMPS_KEPT, FrameIndex, RecordedFrame
 from srt3d_ros.nodes.graph_watch import Drops, ParameterWatch, own_name, reports
 from srt3d_ros.nodes.node_spec import NodeSpec, Service
 from srt3d_ros.nodes.parameters import Value
@@ -101,7 +101,7 @@ class RecorderNode(PipelineNode):
         self._path = self._names.next()
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex(self.parameters["max_rate_hz"])
-        self._counted: deque[Frame] = deque()       # frames whose photon counts wait for their cloud
+        self._counted: deque[RecordedFrame] = deque()       # frames whose photon counts wait for their cloud
         self._drops, self._lines = Drops(), deque(maxlen=LINES_KEPT)
         self._watched: dict[str, Value] = {}
         self._watch = ParameterWatch(self, lambda values: self.worker.call(self._on_parameters, values))
@@ -211,7 +211,7 @@ class RecorderNode(PipelineNode):
         self.diagnostics.count(photons=photons)
         self._logged(frame)
 
-    def _keep_counts(self, frame: Frame, counts: np.ndarray) -> None:
+    def _keep_counts(self, frame: RecordedFrame, counts: np.ndarray) -> None:
         """Log a frame's photon counts with its cloud, or now if there will be none."""
         frame.counts = np.array(counts)
         self._counted.append(frame)
@@ -220,12 +220,12 @@ class RecorderNode(PipelineNode):
         if frame.has_cloud or not self.count_publishers(self._points_topic):
             self._log_counts(frame)
 
-    def _log_counts(self, frame: Frame) -> None:
+    def _log_counts(self, frame: RecordedFrame) -> None:
         if frame.counts is not None:
             self._log_image(schema.PHOTONS, frame, frame.counts)
             frame.counts = None
 
-    def _log_image(self, path: str, frame: Frame, image: np.ndarray) -> None:
+    def _log_image(self, path: str, frame: RecordedFrame, image: np.ndarray) -> None:
         if not frame.kept:
             return
         if path == schema.DEPTH:
@@ -233,11 +233,11 @@ class RecorderNode(PipelineNode):
         else:
             self._writer.log_image(path, frame.stamp_ns, frame.number, image)
 
-    def _frame(self, stamp_ns: int) -> Frame:
+    def _frame(self, stamp_ns: int) -> RecordedFrame:
         self._check_begun()
         return self._frames[stamp_ns]
 
-    def _logged(self, frame: Frame) -> None:
+    def _logged(self, frame: RecordedFrame) -> None:
         if self._writer.error is None:
             self.sent(frame.stamp_ns)
         else:

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 from srt3d_ros import datasets
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.bag import Bag, Topic, is_bag
+from srt3d_ros.datasets.bag import Bag, BagTopic, is_bag
 from srt3d_ros.datasets.bag_photons import find_photons
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
@@ -200,7 +200,7 @@ class BagSource:
         """See Source."""
         self._bag.close()
 
-    def _sensor_in_force(self, topic: Topic | None) -> bytes | None:
+    def _sensor_in_force(self, topic: BagTopic | None) -> bytes | None:
         """The last description before the start, or else the first one after it."""
         found = None
         for message in self._bag.messages(() if topic is None else (topic,)):

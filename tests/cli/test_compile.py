@@ -14,8 +14,8 @@ import srt3d_ros
 RUN = "import sys, srt3d_ros.cli.main as main; sys.exit(main.main(sys.argv[1:]))"
 SMALLER = """
 def sketching():
-    from srt3d_ros.kernels.cpu import sketch
-    sketch._border(np.arange(3, dtype=np.uint32), 1)
+    from srt3d_ros.kernels.cpu import phase_sums
+    phase_sums._border(np.arange(3, dtype=np.uint32), 1)
 def birth_death():
     pass
 BASELINES = ()
@@ -23,7 +23,7 @@ PARTS = (birth_death,), (sketching,)
 """
 ONE_KERNEL = """
 def missing(also_baselines=True):
-    return [kernel for kernel in KERNELS if name_of(kernel) == "sketch._border" and not _has_code(kernel)]
+    return [kernel for kernel in KERNELS if name_of(kernel) == "phase_sums._border" and not _has_code(kernel)]
 """
 
 

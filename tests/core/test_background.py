@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.background import Background, dark_shape
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, consecutive, irf_spectrum, spread
 from srt3d_ros.core.frequency_design import design, expected_error_bins, nominal_photons, progression
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor import SensorModel
 
 T = 400

@@ -11,7 +11,7 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher, phase_table, sketch_photons
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.kernels.cpu import sketch as kernels
+from srt3d_ros.kernels.cpu import phase_sums as kernels
 
 FREQUENCIES = (1, 2, 7, 49)
 SENSOR = SensorModel(4, 6, 100, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import exponnorm
 
 from srt3d_ros.core.background import Background, dark_shape
-from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel

@@ -8,12 +8,12 @@ comparison between values that rounding tells apart may be decided either way: o
 
 import numpy as np
 
-from srt3d_ros.core.frame import Frame, Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.kernels import layout, reference
+from srt3d_ros.kernels import maps, reference
 from srt3d_ros.kernels.constants import SAME_SURFACE
 
 T = 300
@@ -60,18 +60,18 @@ def layers(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return 290 + 0.6 * x - 0.4 * y, 80 - 1.5 * y
 
 
-def make_frame(shape: tuple[int, int], seed: int, light: float = 1.0) -> Frame:
+def make_frame(shape: tuple[int, int], seed: int, light: float = 1.0) -> MatchedFrame:
     sensor = make_sensor(*shape, seed)
     sketch = make_sketch(sensor, seed, light)
     return Matcher(sensor, sketch.frequencies)(sketch)
 
 
-def make_state(frame: Frame, surfaces: int, seed: int, light: float = 1.0) -> np.ndarray:
+def make_state(frame: MatchedFrame, surfaces: int, seed: int, light: float = 1.0) -> np.ndarray:
     """Points near the layers of `make_sketch`, some astray, some missing, some without a depth; and a hole in them."""
     rng = np.random.default_rng(seed + 100)
     rows, cols = frame.shape
-    state = layout.no_surfaces(rows, cols, surfaces)
-    view = layout.crop(state, rows, cols)
+    state = maps.no_surfaces(rows, cols, surfaces)
+    view = maps.crop(state, rows, cols)
     y, x = np.mgrid[:rows, :cols]
     near, far = layers(x, y)
     size = (rows, cols)
@@ -81,20 +81,20 @@ def make_state(frame: Frame, surfaces: int, seed: int, light: float = 1.0) -> np
         depth = np.where(rng.random(size) < 0.1, rng.uniform(0, T, size), depth)
         there = (rng.random(size) < (0.8, 0.8, 0.3, 0.3)[k]) & (frame.exposure > 0) & ~hole
         std = np.where(rng.random(size) < 0.02, T, rng.uniform(0.1, 2, size))       # T: the photons contradict it
-        values = {layout.DEPTH: (depth + rng.normal(0, 1, size)) % T, layout.SLOPE_COL: rng.normal(0.3, 0.5, size),
-                  layout.SLOPE_ROW: rng.normal(-0.5, 0.5, size), layout.INTENSITY: light * rng.uniform(1, 60, size),
-                  layout.STD: std, layout.SCORE: rng.uniform(2, 30, size), layout.RESIDUAL: rng.uniform(0, 1, size)}
+        values = {maps.DEPTH: (depth + rng.normal(0, 1, size)) % T, maps.SLOPE_COL: rng.normal(0.3, 0.5, size),
+                  maps.SLOPE_ROW: rng.normal(-0.5, 0.5, size), maps.INTENSITY: light * rng.uniform(1, 60, size),
+                  maps.STD: std, maps.SCORE: rng.uniform(2, 30, size), maps.RESIDUAL: rng.uniform(0, 1, size)}
         for field, value in values.items():
             view[:, k, field] = np.where(there, value, 0)
     return state
 
 
-def make_terms(frame: Frame, state: np.ndarray) -> np.ndarray:
+def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
     """`expand` of a state as the kernels take it, by the reference."""
     return reference.expand(frame.padded, state).astype(np.float32)
 
 
-def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Frame:
+def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> MatchedFrame:
     """What is expected of surfaces at these depths with this many photons, [S, rows, cols]: no noise."""
     sensor = SensorModel(*depth.shape[1:], T, 1e-10, np.exp(-np.linspace(-2, 4, 25)**2))
     frequencies = choose("auto", sensor, 7)
@@ -106,24 +106,24 @@ def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Fra
 
 def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:
     """The state with these points, [K, rows, cols], that were measured well; intensity 0 where there is none."""
-    state = layout.no_surfaces(*depth.shape[1:], len(depth))
-    view = layout.crop(state, *depth.shape[1:])
-    view[:, :, layout.STD], view[:, :, layout.SCORE] = 0.3, 20
-    view[:, :, layout.DEPTH], view[:, :, layout.INTENSITY] = depth.swapaxes(0, 1), intensity.swapaxes(0, 1)
+    state = maps.no_surfaces(*depth.shape[1:], len(depth))
+    view = maps.crop(state, *depth.shape[1:])
+    view[:, :, maps.STD], view[:, :, maps.SCORE] = 0.3, 20
+    view[:, :, maps.DEPTH], view[:, :, maps.INTENSITY] = depth.swapaxes(0, 1), intensity.swapaxes(0, 1)
     return state
 
 
 def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int]):
     """But for ties both have the same points, and all fields of each agree."""
-    fast, slow = (layout.crop(a, *shape).astype(np.float64) for a in (fast, slow))
-    here, there = (a[:, :, layout.INTENSITY] > 0 for a in (fast, slow))
+    fast, slow = (maps.crop(a, *shape).astype(np.float64) for a in (fast, slow))
+    here, there = (a[:, :, maps.INTENSITY] > 0 for a in (fast, slow))
     wrong = here != there
-    assert (fast[:, :, layout.DEPTH] >= 0).all() and (fast[:, :, layout.DEPTH] <= T).all()  # T: −ε, rounded
-    for field in range(layout.FIELDS):
+    assert (fast[:, :, maps.DEPTH] >= 0).all() and (fast[:, :, maps.DEPTH] <= T).all()  # T: −ε, rounded
+    for field in range(maps.FIELDS):
         one, other = fast[:, :, field], slow[:, :, field]
-        if field == layout.DEPTH:
+        if field == maps.DEPTH:
             close = np.abs(circular_difference(one, other, T)) <= DEPTH_TOLERANCE
-        elif field in (layout.SLOPE_COL, layout.SLOPE_ROW):
+        elif field in (maps.SLOPE_COL, maps.SLOPE_ROW):
             close = np.abs(one - other) <= DEPTH_TOLERANCE
         else:
             close = np.abs(one - other) <= RELATIVE * np.abs(other) + 1e-6

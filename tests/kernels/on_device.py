@@ -1,10 +1,10 @@
 """What the tests of the CUDA kernels share."""
 
-from srt3d_ros.core.frame import Frame
+from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.kernels import reference
 
 
-def frame_on(cuda, frame: Frame) -> Frame:
+def frame_on(cuda, frame: MatchedFrame) -> MatchedFrame:
     """The frame with its arrays on the device."""
     return frame.on(cuda)
 

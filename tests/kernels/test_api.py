@@ -10,7 +10,7 @@ from srt3d_ros.kernels import api
 
 KERNELS = {name: value for name, value in vars(api.Kernels).items() if inspect.isfunction(value)
            and not name.startswith("_")}
-CLASSES = {name: getattr(api, name) for name in ("Scratch", "Pipeline")}
+CLASSES = {name: getattr(api, name) for name in ("Scratch", "FrameStream")}
 CONSTANTS = set(api.Kernels.__annotations__) - set(CLASSES)
 
 
@@ -38,7 +38,8 @@ def test_a_kernel_has_the_arguments_of_the_contract(backend, name):
     assert KERNELS[name].__doc__ and getattr(backend, name).__doc__
 
 
-@pytest.mark.parametrize(("name", "method"), [("Scratch", "array"), ("Pipeline", "__init__"), ("Pipeline", "submit")])
+@pytest.mark.parametrize(("name", "method"),
+                         [("Scratch", "array"), ("FrameStream", "__init__"), ("FrameStream", "submit")])
 def test_a_class_has_the_arguments_of_the_contract(backend, name, method):
     assert arguments(getattr(getattr(backend, name), method)) == arguments(getattr(CLASSES[name], method))
 
@@ -47,7 +48,7 @@ def test_constants_have_the_types_of_the_contract(backend):
     assert {name: type(getattr(backend, name)) for name in CONSTANTS} == {"ON_HOST": bool, "WARM_FRAMES": int}
 
 
-@pytest.mark.parametrize("module", ["api", "constants", "layout", "windows", "reference"])
+@pytest.mark.parametrize("module", ["api", "constants", "maps", "windows", "reference"])
 def test_what_all_backends_share_needs_numpy_alone(module):
     names = "{'numba', 'torch', 'triton', 'srt3d_ros.core', 'srt3d_ros.errors'}"
     program = f"import sys; import srt3d_ros.kernels.{module}; sys.exit(str({names} & set(sys.modules) or ''))"

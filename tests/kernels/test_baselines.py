@@ -5,8 +5,8 @@ import pytest
 
 from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.toa import by_pixel
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import consecutive
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sketching import sketch_photons

@@ -5,7 +5,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import BIRTH, FEWER_PENALTY, LIKENESS, MAX_VOTE, VOTE_SIGMA
 
 from .frames import (
@@ -54,15 +54,15 @@ ALL = np.ones((1, *SHAPE))
 def chosen(frame, state) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
     after = cpu.birth_death(frame.padded, state, make_terms(frame, state), GATE)
-    after = layout.crop(after, *SHAPE)[MIDDLE]
-    return after[:, [layout.DEPTH, layout.INTENSITY]].T
+    after = maps.crop(after, *SHAPE)[MIDDLE]
+    return after[:, [maps.DEPTH, maps.INTENSITY]].T
 
 
 @pytest.mark.parametrize(("background", "shown"), [(0, 20), (5, 20), (5, 0), (1, 0), (0, 0)])
 def test_a_pixel_gets_its_neighbours_further_surface_if_its_own_photons_show_it(background, shown):
     depth, signal = np.concatenate([100 * ALL, 200 * ALL]), np.concatenate([30 * ALL, 20 * ALL])
     state = exact_state(depth, signal)
-    layout.crop(state, *SHAPE)[MIDDLE][1, layout.INTENSITY] = 0
+    maps.crop(state, *SHAPE)[MIDDLE][1, maps.INTENSITY] = 0
     signal[1, 3, 4] = shown
     found = chosen(exact_frame(depth, signal, background), state)
     np.testing.assert_allclose(found[1], [30, shown], atol=0.01)
@@ -72,7 +72,7 @@ def test_a_pixel_gets_its_neighbours_further_surface_if_its_own_photons_show_it(
 @pytest.mark.parametrize("shown", [4, 20])
 def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
     state = exact_state(100 * ALL, shown * ALL)
-    layout.crop(state, *SHAPE)[MIDDLE][0, layout.INTENSITY] = 0
+    maps.crop(state, *SHAPE)[MIDDLE][0, maps.INTENSITY] = 0
     dark = shown * ALL
     dark[0, 3, 4] = 0
     found = chosen(exact_frame(100 * ALL, dark, 0), state)[:, 0]
@@ -113,7 +113,7 @@ def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
 def test_a_pixel_takes_the_side_that_its_photons_show_whatever_one_neighbour_is_worth(std, had):
     depth = np.where(np.arange(9) < 5, 100.0, 200.0) * ALL
     state = exact_state(depth, 20 * ALL)
-    view = layout.crop(state, *SHAPE)
-    view[3, 0, [layout.DEPTH, layout.INTENSITY], 4] = 200, had
-    view[2, 0, [layout.DEPTH, layout.STD], 3] = 100 if std < 1 else 250, std
+    view = maps.crop(state, *SHAPE)
+    view[3, 0, [maps.DEPTH, maps.INTENSITY], 4] = 200, had
+    view[2, 0, [maps.DEPTH, maps.STD], 3] = 100 if std < 1 else 250, std
     np.testing.assert_allclose(chosen(exact_frame(depth, 20 * ALL, 2), state)[:, 0], [100, 20], atol=0.01)

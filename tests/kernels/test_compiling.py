@@ -15,9 +15,9 @@ from srt3d_ros.kernels import cpu
 
 PROGRAM = """
 import numpy as np
-from srt3d_ros.kernels.cpu import sketch
-sketch._border(np.arange(3, dtype=np.uint32), 1)
-print(sum(sketch._border.stats.cache_hits.values()))
+from srt3d_ros.kernels.cpu import phase_sums
+phase_sums._border(np.arange(3, dtype=np.uint32), 1)
+print(sum(phase_sums._border.stats.cache_hits.values()))
 """
 
 
@@ -40,6 +40,6 @@ def test_a_change_in_another_file_has_a_kernel_compiled_anew(tmp_path):
         return int(run.stdout)
 
     assert [from_cache(), from_cache()] == [0, 1]
-    for source in (package / "kernels" / "cpu" / "rows.py", package / "kernels" / "layout.py"):
+    for source in (package / "kernels" / "cpu" / "rows.py", package / "kernels" / "maps.py"):
         source.write_text(source.read_text() + "\n# another constant, say\n")
         assert [from_cache(), from_cache()] == [0, 1]

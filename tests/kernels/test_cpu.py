@@ -4,13 +4,13 @@ import numba
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.windows import window_weights
 
 from .frames import (
@@ -68,7 +68,7 @@ def test_nothing_appears_outside_the_image_or_in_masked_pixels():
     terms = make_terms(frame, state)
     for after in (cpu.birth_death(frame.padded, state, terms, GATE),
                   cpu.pooled_step(frame.padded, state, terms, 2.0, 3, GATE)):
-        points = after[:, :, layout.INTENSITY] > 0
+        points = after[:, :, maps.INTENSITY] > 0
         assert not points[frame.padded.exposure[:, None].repeat(2, axis=1) == 0].any()
         assert np.isfinite(after).all()
 

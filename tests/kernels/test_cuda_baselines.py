@@ -8,8 +8,8 @@ import pytest
 from srt3d_ros.core.baselines.fisher import irf_slope
 from srt3d_ros.core.baselines.rt3d import Likelihood
 from srt3d_ros.core.baselines.toa import by_pixel, exposure
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import consecutive
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import weighted_steps

@@ -5,7 +5,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 
 from .frames import FAINT, GATE, assert_states_agree, exact_frame, exact_state, make_frame, make_state, make_terms
 from .on_device import frame_on, others
@@ -29,7 +29,7 @@ def test_log_likelihood_ratio(cuda, shape, surfaces, light):
         expected = other.log_likelihood_ratio(frame.padded, state, terms)
         np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
     assert (found > 1).any() and (found < -0.5).any()
-    assert (found[state[:, :, layout.INTENSITY] == 0] == 0).all()
+    assert (found[state[:, :, maps.INTENSITY] == 0] == 0).all()
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def check(cuda, shape, surfaces, light):
     for other in others():
         assert_states_agree(found, other.birth_death(frame.padded, state, terms, GATE), shape)
     margins = np.ones(state.shape, bool)
-    layout.crop(margins, shape[0], found.shape[3] - 2 * layout.MARGIN)[:] = False
+    maps.crop(margins, shape[0], found.shape[3] - 2 * maps.MARGIN)[:] = False
     assert (found[margins] == 0).all()
 
 
@@ -75,7 +75,7 @@ def test_surfaces_grow_by_one_pixel_a_time(cuda, large_programs, spreading):
     for spread, filled in ((0, False), (1, True), (2, True)):
         spreading(spread)
         after = cuda.numpy(cuda.birth_death(*given, GATE))
-        assert (layout.crop(after, 7, 9)[3, 0, layout.INTENSITY, 4] > 0) == filled, spread
+        assert (maps.crop(after, 7, 9)[3, 0, maps.INTENSITY, 4] > 0) == filled, spread
 
 
 def test_rows_longer_than_a_list_are_cut_into_several(cuda, large_programs, spreading, monkeypatch):

@@ -44,22 +44,22 @@ def compile_all() -> list[str]:
     JITFunction.run = compile_only
     driver.set_active(SimpleNamespace(get_current_device=lambda: 0, get_current_stream=lambda device: 0,
                                       get_current_target=lambda: GPUTarget("cuda", 90, 32)))
-    from srt3d_ros.kernels import cuda, layout
-    for module in ("device", "scratch", "sketch"):
+    from srt3d_ros.kernels import cuda, maps
+    for module in ("device", "scratch", "phase_sums"):
         sys.modules[f"srt3d_ros.kernels.cuda.{module}"].DEVICE = "cpu"          # where the arguments lie
 
     m, surfaces, rows, cols = 10, 2, 4, 64
-    shape = layout.padded_shape(rows, cols)
-    maps = {name: torch.zeros(size) for name, size in {
+    shape = maps.padded_shape(rows, cols)
+    arrays = {name: torch.zeros(size) for name, size in {
         "matched": (shape[0], 2 * m, shape[1]), "counts": shape, "exposure": shape, "energy": m, "bin_frequencies": m,
         "moments": 2, "intensity_moments": 2, "background_table": 257}.items()}
-    data = SimpleNamespace(**maps, num_bins=300, max_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
+    data = SimpleNamespace(**arrays, num_bins=300, max_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
                            resolution_bins=7.0, shape=(rows, cols))
-    state = torch.zeros(shape[0], surfaces, layout.FIELDS, shape[1])
+    state = torch.zeros(shape[0], surfaces, maps.FIELDS, shape[1])
     cuda.blur(torch.zeros(rows, 2 * m, cols), torch.zeros(7), 2)
     cuda.match(torch.zeros(rows, 2 * m, cols), data.energy, data.bin_frequencies, 300, surfaces)
     terms = cuda.expand(data, state, cuda.Scratch())
-    for radius in (3, layout.MARGIN):
+    for radius in (3, maps.MARGIN):
         cuda.pooled_step(data, state, terms, 2.0, radius, 23.0, cuda.Scratch())
     cuda.log_likelihood_ratio(data, state, terms)
     cuda.birth_death(data, state[:, :1].contiguous(), terms[:, :1].contiguous(), 23.0)

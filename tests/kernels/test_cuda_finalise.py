@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 
 from .frames import RELATIVE, T, make_frame, make_state, make_terms
 from .on_device import frame_on, others
@@ -28,14 +28,14 @@ def test_finalise(cuda, shape, surfaces, clutter):
         there = intensity > 0
         np.testing.assert_allclose(std[there], expected[1][there], rtol=RELATIVE)
         np.testing.assert_allclose(background, expected[2], rtol=RELATIVE, atol=1e-3)
-    assert shape == (1, 1) or 0 < there.sum() < (layout.crop(state, *shape)[:, :, layout.INTENSITY] > 0).sum()
+    assert shape == (1, 1) or 0 < there.sum() < (maps.crop(state, *shape)[:, :, maps.INTENSITY] > 0).sum()
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((5, 40), 1), ((4, 33), 2), ((3, 50), 4), ((1, 1), 1)])
 def test_collect(cuda, shape, surfaces):
     rng = np.random.default_rng(5)
     state = make_state(make_frame(shape, 5), surfaces, 5)
-    layout.crop(state, *shape)[0, :, layout.DEPTH, 0] = T       # −ε, rounded
+    maps.crop(state, *shape)[0, :, maps.DEPTH, 0] = T       # −ε, rounded
     intensity, std = (rng.choice([0, 1, 2, 3.5], (shape[0], surfaces, shape[1])).astype(np.float32) for _ in range(2))
     rays, places = rng.normal(size=(*shape, 3)).astype(np.float32), (0.0149, 12.5, T)
     found = cuda.unpack(cuda.collect(*map(cuda.array, (state, intensity, std, rays)), *places))
@@ -48,7 +48,7 @@ def test_collect(cuda, shape, surfaces):
 
 
 def test_a_frame_without_points_gives_empty_lists(cuda):
-    state, none = np.zeros(layout.state_shape(3, 5, 2), np.float32), np.zeros((3, 2, 5), np.float32)
+    state, none = np.zeros(maps.state_shape(3, 5, 2), np.float32), np.zeros((3, 2, 5), np.float32)
     rays = np.zeros((3, 5, 3), np.float32)
     found = cuda.unpack(cuda.collect(*map(cuda.array, (state, none, none, rays)), 1.0, 0.0, T))
     assert [values.shape for values in found] == [(0,), (0,), (0,), (5, 0), (0, 3)]

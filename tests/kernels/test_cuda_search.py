@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame import Matcher
-from srt3d_ros.kernels import layout
+from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import REST_SCALES, SURE_SCALES
 
 from .frames import FAINT, T, assert_states_agree, make_frame, make_sensor, make_sketch, make_state, make_terms
@@ -22,10 +22,10 @@ def test_prepare(cuda, shape, each):
     sketch = make_sketch(sensor, seed=2)
     matcher = Matcher(sensor, sketch.frequencies)
     arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used
-    scratch, (padded_rows, padded_cols) = cuda.Scratch(), layout.padded_shape(*shape)
-    for maps in (scratch.array("matched", (padded_rows, 2 * len(sketch.frequencies), padded_cols)),
-                 scratch.array("counts", (padded_rows, padded_cols))):
-        maps.fill_(np.nan)
+    scratch, (padded_rows, padded_cols) = cuda.Scratch(), maps.padded_shape(*shape)
+    for padded in (scratch.array("matched", (padded_rows, 2 * len(sketch.frequencies), padded_cols)),
+                   scratch.array("counts", (padded_rows, padded_cols))):
+        padded.fill_(np.nan)
     found = [cuda.numpy(maps) for maps in cuda.prepare(*(cuda.array(a) for a in arguments), scratch)]
     for other in others():
         for one, expected in zip(found, other.prepare(*arguments)):
@@ -43,7 +43,7 @@ def test_search(cuda, shape, scale, light, clutter):
     if clutter:
         frame = replace(frame, clutter=np.random.default_rng(0).uniform(1, 3, T).astype(np.float32))
     state = make_state(frame, 1, 3)
-    state[:, 0, layout.INTENSITY, ::3] = 0
+    state[:, 0, maps.INTENSITY, ::3] = 0
     check_search(cuda, frame, state, 0, scale, 4.0 if light < 1 else 9.0)
 
 
@@ -51,8 +51,8 @@ def test_search(cuda, shape, scale, light, clutter):
 def test_search_for_further_surfaces(cuda, surfaces, scale):
     frame = make_frame((6, 35), 4)
     state = make_state(frame, surfaces, 4)
-    state[:, -1, layout.INTENSITY, ::2] = 0
-    state[:, :, layout.DEPTH, ::3] = (state[:, :, layout.DEPTH, ::3] + 40) % T      # so that the photons show others
+    state[:, -1, maps.INTENSITY, ::2] = 0
+    state[:, :, maps.DEPTH, ::3] = (state[:, :, maps.DEPTH, ::3] + 40) % T      # so that the photons show others
     check_search(cuda, frame, state, surfaces - 1, scale, 3.0)
 
 
@@ -64,10 +64,10 @@ def test_search_keeps_carried_surfaces_that_photons_confirm(cuda, surfaces, scal
         frame = replace(frame, clutter=np.random.default_rng(0).uniform(1, 3, T).astype(np.float32))
     carried = make_state(frame, surfaces, 1)
     state = make_state(frame, surfaces, 1)
-    state[:, -1, layout.INTENSITY] = 0
+    state[:, -1, maps.INTENSITY] = 0
     found = check_search(cuda, frame, state, surfaces - 1, scale, 4.0, carried)
-    there = found[:, -1, layout.INTENSITY] > 0
-    same = found[:, -1, layout.DEPTH][there] == carried[:, -1, layout.DEPTH][there]
+    there = found[:, -1, maps.INTENSITY] > 0
+    same = found[:, -1, maps.DEPTH][there] == carried[:, -1, maps.DEPTH][there]
     assert same.sum() > 10 and (~same).sum() > 2
 
 
@@ -75,15 +75,15 @@ def check_search(cuda, frame, state, layer, scale, enough, carried=None):
     given, padded = cuda.array(state), frame.padded
     on, last = frame_on(cuda, padded), None if carried is None else cuda.array(carried)
     cuda.search(on, on.matched, given, layer, *scale, enough, cuda.Scratch(), last, 2.0)
-    found, before = cuda.numpy(given), (state[:, layer, layout.INTENSITY] > 0).sum()
+    found, before = cuda.numpy(given), (state[:, layer, maps.INTENSITY] > 0).sum()
     if frame.shape != (1, 1):
-        assert (found[:, layer, layout.INTENSITY] > 0).sum() > before + 10
+        assert (found[:, layer, maps.INTENSITY] > 0).sum() > before + 10
     for other in others():
         expected = state.copy()
         other.search(padded, padded.matched, expected, layer, *scale, enough, None, carried, 2.0)
         if frame.shape != (1, 1):
             assert_states_agree(found, expected, frame.shape)
-        was = expected[:, layer, layout.INTENSITY] == state[:, layer, layout.INTENSITY]
+        was = expected[:, layer, maps.INTENSITY] == state[:, layer, maps.INTENSITY]
         assert np.array_equal(found[:, layer].swapaxes(0, 1)[:, was], state[:, layer].swapaxes(0, 1)[:, was])
     return found
 
@@ -106,5 +106,5 @@ def test_weak_points_are_dropped(cuda):
     found = cuda.array(state)
     cuda.drop_weak(found, 10.0)
     expected = state.copy()
-    expected[:, :, layout.INTENSITY][state[:, :, layout.SCORE] < 10] = 0
+    expected[:, :, maps.INTENSITY][state[:, :, maps.SCORE] < 10] = 0
     assert np.array_equal(cuda.numpy(found), expected) and not np.array_equal(expected, state)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame import Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch

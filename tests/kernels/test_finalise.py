@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame import Matcher
-from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.kernels import cpu, maps, reference
 
 from .frames import SHAPES, T, make_frame, make_sensor, make_sketch, make_state, make_terms
 
@@ -19,7 +19,7 @@ def test_finalise(shape, surfaces):
                   for kernels in (cpu, reference))
     for one, other in zip(fast, slow):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-3)
-    score = layout.crop(state, *shape)[:, :, layout.SCORE]
+    score = maps.crop(state, *shape)[:, :, maps.SCORE]
     assert (fast[0][score <= 6] == 0).all() and (fast[0] > 0).sum() > 100 and (fast[2] >= 0).all()
 
 
@@ -27,10 +27,10 @@ def test_finalise(shape, surfaces):
 def test_collect_lists_points_by_pixel_the_strongest_first(surfaces):
     shape = SHAPES[1]
     state = make_state(make_frame(shape, seed=1), surfaces, 1)
-    view = layout.crop(state, *shape)
-    intensity, std = (np.ascontiguousarray(view[:, :, field]) for field in (layout.INTENSITY, layout.STD))
+    view = maps.crop(state, *shape)
+    intensity, std = (np.ascontiguousarray(view[:, :, field]) for field in (maps.INTENSITY, maps.STD))
     intensity[2, :, 3] = 5.0                                    # equally strong: in the order of the layers
-    view[4, 0, layout.DEPTH, 5], intensity[4, 0, 5] = T, 7.0    # rounded up: the period's end is its beginning
+    view[4, 0, maps.DEPTH, 5], intensity[4, 0, 5] = T, 7.0    # rounded up: the period's end is its beginning
     rays = np.random.default_rng(0).normal(size=(*shape, 3)).astype(np.float32)
     fast, slow = (kernels.collect(state, intensity, std, rays, 0.01, 0.5, T) for kernels in (cpu, reference))
     for one, other in zip(fast, slow):
@@ -40,7 +40,7 @@ def test_collect_lists_points_by_pixel_the_strongest_first(surfaces):
 
 
 def test_collect_of_nothing_is_empty():
-    state = layout.no_surfaces(3, 4, 2)
+    state = maps.no_surfaces(3, 4, 2)
     nothing = np.zeros((3, 2, 4), np.float32)
     row, col, rank, values, xyz = cpu.collect(state, nothing, nothing, np.ones((3, 4, 3), np.float32), 1.0, 0.0, T)
     assert row.shape == col.shape == rank.shape == (0,) and values.shape == (5, 0) and xyz.shape == (0, 3)

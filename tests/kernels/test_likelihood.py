@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 
@@ -97,4 +97,4 @@ def test_log_likelihood_ratio(shape, surfaces, seed, light):
     fast, slow = (kernels.log_likelihood_ratio(frame.padded, state, terms) for kernels in (cpu, reference))
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).sum() > 10 and (fast < -0.5).sum() > 10
-    assert (fast[state[:, :, layout.INTENSITY] == 0] == 0).all()
+    assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()

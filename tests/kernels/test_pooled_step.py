@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, layout, reference
+from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN
 
 from .frames import GATE, STATES, T, assert_states_agree, exact_frame, exact_state, make_frame, make_state, make_terms
@@ -19,11 +19,11 @@ def test_expand(shape, surfaces, seed):
     before = state.copy()
     fast, slow = cpu.expand(frame.padded, state), reference.expand(frame.padded, state)
     assert fast.dtype == np.float32 and fast.shape == slow.shape and np.array_equal(state, before)
-    for term in range(layout.TERMS):
+    for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
         np.testing.assert_allclose(one, other, atol=1e-5 * np.abs(other).max(), err_msg=str(term))
-    nowhere = (state[:, :, layout.INTENSITY] == 0)[:, :, None].repeat(layout.TERMS, 2)
-    assert (fast[nowhere] == 0).all() and (fast[:, :, layout.CURVATURE] > 0).sum() > 100
+    nowhere = (state[:, :, maps.INTENSITY] == 0)[:, :, None].repeat(maps.TERMS, 2)
+    assert (fast[nowhere] == 0).all() and (fast[:, :, maps.CURVATURE] > 0).sum() > 100
 
 
 @BOTH
@@ -34,15 +34,15 @@ def test_terms_are_value_gradient_and_curvature_of_the_response(kernels):
 
     def shifted(step: float) -> np.ndarray:
         moved = state.copy()
-        moved[:, 0, layout.DEPTH] += step
+        moved[:, 0, maps.DEPTH] += step
         return np.float64(kernels.expand(frame.padded, moved)[:, 0])
 
     low, here, high = map(shifted, steps)
-    value = [terms[:, layout.VALUE] for terms in (low, here, high)]
-    scale = np.abs(here[:, layout.GRADIENT]).max()
-    np.testing.assert_allclose(here[:, layout.GRADIENT], value[2] - value[0], atol=0.02 * scale)
-    np.testing.assert_allclose(here[:, layout.CURVATURE], (high - low)[:, layout.GRADIENT] * -1,
-                               atol=0.02 * np.abs(here[:, layout.CURVATURE]).max())
+    value = [terms[:, maps.VALUE] for terms in (low, here, high)]
+    scale = np.abs(here[:, maps.GRADIENT]).max()
+    np.testing.assert_allclose(here[:, maps.GRADIENT], value[2] - value[0], atol=0.02 * scale)
+    np.testing.assert_allclose(here[:, maps.CURVATURE], (high - low)[:, maps.GRADIENT] * -1,
+                               atol=0.02 * np.abs(here[:, maps.CURVATURE]).max())
 
 
 @BOTH
@@ -50,17 +50,17 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
     depth = np.concatenate([np.full((1, 3, 40), 100.0), np.full((1, 3, 40), 104.0)])
     photons = np.concatenate([np.full((1, 3, 40), 30.0), np.full((1, 3, 40), 20.0)])
     frame, state = exact_frame(depth, photons, 5), exact_state(depth, photons)
-    terms = layout.crop(kernels.expand(frame.padded, state), 3, 40)
+    terms = maps.crop(kernels.expand(frame.padded, state), 3, 40)
     for k, shown in enumerate((30, 20)):
-        np.testing.assert_allclose(terms[:, k, layout.VALUE], shown * frame.total_energy, rtol=1e-4)
-        np.testing.assert_allclose(terms[:, k, layout.CURVATURE], shown * frame.curvature, rtol=1e-4)
-        np.testing.assert_allclose(terms[:, k, layout.GRADIENT], 0, atol=1e-3 * shown * frame.curvature)
-    assert (terms[:, :, layout.SQUARES] == 55).all() and (terms[:, :, layout.COUNTS] == 55).all()
-    assert (terms[:, :, layout.EXPOSURE] == 1).all()
+        np.testing.assert_allclose(terms[:, k, maps.VALUE], shown * frame.total_energy, rtol=1e-4)
+        np.testing.assert_allclose(terms[:, k, maps.CURVATURE], shown * frame.curvature, rtol=1e-4)
+        np.testing.assert_allclose(terms[:, k, maps.GRADIENT], 0, atol=1e-3 * shown * frame.curvature)
+    assert (terms[:, :, maps.SQUARES] == 55).all() and (terms[:, :, maps.COUNTS] == 55).all()
+    assert (terms[:, :, maps.EXPOSURE] == 1).all()
 
 
 @pytest.mark.parametrize(("sigma", "radius"), [(0.5, 1), (2.0, 3), (3.5, FINE), (4.0, FINE + 1), (5.0, FAR),
-                                               (1e3, layout.MARGIN)])
+                                               (1e3, maps.MARGIN)])
 @pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::3])
 def test_pooled_step(shape, surfaces, seed, sigma, radius):
     frame = make_frame(shape, seed)
@@ -79,9 +79,9 @@ def test_a_pixel_on_its_own_steps_to_the_top_of_its_own_response(kernels):
     alone[0, 1, 5::9] = 40
     frame, state = exact_frame(depth, photons, 10), exact_state(depth + 0.5, alone)
     after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, GATE)
-    found = layout.crop(after, 3, 33)[1, 0, :, 5::9]
-    np.testing.assert_allclose(found[layout.DEPTH], 120, atol=0.01)
-    np.testing.assert_allclose(found[layout.INTENSITY], 40, rtol=0.02)
+    found = maps.crop(after, 3, 33)[1, 0, :, 5::9]
+    np.testing.assert_allclose(found[maps.DEPTH], 120, atol=0.01)
+    np.testing.assert_allclose(found[maps.INTENSITY], 40, rtol=0.02)
 
 
 @BOTH
@@ -91,17 +91,17 @@ def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels
     depth = (295 + 0.6 * x - 0.4 * y)[None] % T
     lit = np.full(depth.shape, 20.0)
     frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
-    view = layout.crop(state, 19, 32)
-    view[:, :, layout.STD] = 1
+    view = maps.crop(state, 19, 32)
+    view[:, :, maps.STD] = 1
     state[:] = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, GATE)   # the slopes
     after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 3.0, radius, GATE)
-    view = layout.crop(after, 19, 32)[:, 0]
-    away = (view[:, layout.DEPTH] - depth[0] + T / 2) % T - T / 2
+    view = maps.crop(after, 19, 32)[:, 0]
+    away = (view[:, maps.DEPTH] - depth[0] + T / 2) % T - T / 2
     inner = np.s_[FAR:-FAR, FAR:-FAR]
     np.testing.assert_allclose(away[inner], 0, atol=0.02)
-    np.testing.assert_allclose(view[:, layout.SLOPE_COL][inner], 0.6, atol=0.02)
-    np.testing.assert_allclose(view[:, layout.SLOPE_ROW][inner], -0.4, atol=0.02)
-    np.testing.assert_allclose(view[:, layout.RESIDUAL][inner], 0, atol=0.02)
+    np.testing.assert_allclose(view[:, maps.SLOPE_COL][inner], 0.6, atol=0.02)
+    np.testing.assert_allclose(view[:, maps.SLOPE_ROW][inner], -0.4, atol=0.02)
+    np.testing.assert_allclose(view[:, maps.RESIDUAL][inner], 0, atol=0.02)
 
 
 @BOTH
@@ -110,14 +110,14 @@ def test_cells_pool_what_their_pixels_would(kernels):
     depth, lit = np.full((1, 35, 35), 50.0), np.full((1, 35, 35), 20.0)
     frame, state = exact_frame(depth, lit, 10), exact_state(depth, lit)
     after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FAR, GATE)
-    found = layout.crop(after, 35, 35)[17, 0, :, 17]
+    found = maps.crop(after, 35, 35)[17, 0, :, 17]
     dy, dx = np.mgrid[-FAR:FAR + 1, -FAR:FAR + 1]
     centres = (dx % CELL == 0) & (dy % CELL == 0) & (np.maximum(abs(dx), abs(dy)) > FINE)
     cells = (centres & (dx**2 + dy**2 <= FAR * (FAR + 1))).sum()
     pixels = (2 * FINE + 1)**2 + CELL**2 * cells
     variance = (20 * frame.moments[0] + 10 * frame.moments[1]) / pixels / (20 * frame.curvature)**2
-    assert found[layout.INTENSITY] == pytest.approx(20, rel=1e-3)
-    assert found[layout.STD] == pytest.approx(np.sqrt(variance), rel=1e-2)
+    assert found[maps.INTENSITY] == pytest.approx(20, rel=1e-3)
+    assert found[maps.STD] == pytest.approx(np.sqrt(variance), rel=1e-2)
 
 
 @BOTH
@@ -126,13 +126,13 @@ def test_the_residual_is_the_distance_of_the_neighbours_from_the_plane(kernels):
     y, x = np.mgrid[:13, :33]
     depth, lit = (50 + 0.2 * (-1.0)**(x + y))[None], np.full((1, 13, 33), 20.0)
     frame, state = exact_frame(depth, lit, 5), exact_state(depth, lit)
-    layout.crop(state, 13, 33)[:, :, layout.STD] = 0.5
+    maps.crop(state, 13, 33)[:, :, maps.STD] = 0.5
     after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FINE, GATE)
-    point = layout.crop(after, 13, 33)[6, 0, :, 16]
+    point = maps.crop(after, 13, 33)[6, 0, :, 16]
     dy, dx = np.mgrid[-FINE:FINE + 1, -FINE:FINE + 1]
     inside = dx**2 + dy**2 <= FINE * (FINE + 1)
     close = (1 - 0.4**2 / (2 * GATE * 0.5**2))**2
     other = close * (inside & ((dx + dy) % 2 == 1)).sum()
     mean = 0.4**2 * other / (other + (inside & ((dx + dy) % 2 == 0)).sum())
-    gone = NOISE_SHOWN * (0.5**2 - point[layout.STD]**2)
-    assert point[layout.RESIDUAL] == pytest.approx(np.sqrt(max(mean - gone, 0)), rel=0.05, abs=0.02)
+    gone = NOISE_SHOWN * (0.5**2 - point[maps.STD]**2)
+    assert point[maps.RESIDUAL] == pytest.approx(np.sqrt(max(mean - gone, 0)), rel=0.05, abs=0.02)

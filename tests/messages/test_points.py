@@ -7,7 +7,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points, typed
-from srt3d_ros.messages.layout import unpack_cloud
+from srt3d_ros.messages.packing import unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
 
 

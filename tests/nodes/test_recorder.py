@@ -20,7 +20,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.header import Header
-from srt3d_ros.messages.layout import pack_cloud
+from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.messages.typed import to_cloud_message
 from srt3d_ros.nodes import base
 from srt3d_ros.nodes.diagnostics import PIPELINE_ID

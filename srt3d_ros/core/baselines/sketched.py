@@ -4,7 +4,7 @@ import numpy as np
 
 from srt3d_ros.core.baselines.options import kernels_of
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.frame import Frame, Matcher
+from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.weighting import weighted_steps
@@ -45,11 +45,11 @@ class SketchedBaseline:
         background = np.maximum(sketch.photons - signal.sum(axis=1), 0)
         return PointCloud.from_layers(self.sensor, depth, intensity, std, background, sketch.stamp_ns)
 
-    def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    def points(self, frame: MatchedFrame) -> tuple[np.ndarray, np.ndarray]:
         """Depth (bins) and intensity of the surfaces, float32 [rows, K, cols]; intensity 0 = no point."""
         raise NotImplementedError
 
-    def step(self, frame: Frame, rate: float, usual: float, depth, intensity) -> None:
+    def step(self, frame: MatchedFrame, rate: float, usual: float, depth, intensity) -> None:
         """A gradient step of all points, in place; frame and points lie on the device."""
         self.kernels.pixelwise(frame, self._table, rate, usual, depth, intensity)
 
@@ -59,7 +59,7 @@ class SketchedBaseline:
         self(Sketch(self._matcher.frequencies, np.zeros((*shape, m), np.complex64), np.zeros(shape, np.uint32)))
 
 
-def matched_filter(frame: Frame, surfaces: int, kernels) -> tuple[np.ndarray, np.ndarray]:
+def matched_filter(frame: MatchedFrame, surfaces: int, kernels) -> tuple[np.ndarray, np.ndarray]:
     """The start: depth and intensity of each pixel's strongest returns, float32 [rows, K, cols]; 0 where none.
 
     The frame lies on the kernels' device, the start does not.

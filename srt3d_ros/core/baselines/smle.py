@@ -11,7 +11,7 @@ exact. The matched filter on the sketch starts, gradient steps scaled by the inv
 import numpy as np
 
 from srt3d_ros.core.baselines.sketched import SketchedBaseline, matched_filter
-from srt3d_ros.core.frame import Frame
+from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.thresholds import score, score_threshold
 
@@ -34,7 +34,7 @@ class SMLE(SketchedBaseline):
                  false_alarm_rate: float | None = None, device: str = "auto"):
         super().__init__(sensor, frequencies, surfaces, weighting, false_alarm_rate, device)
 
-    def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    def points(self, frame: MatchedFrame) -> tuple[np.ndarray, np.ndarray]:
         """Maximum likelihood depths and intensities, [rows, K, cols]."""
         there = frame.on(self.kernels)
         depth, intensity = matched_filter(there, self.surfaces, self.kernels)

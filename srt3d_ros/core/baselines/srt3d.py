@@ -16,7 +16,7 @@ import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.baselines.sketched import SketchedBaseline, matched_filter
-from srt3d_ros.core.frame import Frame
+from srt3d_ros.core.matched_frame import MatchedFrame
 from srt3d_ros.core.sensor import SensorModel
 
 STEPS_BEFORE = 5
@@ -36,7 +36,7 @@ class SRT3D(SketchedBaseline):
                  device: str = "auto"):
         super().__init__(sensor, frequencies, surfaces, weighting, None, device)
 
-    def points(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    def points(self, frame: MatchedFrame) -> tuple[np.ndarray, np.ndarray]:
         """Depths and intensities, [rows, K, cols]."""
         kernels, there = self.kernels, frame.on(self.kernels)
         start = matched_filter(there, self.surfaces, kernels)

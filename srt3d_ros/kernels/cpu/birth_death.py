@@ -13,7 +13,7 @@ from srt3d_ros.kernels.cpu.match import response_at
 from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.surfaces import agreement, distance, is_surface, rise
 from srt3d_ros.kernels.cpu.undecided import OPEN, OWN, undecided, undecided_scratch
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MARGIN, MAX_STD, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, MAX_STD, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
 BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
     "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "JUDGED", "MAX_VOTE", "PRIOR_VOTE"))

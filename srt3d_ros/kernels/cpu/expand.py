@@ -6,7 +6,7 @@ from numba import prange
 from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.layout import (
+from srt3d_ros.kernels.maps import (
     COUNTS,
     CURVATURE,
     DEPTH,

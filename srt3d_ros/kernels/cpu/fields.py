@@ -1,12 +1,12 @@
-"""The layout's numbers as unsigned integers: of an index made of them the compiler knows that it counts from no end."""
+"""The indices of `maps` as unsigned integers, so that the compiler generates no wrap-around for negative indices."""
 
 import numpy as np
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 
 U = np.uint64
-B = U(layout.BLOCK)
-DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE, RESIDUAL = (U(getattr(layout, name)) for name in (
+B = U(maps.BLOCK)
+DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE, RESIDUAL = (U(getattr(maps, name)) for name in (
     "DEPTH", "SLOPE_COL", "SLOPE_ROW", "INTENSITY", "STD", "SCORE", "RESIDUAL"))
-VALUE, GRADIENT, CURVATURE, SQUARES, COUNTS, EXPOSURE, TERMS = (U(getattr(layout, name)) for name in (
+VALUE, GRADIENT, CURVATURE, SQUARES, COUNTS, EXPOSURE, TERMS = (U(getattr(maps, name)) for name in (
     "VALUE", "GRADIENT", "CURVATURE", "SQUARES", "COUNTS", "EXPOSURE", "TERMS"))

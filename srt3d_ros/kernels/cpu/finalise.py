@@ -8,7 +8,7 @@ from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
 from srt3d_ros.kernels.windows import window_weights
 
 SHARE_WEIGHTS = window_weights(SHARE_WINDOW)

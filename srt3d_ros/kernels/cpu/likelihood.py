@@ -6,7 +6,7 @@ from numba import prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.layout import INTENSITY, VALUE
+from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 DEAD_PIXEL, LIKENESS = F32(constants.DEAD_PIXEL), F32(constants.LIKENESS)
 SHARED_LIKENESS = LIKENESS * LIKENESS

@@ -8,7 +8,7 @@ from numba import prange
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.fields import B, U
-from srt3d_ros.kernels.layout import BLOCK
+from srt3d_ros.kernels.maps import BLOCK
 
 GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together
 LIST = GROUP * B

@@ -31,7 +31,7 @@ from srt3d_ros.kernels.cpu.fields import (
 )
 from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.surfaces import agreement, distance, rise
-from srt3d_ros.kernels.layout import BLOCK, FIELDS, MARGIN
+from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
 
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
 # sums of the row of neighbours that is being added, each of 1, dx or dx².

@@ -3,11 +3,11 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.layout import MARGIN
+from srt3d_ros.kernels.maps import MARGIN
 
 
 @parallel
@@ -29,7 +29,7 @@ def _prepare(sums, photons, equaliser, used, matched, counts):
 def prepare(sums, photons, equaliser, used, scratch=None):
     """Rows in parallel."""
     rows, cols, m = sums.shape
-    padded_rows, padded_cols = layout.padded_shape(rows, cols)
+    padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched = borrow(scratch, "matched", (padded_rows, 2 * m, padded_cols), True)
     counts = borrow(scratch, "counts", (padded_rows, padded_cols), True)
     _prepare(np.ascontiguousarray(sums).view(np.float32), np.ascontiguousarray(photons), equaliser.view(np.float32),

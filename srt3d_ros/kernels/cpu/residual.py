@@ -5,7 +5,7 @@ from numba import prange
 from srt3d_ros.kernels.cpu.arithmetic import ZERO, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, VALUE
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
 
 
 @parallel

@@ -52,7 +52,7 @@ def numpy(values: np.ndarray) -> np.ndarray:
     return values
 
 
-class Pipeline:
+class FrameStream:
     """Frames through a sequence of kernels. Here a frame is done when it has been submitted.
 
     Args:

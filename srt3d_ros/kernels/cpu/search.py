@@ -11,7 +11,7 @@ from srt3d_ros.kernels.cpu.likelihood import surprise
 from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.cpu.scratch import borrow
 from srt3d_ros.kernels.cpu.surfaces import distance
-from srt3d_ros.kernels.layout import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.windows import window_weights
 
 

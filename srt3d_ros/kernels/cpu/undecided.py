@@ -4,7 +4,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, ZERO, aligned
 from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.fields import DEPTH, INTENSITY, SLOPE_COL, SLOPE_ROW, STD, B, U
 from srt3d_ros.kernels.cpu.surfaces import distance, is_surface, rise
-from srt3d_ros.kernels.layout import BLOCK, FIELDS
+from srt3d_ros.kernels.maps import BLOCK, FIELDS
 
 OWN, FOUND, OPEN, COUNT, THERE, KNOWN, AT, TOLERANCE = (U(k * BLOCK) for k in range(8))     # offsets into the scratch
 

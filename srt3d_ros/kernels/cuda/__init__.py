@@ -12,17 +12,10 @@ from srt3d_ros.kernels.cuda.collect import collect, unpack
 from srt3d_ros.kernels.cuda.device import ON_HOST, array, numpy, photon_array
 from srt3d_ros.kernels.cuda.expand import expand
 from srt3d_ros.kernels.cuda.finalise import finalise
+from srt3d_ros.kernels.cuda.frame_stream import WARM_FRAMES, FrameStream
 from srt3d_ros.kernels.cuda.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cuda.match import match
-from srt3d_ros.kernels.cuda.pipeline import WARM_FRAMES, Pipeline
-from srt3d_ros.kernels.cuda.pixelwise import pixelwise
-from srt3d_ros.kernels.cuda.poisson import poisson
-from srt3d_ros.kernels.cuda.pooled_step import pooled_step
-from srt3d_ros.kernels.cuda.prepare import prepare
-from srt3d_ros.kernels.cuda.residual import residual
-from srt3d_ros.kernels.cuda.scratch import Scratch
-from srt3d_ros.kernels.cuda.search import drop_weak, search
-from srt3d_ros.kernels.cuda.sketch import (
+from srt3d_ros.kernels.cuda.phase_sums import (
     find_stray,
     fixed_rows,
     inspect_events,
@@ -33,8 +26,15 @@ from srt3d_ros.kernels.cuda.sketch import (
     sketch_sorted,
     sketch_unsorted,
 )
+from srt3d_ros.kernels.cuda.pixelwise import pixelwise
+from srt3d_ros.kernels.cuda.poisson import poisson
+from srt3d_ros.kernels.cuda.pooled_step import pooled_step
+from srt3d_ros.kernels.cuda.prepare import prepare
+from srt3d_ros.kernels.cuda.residual import residual
+from srt3d_ros.kernels.cuda.scratch import Scratch
+from srt3d_ros.kernels.cuda.search import drop_weak, search
 
-__all__ = ["ON_HOST", "Pipeline", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
+__all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
            "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
            "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]

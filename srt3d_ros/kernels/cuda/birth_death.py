@@ -14,11 +14,11 @@ import torch
 import triton
 import triton.language as tl
 
-from srt3d_ros.kernels import constants, layout
+from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.constants import SPREAD
 from srt3d_ros.kernels.cuda.arithmetic import TINY, axis, sincos, wrap
-from srt3d_ros.kernels.cuda.layout import DEPTH, FIELDS, INTENSITY, MARGIN, SCORE
 from srt3d_ros.kernels.cuda.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
+from srt3d_ros.kernels.cuda.maps import DEPTH, FIELDS, INTENSITY, MARGIN, SCORE
 from srt3d_ros.kernels.cuda.surfaces import agreement, fall_of, has_depth, near, record_of, surface_count
 from srt3d_ros.kernels.cuda.undecided import carried, copy, settled, undecided
 
@@ -245,7 +245,7 @@ def birth_death(frame, state, terms, max_chi2, scratch=None):
     before, own_before = state, own
     for step in range(1 + SPREAD):
         after, own_after = states[step % 2], owns[step % 2]
-        _choose[parts * length // block, padded_rows - 2 * layout.MARGIN](
+        _choose[parts * length // block, padded_rows - 2 * maps.MARGIN](
             frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.total_energy,
             frame.max_response, frame.background_table, frame.intensity_moments, max_chi2, blur2, period, padded_cols,
             m, lists, lengths, before, own_before, changed, after, own_after, changes, FILL=step > 0,

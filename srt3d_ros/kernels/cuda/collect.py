@@ -7,7 +7,7 @@ import torch
 import triton
 import triton.language as tl
 
-from srt3d_ros.kernels.cuda.layout import DEPTH, FIELDS, MARGIN, SLOPE_COL, SLOPE_ROW
+from srt3d_ros.kernels.cuda.maps import DEPTH, FIELDS, MARGIN, SLOPE_COL, SLOPE_ROW
 
 PIXELS = 128                    # of one program
 HEAD = 16                       # bytes: the number of points, and what keeps the lists aligned

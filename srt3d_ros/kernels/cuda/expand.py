@@ -8,7 +8,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels.cuda.arithmetic import TURN, sincos
-from srt3d_ros.kernels.cuda.layout import (
+from srt3d_ros.kernels.cuda.maps import (
     COUNTS,
     CURVATURE,
     DEPTH,
@@ -28,7 +28,7 @@ from srt3d_ros.kernels.cuda.surfaces import record_of
 
 @triton.jit
 def store_terms(into, terms, mask, padded_cols):
-    """Write terms, in the order of the layout; 0 outside the mask."""
+    """Write terms, in the order of `maps`; 0 outside the mask."""
     for term in tl.static_range(TERMS):
         tl.store(into + term * padded_cols, tl.where(mask, terms[term], 0.0))
 
@@ -38,7 +38,7 @@ def add_terms(sums, bends, shown, weight, e, dy, dx, padded_cols, CELLS: tl.cons
     """Add weighted terms, each moved from its surface's depth to a plane, e bins away, (dy, dx) pixels from its point.
 
     Args:
-        sums: of the terms, in the order of the layout.
+        sums: of the terms, in the order of `maps`.
         bends: sums of curvature times dx, and times dy, by which the gradient changes when the plane is turned; and
             times e².
         shown: pointers to the terms.

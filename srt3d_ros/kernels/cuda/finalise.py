@@ -6,7 +6,7 @@ import triton.language as tl
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cuda.arithmetic import EPSILON, TINY
 from srt3d_ros.kernels.cuda.blur import blur
-from srt3d_ros.kernels.cuda.layout import BLOCK, DEPTH, FIELDS, INTENSITY, MARGIN, RESIDUAL, SCORE, STD, TERMS, VALUE
+from srt3d_ros.kernels.cuda.maps import BLOCK, DEPTH, FIELDS, INTENSITY, MARGIN, RESIDUAL, SCORE, STD, TERMS, VALUE
 from srt3d_ros.kernels.cuda.scratch import borrow, constant
 from srt3d_ros.kernels.windows import window_weights
 

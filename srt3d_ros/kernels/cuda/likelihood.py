@@ -4,7 +4,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cuda.layout import BLOCK, FIELDS, INTENSITY, TERMS, VALUE
+from srt3d_ros.kernels.cuda.maps import BLOCK, FIELDS, INTENSITY, TERMS, VALUE
 
 DEAD_PIXEL, LIKENESS = tl.constexpr(constants.DEAD_PIXEL), tl.constexpr(constants.LIKENESS)
 SHARED_LIKENESS = tl.constexpr(constants.LIKENESS**2)
@@ -15,7 +15,7 @@ def surprise(response, photons, max_response, background_table, STEPS: tl.conste
     """ρ(response / photons): what it is worth as evidence against "background alone", per √photon.
 
     Args:
-        background_table: pointer to the Frame's, whose entries are linear in between; STEPS, one less than they are.
+        background_table: pointer to the table of a MatchedFrame, linear between entries; STEPS, one less than they are.
     """
     at = tl.minimum(tl.maximum(response / (photons * max_response), 0.0), 1.0) * STEPS
     low = tl.minimum(at.to(tl.int32), STEPS - 1)
@@ -33,7 +33,7 @@ def llr(response, photons, expected, likeness, total, max_response, background_t
     Args:
         response, photons, expected, likeness, total, max_response: as there.
         background_table, STEPS: as of `surprise`.
-        moments: pointer to the Frame's intensity_moments.
+        moments: pointer to the MatchedFrame's intensity_moments.
     """
     dead, response, photons = photons <= 0.0, tl.maximum(response, 0.0), tl.maximum(photons, 0.5)
     rare = surprise(response, photons, max_response, background_table, STEPS)

@@ -9,7 +9,7 @@ import triton.language as tl
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cuda.arithmetic import TINY, TURN, axis, sincos
-from srt3d_ros.kernels.cuda.layout import BLOCK
+from srt3d_ros.kernels.cuda.maps import BLOCK
 
 RATE = tl.constexpr(constants.INTENSITY_RATE)
 

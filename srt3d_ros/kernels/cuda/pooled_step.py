@@ -12,7 +12,7 @@ import triton.language as tl
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cuda.arithmetic import TINY, wrap
 from srt3d_ros.kernels.cuda.expand import add_terms, store_terms
-from srt3d_ros.kernels.cuda.layout import (
+from srt3d_ros.kernels.cuda.maps import (
     DEPTH,
     EXPOSURE,
     FIELDS,

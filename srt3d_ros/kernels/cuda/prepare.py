@@ -4,9 +4,9 @@ import torch
 import triton
 import triton.language as tl
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cuda.arithmetic import axis
-from srt3d_ros.kernels.cuda.layout import BLOCK, MARGIN
+from srt3d_ros.kernels.cuda.maps import BLOCK, MARGIN
 from srt3d_ros.kernels.cuda.scratch import borrow
 
 
@@ -31,11 +31,11 @@ def _prepare(sums, photons, equaliser, used, matched, counts, rows, cols, padded
 def prepare(sums, photons, equaliser, used, scratch=None):
     """A pixel's 8m + 8 bytes are read and 8m + 4 written once, margins with them."""
     rows, cols, m = sums.shape
-    padded_rows, padded_cols = layout.padded_shape(rows, cols)
+    padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched = borrow(scratch, "matched", (padded_rows, 2 * m, padded_cols))
     counts = borrow(scratch, "counts", (padded_rows, padded_cols))
     by_row, by_col = (equaliser.shape[1] if equaliser.shape[0] > 1 else 0), int(equaliser.shape[1] > 1)
-    _prepare[(triton.cdiv(padded_cols, layout.BLOCK), padded_rows)](
+    _prepare[(triton.cdiv(padded_cols, maps.BLOCK), padded_rows)](
         torch.view_as_real(sums.contiguous()), photons.contiguous(), torch.view_as_real(equaliser), used, matched,
         counts, rows, cols, padded_cols, m, by_row, by_col, M=axis(m), num_warps=max(axis(m) // 16, 1))
     return matched, counts

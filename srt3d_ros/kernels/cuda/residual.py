@@ -4,7 +4,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels.cuda.arithmetic import axis, sincos
-from srt3d_ros.kernels.cuda.layout import BLOCK, DEPTH, TERMS, VALUE
+from srt3d_ros.kernels.cuda.maps import BLOCK, DEPTH, TERMS, VALUE
 from srt3d_ros.kernels.cuda.scratch import borrow
 from srt3d_ros.kernels.cuda.surfaces import record_of
 

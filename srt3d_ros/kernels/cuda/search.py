@@ -9,10 +9,10 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from srt3d_ros.kernels import constants, layout
+from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.cuda.arithmetic import EPSILON, axis, sincos, wrap
-from srt3d_ros.kernels.cuda.layout import DEPTH, FIELDS, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW
 from srt3d_ros.kernels.cuda.likelihood import surprise
+from srt3d_ros.kernels.cuda.maps import DEPTH, FIELDS, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW
 from srt3d_ros.kernels.cuda.match import CELLS, PIXELS, peak
 from srt3d_ros.kernels.cuda.scratch import borrow, constant
 from srt3d_ros.kernels.cuda.surfaces import record_of, store_surface
@@ -193,14 +193,14 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
         _pool_rows[(triton.cdiv(cols, COLS), triton.cdiv(channels, CHANNELS), high)](
             matched, frame.counts, frame.exposure, state, weights, rows, cols, padded_cols, channels, pools, **sizes,
             COLS=COLS, CHANNELS=CHANNELS)
-        maps = pools, pools[:, channels + 1], pools[:, channels]
+        pooled = pools, pools[:, channels + 1], pools[:, channels]
         lines, share = ((channels + 2) * cols, cols, (channels + 2) * cols), 0.5
     else:
-        maps = (values[layout.MARGIN:, ..., layout.MARGIN:] for values in (matched, frame.counts, frame.exposure))
+        pooled = (values[maps.MARGIN:, ..., maps.MARGIN:] for values in (matched, frame.counts, frame.exposure))
         lines, share = (channels * padded_cols, padded_cols, padded_cols), 1.0
     clutter, bins = (frame.counts, 0) if frame.clutter is None else (frame.clutter, len(frame.clutter))
     _decide[(triton.cdiv(triton.cdiv(cols, step), PIXELS), high)](
-        *maps, *lines, frame.exposure, state, state if carried is None else carried, weights, share, enough,
+        *pooled, *lines, frame.exposure, state, state if carried is None else carried, weights, share, enough,
         confirmed, frame.bin_frequencies, frame.total_energy, frame.curvature,
         constants.APART * frame.resolution_bins, frame.max_response, frame.background_table, frame.moments, clutter,
         float(frame.num_bins), rows, cols, padded_cols, m, WARM=carried is not None, **sizes,
@@ -210,4 +210,4 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
 
 def drop_weak(state, weak):
     """Remove the points with a score below `weak` standard deviations, in place: they are searched for anew."""
-    state[:, :, layout.INTENSITY].masked_fill_(state[:, :, layout.SCORE] < weak, 0.0)
+    state[:, :, maps.INTENSITY].masked_fill_(state[:, :, maps.SCORE] < weak, 0.0)

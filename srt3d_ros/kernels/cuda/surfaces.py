@@ -5,10 +5,10 @@ import math
 import triton
 import triton.language as tl
 
-from srt3d_ros.kernels import layout
-from srt3d_ros.kernels.cuda.layout import DEPTH, FIELDS, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.cuda.maps import DEPTH, FIELDS, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD
 
-MAX_STD = tl.constexpr(layout.MAX_STD)
+MAX_STD = tl.constexpr(maps.MAX_STD)
 
 
 @triton.jit

@@ -4,7 +4,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels.cuda.arithmetic import wrap
-from srt3d_ros.kernels.cuda.layout import FIELDS, MARGIN, STD
+from srt3d_ros.kernels.cuda.maps import FIELDS, MARGIN, STD
 from srt3d_ros.kernels.cuda.surfaces import agreement, has_depth, plane_depth, plane_of, record_of, surface_count
 
 

@@ -11,14 +11,7 @@ from srt3d_ros.kernels.reference.expand import expand
 from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.reference.match import match
-from srt3d_ros.kernels.reference.pixelwise import pixelwise
-from srt3d_ros.kernels.reference.poisson import poisson
-from srt3d_ros.kernels.reference.pooled_step import pooled_step
-from srt3d_ros.kernels.reference.prepare import prepare
-from srt3d_ros.kernels.reference.residual import residual
-from srt3d_ros.kernels.reference.scratch import ON_HOST, WARM_FRAMES, Pipeline, Scratch, array, numpy, photon_array
-from srt3d_ros.kernels.reference.search import drop_weak, search
-from srt3d_ros.kernels.reference.sketch import (
+from srt3d_ros.kernels.reference.phase_sums import (
     find_stray,
     fixed_rows,
     inspect_events,
@@ -29,8 +22,15 @@ from srt3d_ros.kernels.reference.sketch import (
     sketch_sorted,
     sketch_unsorted,
 )
+from srt3d_ros.kernels.reference.pixelwise import pixelwise
+from srt3d_ros.kernels.reference.poisson import poisson
+from srt3d_ros.kernels.reference.pooled_step import pooled_step
+from srt3d_ros.kernels.reference.prepare import prepare
+from srt3d_ros.kernels.reference.residual import residual
+from srt3d_ros.kernels.reference.scratch import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
+from srt3d_ros.kernels.reference.search import drop_weak, search
 
-__all__ = ["ON_HOST", "Pipeline", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
+__all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
            "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
            "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]

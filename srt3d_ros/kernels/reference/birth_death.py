@@ -17,7 +17,7 @@ from srt3d_ros.kernels.constants import (
     VOTE_RADIUS,
     VOTE_SIGMA,
 )
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, SCORE, STD
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, STD
 from srt3d_ros.kernels.reference.arithmetic import expected, pixel_z, response_of
 from srt3d_ros.kernels.reference.likelihood import left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.reference.surfaces import agreement, has_depth, near, plane_depth, wrap

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.kernels.layout import (
+from srt3d_ros.kernels.maps import (
     COUNTS,
     CURVATURE,
     DEPTH,

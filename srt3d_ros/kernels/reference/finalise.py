@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio
 from srt3d_ros.kernels.reference.blur import blur
 from srt3d_ros.kernels.reference.surfaces import TINY
@@ -13,24 +13,24 @@ from srt3d_ros.kernels.windows import window_weights
 
 def finalise(frame, photons, state, terms, enough, scratch=None):
     """Vectorised over pixels."""
-    view = layout.crop(state, *frame.shape).astype(float)
+    view = maps.crop(state, *frame.shape).astype(float)
     score = view[:, :, SCORE] / noise_ratio(frame, view[:, :, DEPTH])
     kept = (score > enough) & (view[:, :, INTENSITY] > 0)
     intensity = np.where(kept, _shared_intensity(frame, view, terms), 0)
     intensity[intensity < FAINTEST * intensity.max(axis=1, keepdims=True)] = 0
     std = np.clip(np.hypot(view[:, :, STD], view[:, :, RESIDUAL]), EPSILON, frame.num_bins)
-    seen = (intensity * layout.crop(frame.exposure, *frame.shape)[:, None]).sum(axis=1)
+    seen = (intensity * maps.crop(frame.exposure, *frame.shape)[:, None]).sum(axis=1)
     return intensity, std, np.maximum(photons.astype(float) - seen, 0)
 
 
 def _shared_intensity(frame, view, terms):
     """Between the pooled intensity and a pixel's own, which counts as far as pixels truly differ [rows, K, cols]."""
-    exposure = np.maximum(layout.crop(frame.exposure, *frame.shape), EPSILON)[:, None].astype(float)
+    exposure = np.maximum(maps.crop(frame.exposure, *frame.shape), EPSILON)[:, None].astype(float)
     pooled = view[:, :, INTENSITY]
     seen = pooled > 0
-    own = layout.crop(terms, *frame.shape)[:, :, VALUE] / (frame.total_energy * exposure)
+    own = maps.crop(terms, *frame.shape)[:, :, VALUE] / (frame.total_energy * exposure)
     excess = (own - pooled) * seen
-    background = np.maximum(layout.crop(frame.counts, *frame.shape)[:, None] - pooled * exposure, 0)
+    background = np.maximum(maps.crop(frame.counts, *frame.shape)[:, None] - pooled * exposure, 0)
     signal_moment, background_moment = frame.intensity_moments
     variance = (pooled * exposure * signal_moment + background * background_moment) / frame.total_energy**2
     weights = window_weights(SHARE_WINDOW)
@@ -44,7 +44,7 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
     order = np.argsort(-intensity, axis=1, kind="stable")
     row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
     layer = order[row, rank, col]
-    view = layout.crop(state, *rays.shape[:2])
+    view = maps.crop(state, *rays.shape[:2])
     depth = view[row, layer, DEPTH, col].astype(np.float64)
     depth = np.where(depth < num_bins, depth, 0)
     xyz = rays[row, col] * (metres_per_bin * depth + metres)[:, None]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
-from srt3d_ros.kernels.layout import INTENSITY, VALUE
+from srt3d_ros.kernels.maps import INTENSITY, VALUE
 from srt3d_ros.kernels.reference.arithmetic import written
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
-from srt3d_ros.kernels.layout import (
+from srt3d_ros.kernels.maps import (
     COUNTS,
     CURVATURE,
     DEPTH,

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.reference.arithmetic import parts
 
 
 def prepare(sums, photons, equaliser, used, scratch=None):
     """Vectorised over pixels."""
     rows, cols, m = sums.shape
-    padded_rows, padded_cols = layout.padded_shape(rows, cols)
+    padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = np.zeros((padded_rows, 2 * m, padded_cols)), np.zeros((padded_rows, padded_cols))
-    layout.crop(matched, rows, cols)[:] = parts(sums.astype(complex) * equaliser)
-    layout.crop(counts, rows, cols)[:] = photons * used.astype(np.float64)
+    maps.crop(matched, rows, cols)[:] = parts(sums.astype(complex) * equaliser)
+    maps.crop(counts, rows, cols)[:] = photons * used.astype(np.float64)
     return matched, counts

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.kernels.layout import DEPTH, VALUE
+from srt3d_ros.kernels.maps import DEPTH, VALUE
 from srt3d_ros.kernels.reference.arithmetic import expected, pixel_z
 
 

@@ -36,7 +36,7 @@ def numpy(values):
     return values.astype(SINGLE.get(values.dtype, values.dtype))
 
 
-class Pipeline:
+class FrameStream:
     """`submit` computes the frame at once."""
 
     def __init__(self, function):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio, pixel_z, response_of
 from srt3d_ros.kernels.reference.blur import blur
 from srt3d_ros.kernels.reference.likelihood import surprise
@@ -18,16 +18,16 @@ FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields tha
 def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
     """Pool the open pixels, match every pool, then loop over pixels."""
     size = frame.shape
-    view, exposure = layout.crop(state, *size), layout.crop(frame.exposure, *size)
+    view, exposure = maps.crop(state, *size), maps.crop(frame.exposure, *size)
     is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
     if layer > 0:
         is_open &= view[:, layer - 1, INTENSITY] > 0
-    maps = layout.crop(matched, *size), layout.crop(frame.counts, *size)[:, None], exposure[:, None]
+    pools = maps.crop(matched, *size), maps.crop(frame.counts, *size)[:, None], exposure[:, None]
     share = 1.0
     if sigma > 0:
         weights, share = window_weights(sigma / step), 0.5
-        maps = [blur(values * is_open[:, None], w, step) for values, w in zip(maps, (weights, weights**2, weights))]
-    pooled, counts, light = maps[0], maps[1][:, 0].astype(float), np.maximum(maps[2][:, 0], EPSILON)
+        pools = [blur(values * is_open[:, None], w, step) for values, w in zip(pools, (weights, weights**2, weights))]
+    pooled, counts, light = pools[0], pools[1][:, 0].astype(float), np.maximum(pools[2][:, 0], EPSILON)
     depth, signal = (found[:, 0] for found in match(pooled, frame.energy, frame.bin_frequencies, frame.num_bins, 1))
     for i, j in np.argwhere(is_open):
         cell = i // step, j // step

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.kernels.layout import DEPTH, INTENSITY, MAX_STD, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MAX_STD, SLOPE_COL, SLOPE_ROW, STD
 
 TINY = 1e-12
 

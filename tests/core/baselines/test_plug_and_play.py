@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins, usual_intensity
-from srt3d_ros.core.frame import Matcher
+from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.photons import PhotonEvents

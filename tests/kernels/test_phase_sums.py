@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher, phase_table
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels import reference
-from srt3d_ros.kernels.cpu import rows, sketch
+from srt3d_ros.kernels.cpu import phase_sums, rows
 
 PIXELS, T = 40, 50
 # How far a sum may be off for each photon: table rows are rounded to 24 bits on the CPU, to 16 on CUDA.
@@ -58,9 +58,9 @@ def device(request):
 
 def device_named(name, request):
     if name == "cpu":
-        return Device("cpu", sketch, np.ascontiguousarray, np.asarray)
+        return Device("cpu", phase_sums, np.ascontiguousarray, np.asarray)
     cuda = request.getfixturevalue("cuda")
-    from srt3d_ros.kernels.cuda import sketch as on_cuda
+    from srt3d_ros.kernels.cuda import phase_sums as on_cuda
     return Device("cuda", on_cuda, cuda.array, cuda.numpy)
 
 
@@ -135,11 +135,11 @@ def test_gates(device, pixels, first_word, no_detection):
 
 
 def test_gates_of_more_cycles_than_are_read_together():
-    words = np.random.default_rng(0).integers(0, T + 1, (2 * sketch.CYCLES + 5, 3)).astype(np.uint16)
-    sums, photons = sketch.new_sums(3, 2)
-    sketch.sketch_gates(words, sketch.fixed_rows(phase_table((3,), T)), 0, T, sums, photons)
+    words = np.random.default_rng(0).integers(0, T + 1, (2 * phase_sums.CYCLES + 5, 3)).astype(np.uint16)
+    sums, photons = phase_sums.new_sums(3, 2)
+    phase_sums.sketch_gates(words, phase_sums.fixed_rows(phase_table((3,), T)), 0, T, sums, photons)
     expected = expected_of("sketch_gates", words, 0, T, frequencies=(3,), pixels=3)
-    assert_close((*sketch.read_sums(sums, photons, 2), sums), expected, EACH["cpu"])
+    assert_close((*phase_sums.read_sums(sums, photons, 2), sums), expected, EACH["cpu"])
 
 
 @pytest.mark.parametrize("word", [0, 9, 60, 65_535])
@@ -153,7 +153,7 @@ def test_a_stray_word_is_found_in_any_pixel(any_device, word, pixel):
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
 @pytest.mark.parametrize("where", [0, 99, 4_999, 10_000])
 def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(any_device, dtype, where, monkeypatch):
-    monkeypatch.setattr(sketch, "PART", 700)
+    monkeypatch.setattr(phase_sums, "PART", 700)
     pixel, toa = np.full(10_001, 5, np.uint32), np.full(10_001, T - 1, dtype)
 
     def inspect(pixel, toa):
@@ -174,9 +174,9 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(device, monke
     pixel, toa = draw(3_000)
     order = np.argsort(pixel, kind="stable")
     whole = device.sketch("sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24))
-    monkeypatch.setattr(sketch, "PART", 50)
-    monkeypatch.setattr(sketch, "BLOCK", 900)
-    monkeypatch.setattr(sketch, "BUCKETS", 2)
+    monkeypatch.setattr(phase_sums, "PART", 50)
+    monkeypatch.setattr(phase_sums, "BLOCK", 900)
+    monkeypatch.setattr(phase_sums, "BUCKETS", 2)
     others = [device.sketch("sketch_sorted", pixel[order], toa[order].astype(np.uint32), frequencies=(1, 3, 24)),
               device.sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3, 24)),
               device.sketch("sketch_unsorted", pixel[::-1].copy(), toa[::-1].copy(), frequencies=(1, 3, 24))]
@@ -187,7 +187,7 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(device, monke
 
 @pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted", "sketch_continuous"])
 def test_the_number_of_threads_changes_nothing(function):
-    device = Device("cpu", sketch, np.ascontiguousarray, np.asarray)
+    device = Device("cpu", phase_sums, np.ascontiguousarray, np.asarray)
     continuous, ordered = function == "sketch_continuous", function != "sketch_unsorted"
     pixel, toa = draw(100_000, np.float32 if continuous else np.uint16, ordered)
     more = ((1, 3), T, True) if continuous else ()
@@ -203,7 +203,7 @@ def test_the_number_of_threads_changes_nothing(function):
 
 
 def test_unsorted_photons_of_many_more_pixels(device, monkeypatch):
-    monkeypatch.setattr(sketch, "BUCKETS", 4)
+    monkeypatch.setattr(phase_sums, "BUCKETS", 4)
     pixel, toa = draw(300, pixels=300)
     found = device.sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300)
     assert_close(found, expected_of("sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300), EACH[device.name])
@@ -211,7 +211,7 @@ def test_unsorted_photons_of_many_more_pixels(device, monkeypatch):
 
 @pytest.mark.parametrize("function", ["sketch_unsorted", "sketch_continuous"])
 def test_bright_pixels_are_shared_among_programs_and_summed_in_segments(cuda, monkeypatch, function):
-    from srt3d_ros.kernels.cuda import sketch as on_cuda
+    from srt3d_ros.kernels.cuda import phase_sums as on_cuda
     monkeypatch.setattr(on_cuda, "SEGMENT", 2)
     device, continuous = Device("cuda", on_cuda, cuda.array, cuda.numpy), function == "sketch_continuous"
     pixel, toa = draw(2_000, np.float32 if continuous else np.uint16, pixels=4)

@@ -19,7 +19,7 @@ SLOTS = 2
 WARM_FRAMES = 2 * SLOTS         # the first frame of a slot compiles, the second is recorded
 
 
-class Pipeline:
+class FrameStream:
     """Frames through a sequence of kernels.
 
     Args:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
+from srt3d_ros.core.matched_frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput

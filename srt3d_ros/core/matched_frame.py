@@ -11,7 +11,7 @@ from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
 from srt3d_ros.errors import require
-from srt3d_ros.kernels import layout
+from srt3d_ros.kernels import maps
 
 MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
 TABLE_STEPS = 256
@@ -21,7 +21,7 @@ WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this,
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class MatchedFrame:
     """The sufficient statistics of Σ_l |sums_l − r ĥ_l exp(i ω_l t)|² for every pixel, and constants of the sensor.
 
     That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of several pixels that
@@ -45,7 +45,7 @@ class Frame:
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
         clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
             more; None if the background is even.
-        size: rows, cols if the maps are padded (`layout`): float32 [rows', 2m, cols'] and [rows', cols'].
+        size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
     """
 
     matched: np.ndarray
@@ -80,18 +80,18 @@ class Frame:
         return self.clutter[np.rint(depth_bins).astype(np.int64) % self.num_bins]
 
     @cached_property
-    def padded(self) -> "Frame":
+    def padded(self) -> "MatchedFrame":
         """The same with padded maps, as the windowed kernels want them."""
-        return replace(self, matched=layout.pad(self.matched.swapaxes(1, 2)), counts=layout.pad(self.counts),
-                       exposure=layout.pad(self.exposure), size=self.shape)
+        return replace(self, matched=maps.pad(self.matched.swapaxes(1, 2)), counts=maps.pad(self.counts),
+                       exposure=maps.pad(self.exposure), size=self.shape)
 
-    def on(self, kernels) -> "Frame":
+    def on(self, kernels) -> "MatchedFrame":
         """The same with its arrays on the kernels' device."""
-        return Frame(**on_device({field.name: getattr(self, field.name) for field in fields(self)}, kernels))
+        return MatchedFrame(**on_device({field.name: getattr(self, field.name) for field in fields(self)}, kernels))
 
 
 class Matcher:
-    """Makes the Frame of a sketch: everything that depends on sensor and frequencies alone is computed once.
+    """Makes the MatchedFrame of a sketch: everything that depends on sensor and frequencies alone is computed once.
 
     Args:
         sensor: IRF and calibration.
@@ -129,26 +129,26 @@ class Matcher:
             "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table, **curvatures(energy, bin_frequencies)}
 
-    def __call__(self, sketch: Sketch) -> Frame:
-        """The Frame of a sketch that was taken with this sensor and these frequencies."""
+    def __call__(self, sketch: Sketch) -> MatchedFrame:
+        """The MatchedFrame of a sketch that was taken with this sensor and these frequencies."""
         self.check(sketch)
         sketch = sketch.on_host()
         counts = sketch.photons.astype(np.float32) * self.used
-        return Frame(self.matched(sketch.sums), counts, **self._constants)
+        return MatchedFrame(self.matched(sketch.sums), counts, **self._constants)
 
-    def padded_on(self, kernels, clutter: np.ndarray | None) -> Callable[..., Frame]:
-        """What makes a padded Frame of padded maps on the kernels' device.
+    def padded_on(self, kernels, clutter: np.ndarray | None) -> Callable[..., MatchedFrame]:
+        """What makes a padded MatchedFrame of padded maps on the kernels' device.
 
         Args:
             kernels: the device's kernels.
-            clutter: of the Frame.
+            clutter: of the MatchedFrame.
 
         Returns:
-            A function of `Frame.matched` and `Frame.counts`.
+            A function of `MatchedFrame.matched` and `MatchedFrame.counts`.
         """
-        constants = on_device({**self._constants, "exposure": layout.pad(self._exposure), "clutter": clutter,
+        constants = on_device({**self._constants, "exposure": maps.pad(self._exposure), "clutter": clutter,
                                "size": self._exposure.shape}, kernels)
-        return lambda matched, counts: Frame(matched, counts, **constants)
+        return lambda matched, counts: MatchedFrame(matched, counts, **constants)
 
     def check(self, sketch: Sketch) -> None:
         """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""
@@ -162,13 +162,13 @@ class Matcher:
             require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
 
     def matched(self, sums: np.ndarray) -> np.ndarray:
-        """`Frame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
+        """`MatchedFrame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""
         matched = (sums * self.equaliser).transpose(0, 2, 1)
         return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 
 def curvatures(energy: np.ndarray, bin_frequencies: np.ndarray) -> dict[str, float]:
-    """`total_energy` and `curvature` of a Frame with these energies and frequencies."""
+    """`total_energy` and `curvature` of a MatchedFrame with these energies and frequencies."""
     return {"total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
 
