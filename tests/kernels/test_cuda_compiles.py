@@ -14,9 +14,9 @@ KERNELS = {
     "apss": ["_apss"], "birth_death": ["_choose"], "blur": ["_blur_cols", "_blur_rows"],
     "collect": ["_collect", "_count"], "expand": ["_expand"], "finalise": ["_excess", "_settle"],
     "likelihood": ["_log_likelihood_ratio"], "match": ["_match"],
+    "phase_sums": ["_count", "_find_stray", "_inspect_events", "_place", "_starts", "_sum_rows", "_sum_waves"],
     "pixelwise": ["_pixelwise"], "poisson": ["_poisson"], "pooled_step": ["_coarsen", "_step"],
     "prepare": ["_prepare"], "residual": ["_residual"], "search": ["_decide", "_pool_rows"],
-    "sketch": ["_count", "_find_stray", "_inspect_events", "_place", "_starts", "_sum_rows", "_sum_waves"],
     "undecided": ["undecided"]}
 
 
