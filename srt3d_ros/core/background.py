@@ -16,7 +16,7 @@ from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.photons import PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.kernels.windows import window_weights
+from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUNDS = ("sensor", "flat", "estimate")
 CELL = 4                    # pixels: size of the cells that are looked at together

@@ -17,8 +17,8 @@ Notation:
 
 Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary ones. Maps with rows', cols' are
 padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is memory for results that last
-until the next call with it; a result is written to `out` where that is given. Types are those of `cpu` and `cuda`;
-`reference` computes in float64 and complex128. Arrays lie on the kernels' device unless said to be NumPy's.
+until the next call with it. Types are those of `cpu` and `cuda`; `reference` computes in float64 and complex128. Arrays
+lie on the kernels' device unless said to be NumPy's.
 """
 
 from typing import Protocol
@@ -67,13 +67,12 @@ class Kernels(Protocol):
         """The highest word, of uint16 [G, pixels], that is neither `no_detection` nor `first_word` + a bin; else −1."""
 
     def sketch_sorted(self, pixel: Array, toa: Array, rows: Array, sums: Array, photons: Array) -> None:
-        """sums[pixel_p] += rows[x_p], photons[pixel_p] += 1, for photons sorted by pixel.
+        """sums[pixel_p] += rows[x_p], photons[pixel_p] += 1, in place, for photons sorted by pixel.
 
         Args:
             pixel: uint32 [N], below the number of pixels, never decreasing.
             toa: unsigned integers [N], below T.
             rows: of `fixed_rows`.
-            sums, photons: of `new_sums`; changed in place.
         """
 
     def sketch_unsorted(self, pixel: Array, toa: Array, rows: Array, sums: Array, photons: Array) -> None:
@@ -81,22 +80,16 @@ class Kernels(Protocol):
 
     def sketch_continuous(self, pixel: Array, toa: Array, frequencies, num_bins: int, ordered: bool, sums: Array,
                           photons: Array) -> None:
-        """sums[pixel_p] += exp(2πi k_l x_p / T), photons[pixel_p] += 1, for times with fractions.
+        """sums[pixel_p] += exp(2πi k_l x_p / T), photons[pixel_p] += 1, for times x, float32 bins, with fractions.
 
-        Args:
-            pixel: uint32 [N]; sorted if `ordered` says so.
-            toa: float32 [N], bins.
-            frequencies: the integers k_l.
-            num_bins: T.
-            sums, photons: as of `sketch_sorted`.
+        Photons are sorted by pixel if `ordered` says so. `frequencies` are the integers k_l.
         """
 
     def sketch_gates(self, words: Array, rows: Array, first_word: int, no_detection: int, sums: Array,
                      photons: Array) -> None:
         """As `sketch_sorted`, for the photons x = word − `first_word` of all words that are not `no_detection`.
 
-        Args:
-            words: uint16 [G, pixels], a laser cycle a row, without stray words.
+        `words` are uint16 [G, pixels], a laser cycle a row, without stray ones.
         """
 
     # ---- Start
@@ -110,36 +103,24 @@ class Kernels(Protocol):
             photons: uint32 [rows, cols], n.
             equaliser: complex64 [rows or 1, cols or 1, m], conj(ĥ_l) with the pixel's delay; 0 masks it.
             used: float32 [rows, cols], 1, or 0 in masked pixels.
-
-        Returns:
-            float32 [rows', 2m, cols'] and [rows', cols'].
         """
 
-    def blur(self, values: Array, weights: Array, step: int, out: Array | None = None) -> Array:
-        """out[i, c, j] = Σ_ab w_a w_b · cells[i + a, c, j + b], cells the sums over `step` × `step` pixels, 0 outside.
+    def blur(self, values: Array, weights: Array, step: int) -> Array:
+        """Σ_ab w_a w_b · cells[i + a, c, j + b] at [i, c, j], cells the sums over `step` × `step` pixels, 0 outside.
 
-        Args:
-            values: float32 [rows, C, cols].
-            weights: float32 [2 · radius + 1], w, of `windows.window_weights`, for rows and columns of cells.
-
-        Returns:
-            float32 [⌈rows / step⌉, C, ⌈cols / step⌉].
+        `values` are float32 [rows, C, cols], the result [⌈rows / step⌉, C, ⌈cols / step⌉], and `weights` float32
+        [2 · radius + 1], those of `maps.window_weights` for rows and columns of cells.
         """
 
-    def match(self, matched: Array, energy: Array, bin_frequencies: Array, num_bins: int, surfaces: int,
-              out: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+    def match(self, matched: Array, energy: Array, bin_frequencies: Array, num_bins: int,
+              surfaces: int) -> tuple[Array, Array]:
         """t_k = arg max_t R(z, t), r_k = R(z, t_k) / E, then z_l −= r_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
 
         R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
         parabola through the highest one and its neighbours.
 
-        Args:
-            matched: float32 [rows, 2m, cols], z_l, without padding.
-            energy, bin_frequencies, num_bins: as of FrameData.
-            surfaces: K.
-
-        Returns:
-            Depth, bins, less than a cell outside [0, T], and intensity times exposure, float32 [rows, K, cols].
+        `matched` is float32 [rows, 2m, cols], z_l, without padding. Returns depth, bins, less than a cell outside
+        [0, T], and intensity times exposure, float32 [rows, K, cols].
         """
 
     def search(self, frame: FrameData, matched: Array, state: Array, layer: int, sigma: float, step: int, enough: float,
@@ -173,9 +154,6 @@ class Kernels(Protocol):
 
         With the intensities of pools too much would be taken from some pixels, and the filter would respond half a
         period away.
-
-        Returns:
-            float32 [rows', 2m, cols'].
         """
 
     def drop_weak(self, state: Array, weak: float) -> None:
@@ -193,7 +171,8 @@ class Kernels(Protocol):
             float32 [rows', K, TERMS, cols']: v, s, b, and n, n, g; 0 where there is no point.
         """
 
-    def log_likelihood_ratio(self, frame: FrameData, state: Array, terms: Array, out: Array | None = None) -> Array:
+    def log_likelihood_ratio(self, frame: FrameData, state: Array, terms: Array,
+                             scratch: Scratch | None = None) -> Array:
         """Of each point's own photons, against "background alone": p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀).
 
         v ≥ 0 is the response of `expand`. p is n less the photons of the pixel's other surfaces, at least 1/2.
@@ -228,12 +207,8 @@ class Kernels(Protocol):
         Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
         changed: surfaces so grow by as many pixels.
 
-        Args:
-            terms: of `expand`.
-            max_chi2: square of the standard deviations within which depths may be one surface's.
-
-        Returns:
-            The next state.
+        Returns the next state. `max_chi2` is the square of the standard deviations within which depths may be one
+        surface's.
         """
 
     def pooled_step(self, frame: FrameData, state: Array, terms: Array, sigma: float, radius: int, max_chi2: float,
@@ -259,13 +234,9 @@ class Kernels(Protocol):
         depth may be wrong, less noise that the step takes away.
 
         Args:
-            terms: of `expand`.
             sigma, radius: of the window, pixels; radius at most MARGIN.
             max_chi2: as of `birth_death`.
-            out: another state than `state`; its margins are left as they are.
-
-        Returns:
-            The next state.
+            out: where the next state, which is returned, goes: not to `state`. Its margins are left as they are.
         """
 
     # ---- End
@@ -280,36 +251,22 @@ class Kernels(Protocol):
         estimator). An intensity is at least LEAST_SHARE · r; points below FAINTEST of their pixel's strongest are
         dropped.
 
-        Args:
-            photons: uint32 [rows, cols], n, masked pixels included.
-            terms: of `expand`.
-            enough: standard deviations.
-
-        Returns:
-            Intensity, photons (0: no point), standard deviation, bins, both float32 [rows, K, cols], and background
-            photons, float32 [rows, cols].
+        `photons` are n, masked pixels included, uint32 [rows, cols]. Returns intensity (0: no point) and standard
+        deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
         """
 
     def collect(self, state: Array, intensity: Array, std: Array, rays: Array, metres_per_bin: float, metres: float,
                 num_bins: int) -> tuple[Array, ...]:
-        """xyz = ray · (metres_per_bin · t + metres): the points, by pixel, the strongest of a pixel first.
+        """The points as `unpack` reads them, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
 
-        Args:
-            state: gives depths and slopes.
-            intensity, std: of `finalise`.
-            rays: float32 [rows, cols, 3], unit vectors.
-
-        Returns:
-            The points as `unpack` reads them.
+        `intensity` and `std` are those of `finalise`, `rays` unit vectors, float32 [rows, cols, 3].
         """
 
     def unpack(self, points: tuple[Array, ...]) -> tuple[Array, Array, Array, Array, Array]:
-        """The points of `collect` as NumPy arrays; waits for them.
+        """Waits for the points of `collect`: row, column, uint16 [N]; rank in the pixel, uint8 [N]; values; xyz.
 
-        Returns:
-            Row and column, uint16 [N]; rank in the pixel, uint8 [N]; values, float32 [5, N]: depth (bins), intensity
-            (photons), standard deviation (bins), slopes down and to the right (bins per pixel); xyz, float32 [N, 3],
-            metres.
+        Values, float32 [5, N], are depth (bins), intensity (photons), standard deviation (bins), slopes down and to the
+        right (bins per pixel). xyz is float32 [N, 3], metres.
         """
 
     # ---- Baselines

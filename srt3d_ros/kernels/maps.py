@@ -6,6 +6,9 @@ to a whole number of BLOCKs. They are planar: [rows', …, cols'], the columns o
 The state is one map [rows', K, FIELDS, cols'], K surfaces a pixel, with these fields:
 """
 
+import math
+from functools import lru_cache
+
 import numpy as np
 
 BLOCK = 32          # columns that are worked on together
@@ -58,3 +61,10 @@ def state_shape(rows: int, cols: int, surfaces: int) -> tuple[int, int, int, int
 def no_surfaces(rows: int, cols: int, surfaces: int) -> np.ndarray:
     """A state without any surface, float32 [rows', K, FIELDS, cols']."""
     return np.zeros(state_shape(rows, cols, surfaces), np.float32)
+
+
+@lru_cache
+def window_weights(sigma: float) -> np.ndarray:
+    """exp(−d² / 2σ²) for d = −⌈2.5 σ⌉ … ⌈2.5 σ⌉: a Gaussian over rows or columns of pixels or cells; float32."""
+    radius = math.ceil(2.5 * sigma)
+    return np.exp(-np.arange(-radius, radius + 1)**2 / (2 * sigma**2)).astype(np.float32)

@@ -6,8 +6,11 @@ hangs on small differences: 5e-4 bins and 5e-4 of the other values leave them te
 comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
@@ -24,6 +27,11 @@ SHARE_AT_TIES = 1 / 100
 SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
 FAINT = 1 / 20                  # light with which votes matter as much as a pixel's own photons
 STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
+
+
+def cases(both: list[tuple], cpu: list[tuple] = ()) -> list[tuple]:
+    """Values of ("backend", …): cases of both, and those of the CPU alone, since the interpreter is slow."""
+    return [("cuda", *case) for case in both] + [("cpu", *case) for case in (*both, *cpu)]
 
 
 def make_sensor(rows: int, cols: int, seed: int) -> SensorModel:
@@ -89,6 +97,11 @@ def make_state(frame: MatchedFrame, surfaces: int, seed: int, light: float = 1.0
     return state
 
 
+def with_clutter(frame: MatchedFrame) -> MatchedFrame:
+    """The frame before an uneven background."""
+    return replace(frame, clutter=np.random.default_rng(0).uniform(1, 3, T).astype(np.float32))
+
+
 def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
     """`expand` of a state as the kernels take it, by the reference."""
     return reference.expand(frame.padded, state).astype(np.float32)
@@ -113,7 +126,7 @@ def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:
     return state
 
 
-def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int]):
+def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, int], points: int = 10):
     """But for ties both have the same points, and all fields of each agree."""
     fast, slow = (maps.crop(a, *shape).astype(np.float64) for a in (fast, slow))
     here, there = (a[:, :, maps.INTENSITY] > 0 for a in (fast, slow))
@@ -128,4 +141,19 @@ def assert_states_agree(fast: np.ndarray, slow: np.ndarray, shape: tuple[int, in
         else:
             close = np.abs(one - other) <= RELATIVE * np.abs(other) + 1e-6
         wrong |= here & there & ~close
-    assert here.sum() > 100 and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
+    assert here.sum() >= points and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
+
+
+def assert_clouds_agree(one: PointCloud, other: PointCloud, surfaces: int, points: int):
+    """But for ties."""
+    for k in range(surfaces):
+        depth = [cloud.image("depth_bins", k) for cloud in (one, other)]
+        there = np.isfinite(depth[0])
+        wrong = there != np.isfinite(depth[1])
+        agree = np.abs(circular_difference(*depth, T)) <= DEPTH_TOLERANCE
+        for field in ("intensity", "depth_std_bins"):
+            ours, theirs = (cloud.image(field, k) for cloud in (one, other))
+            agree &= np.abs(ours - theirs) <= RELATIVE * theirs
+        wrong |= there & ~agree
+        assert there.sum() > points / (k + 1) and wrong.sum() <= max(there.sum() * SHARE_AT_TIES, 1), np.argwhere(wrong)
+    np.testing.assert_allclose(one.background, other.background, atol=1e-3 * max(one.background.max(), 1))

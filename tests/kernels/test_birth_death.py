@@ -1,4 +1,4 @@
-"""Creation, competition and removal of points against the plain reference, and rules that can be seen alone."""
+"""Creation, competition and removal of points against the reference, and rules that can be seen alone."""
 
 from importlib import import_module
 
@@ -14,6 +14,7 @@ from .frames import (
     STATES,
     T,
     assert_states_agree,
+    cases,
     exact_frame,
     exact_state,
     make_frame,
@@ -21,29 +22,39 @@ from .frames import (
     make_terms,
 )
 
-CASES = [(shape, surfaces, seed, light, spread) for shape, surfaces, seed in STATES for light in (1, FAINT)
-         for spread in (0, 3)] + [((9, 33), surfaces, seed, light, 1)
-                                        for surfaces in (3, 4) for seed in (2, 3) for light in (1, FAINT)]
-
 
 @pytest.fixture
-def spreading(monkeypatch):
-    """Sets by how many pixels surfaces may grow."""
-    def spread(pixels: int) -> None:
-        for backend in ("cpu", "reference"):
-            monkeypatch.setattr(import_module(f"srt3d_ros.kernels.{backend}.birth_death"), "SPREAD", pixels)
-    return spread
+def large_programs(cuda, monkeypatch):
+    """A whole list of pixels a program, which the interpreter runs in the time of a few of them."""
+    monkeypatch.setattr(import_module("srt3d_ros.kernels.cuda.birth_death"), "PER_THREAD", 1 << 10)
 
 
-@pytest.mark.parametrize(("shape", "surfaces", "seed", "light", "spread"), CASES)
-def test_birth_death(spreading, shape, surfaces, seed, light, spread):
-    spreading(spread)
+def check(backend, shape, surfaces, seed, light):
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
-    before, terms = state.copy(), make_terms(frame, state)
-    fast = cpu.birth_death(frame.padded, state, terms, GATE)
-    assert np.array_equal(state, before) and fast.dtype == np.float32
-    assert_states_agree(fast, reference.birth_death(frame.padded, state, terms, GATE), shape)
+    terms = make_terms(frame, state)
+    given = backend.on(state)
+    found = backend.off(backend.kernels.birth_death(*map(backend.on, (frame.padded, given, terms, GATE))))
+    assert np.array_equal(backend.off(given), state) and found.dtype == np.float32
+    assert_states_agree(found, reference.birth_death(frame.padded, state, terms, GATE), shape)
+    assert (found[:, :, maps.INTENSITY][frame.padded.exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
+
+
+@pytest.mark.parametrize(("backend", "shape", "surfaces", "seed", "light", "spread"), cases(
+    [((5, 33), 1, 1, FAINT, 4), ((3, 33), 2, 1, 1, 2), ((3, 33), 3, 1, 1, 0)],
+    [(*case, light, spread) for case in STATES[::2] for light in (1, FAINT) for spread in (0, 3)]
+    + [((9, 33), surfaces, 2, light, 1) for surfaces in (3, 4) for light in (1, FAINT)]), indirect=["backend"])
+def test_birth_death(backend, large_programs, spreading, shape, surfaces, seed, light, spread):
+    spreading(spread)
+    check(backend, shape, surfaces, seed, light)
+
+
+@pytest.mark.parametrize("backend", ["cuda"], indirect=True)
+@pytest.mark.parametrize(("longest", "shape", "light", "spread"), [(256, (3, 45), 1, 0), (32, (2, 45), FAINT, 1)])
+def test_rows_in_lists_of_any_length_and_small_programs(backend, spreading, monkeypatch, longest, shape, light, spread):
+    spreading(spread)
+    monkeypatch.setattr(import_module("srt3d_ros.kernels.cuda.birth_death"), "LONGEST_LIST", longest)
+    check(backend, shape, 1, 1, light)
 
 
 SHAPE = (7, 9)
@@ -51,11 +62,10 @@ MIDDLE = (3, slice(None), slice(None), 4)       # K surfaces and their fields, o
 ALL = np.ones((1, *SHAPE))
 
 
-def chosen(frame, state) -> np.ndarray:
+def chosen(frame, state, kernels=cpu) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
-    after = cpu.birth_death(frame.padded, state, make_terms(frame, state), GATE)
-    after = maps.crop(after, *SHAPE)[MIDDLE]
-    return after[:, [maps.DEPTH, maps.INTENSITY]].T
+    after = kernels.birth_death(frame.padded, state, make_terms(frame, state), GATE)
+    return maps.crop(after, *SHAPE)[MIDDLE][:, [maps.DEPTH, maps.INTENSITY]].T
 
 
 @pytest.mark.parametrize(("background", "shown"), [(0, 20), (5, 20), (5, 0), (1, 0), (0, 0)])
@@ -79,13 +89,20 @@ def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
     np.testing.assert_allclose(found, [100, shown], atol=0.01)
 
 
-def test_surfaces_grow_by_one_pixel_a_time(spreading):
+@pytest.mark.parametrize("kernels", [cpu, reference])
+def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
     lit = 2 * ALL
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons
     frame, state = exact_frame(100 * ALL, lit, 0), exact_state(100 * ALL, lit)
     for spread, filled in ((0, False), (1, True), (4, True)):
         spreading(spread)
-        assert (chosen(frame, state)[1, 0] > 0) == filled, spread
+        assert (chosen(frame, state, kernels)[1, 0] > 0) == filled, spread
+
+
+def test_what_is_settled_stays(backend, large_programs):
+    depth, lit = np.full((1, 3, 5), 100.0), np.full((1, 3, 5), 20.0)
+    frame, state = exact_frame(depth, lit, 2), exact_state(depth, lit)
+    assert np.array_equal(backend.call("birth_death", frame.padded, state, make_terms(frame, state), GATE), state)
 
 
 def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():

@@ -11,13 +11,10 @@ from types import SimpleNamespace
 import pytest
 
 KERNELS = {
-    "apss": ["_apss"], "birth_death": ["_choose"], "blur": ["_blur_cols", "_blur_rows"],
-    "collect": ["_collect", "_count"], "expand": ["_expand"], "finalise": ["_excess", "_settle"],
+    "apss": ["_apss"], "birth_death": ["_choose", "_list_undecided"], "gradients": ["_poisson"],
     "likelihood": ["_log_likelihood_ratio"], "match": ["_match"],
-    "phase_sums": ["_count", "_find_stray", "_inspect_events", "_place", "_starts", "_sum_rows", "_sum_waves"],
-    "pixelwise": ["_pixelwise"], "poisson": ["_poisson"], "pooled_step": ["_coarsen", "_step"],
-    "prepare": ["_prepare"], "residual": ["_residual"], "search": ["_decide", "_pool_rows"],
-    "undecided": ["undecided"]}
+    "phase_sums": ["_count", "_find_stray", "_inspect_events", "_place", "_sum_rows", "_sum_waves"],
+    "pooled_step": ["_coarsen", "_expand", "_step"], "search": ["_decide", "_pool_rows"]}
 
 
 def test_kernels_compile_for_an_h100():
@@ -45,7 +42,7 @@ def compile_all() -> list[str]:
     driver.set_active(SimpleNamespace(get_current_device=lambda: 0, get_current_stream=lambda device: 0,
                                       get_current_target=lambda: GPUTarget("cuda", 90, 32)))
     from srt3d_ros.kernels import cuda, maps
-    for module in ("device", "scratch", "phase_sums"):
+    for module in ("device", "phase_sums"):
         sys.modules[f"srt3d_ros.kernels.cuda.{module}"].DEVICE = "cpu"          # where the arguments lie
 
     m, surfaces, rows, cols = 10, 2, 4, 64
@@ -56,27 +53,18 @@ def compile_all() -> list[str]:
     data = SimpleNamespace(**arrays, num_bins=300, max_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
                            resolution_bins=7.0, shape=(rows, cols))
     state = torch.zeros(shape[0], surfaces, maps.FIELDS, shape[1])
-    cuda.blur(torch.zeros(rows, 2 * m, cols), torch.zeros(7), 2)
     cuda.match(torch.zeros(rows, 2 * m, cols), data.energy, data.bin_frequencies, 300, surfaces)
     terms = cuda.expand(data, state, cuda.Scratch())
     for radius in (3, maps.MARGIN):
         cuda.pooled_step(data, state, terms, 2.0, radius, 23.0, cuda.Scratch())
     cuda.log_likelihood_ratio(data, state, terms)
     cuda.birth_death(data, state[:, :1].contiguous(), terms[:, :1].contiguous(), 23.0)
-    image, counts = torch.zeros(rows, cols), torch.zeros(rows, cols, dtype=torch.uint32)
-    sums = torch.zeros(rows, cols, m, dtype=torch.complex64)
-    for equaliser in (sums, sums[:1, :1]):
-        cuda.prepare(sums, counts, equaliser, image)
+    image = torch.zeros(rows, cols)
     for clutter in (None, torch.ones(300)):
         data.clutter = clutter
         for layer, (sigma, step) in enumerate(((0.0, 1), (6.0, 3))):
             cuda.search(data, data.matched, state, layer, sigma, step, 5.0, cuda.Scratch(), state if layer else None)
-        intensity, std, _ = cuda.finalise(data, counts, state, terms, 5.0, cuda.Scratch())
-    cuda.residual(data, state, terms, 1)
-    cuda.collect(state, intensity, std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)
-    cuda.collect(state[:, :1], intensity[:, :1], std, torch.zeros(rows, cols, 3), 0.1, 1.0, 300)
     points = torch.zeros(rows, surfaces, cols)
-    cuda.pixelwise(data, torch.zeros(65, 4, m), 0.5, 1.0, points, points)
     photons = SimpleNamespace(starts=torch.zeros(rows * cols + 1, dtype=torch.int64), toa=image, irf=image, slope=image,
                               exposure=image, ref=1, information=1.0, num_bins=300)
     cuda.poisson(photons, image, 0.5, 1.0, points, points)

@@ -1,4 +1,4 @@
-"""Expansion of the data terms and their pools: the CPU kernels against the plain reference, and what both must do."""
+"""Expansion of the data terms and their pools against the reference, and what the reference must do as well."""
 
 import numpy as np
 import pytest
@@ -6,24 +6,24 @@ import pytest
 from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN
 
-from .frames import GATE, STATES, T, assert_states_agree, exact_frame, exact_state, make_frame, make_state, make_terms
+from .frames import GATE, T, assert_states_agree, cases, exact_frame, exact_state, make_frame, make_state, make_terms
 
 FAR = 8                     # a radius with cells
 BOTH = pytest.mark.parametrize("kernels", [cpu, reference])
 
 
-@pytest.mark.parametrize(("shape", "surfaces", "seed"), [*STATES[::2], ((6, 40), 4, 3)])
-def test_expand(shape, surfaces, seed):
-    frame = make_frame(shape, seed)
-    state = make_state(frame, surfaces, seed)
-    before = state.copy()
-    fast, slow = cpu.expand(frame.padded, state), reference.expand(frame.padded, state)
-    assert fast.dtype == np.float32 and fast.shape == slow.shape and np.array_equal(state, before)
+@pytest.mark.parametrize(("backend", "shape", "surfaces"), cases(
+    [((6, 40), 1), ((3, 33), 2), ((3, 33), 3)], [((9, 33), 2), ((6, 40), 4)]), indirect=["backend"])
+def test_expand(backend, shape, surfaces):
+    frame = make_frame(shape, seed=1)
+    state = make_state(frame, surfaces, seed=1)
+    fast, slow = backend.call("expand", frame.padded, state), reference.expand(frame.padded, state)
+    assert fast.dtype == np.float32 and fast.shape == slow.shape
     for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
         np.testing.assert_allclose(one, other, atol=1e-5 * np.abs(other).max(), err_msg=str(term))
     nowhere = (state[:, :, maps.INTENSITY] == 0)[:, :, None].repeat(maps.TERMS, 2)
-    assert (fast[nowhere] == 0).all() and (fast[:, :, maps.CURVATURE] > 0).sum() > 100
+    assert (fast[nowhere] == 0).all() and (fast[:, :, maps.CURVATURE] > 0).sum() > 50
 
 
 @BOTH
@@ -59,17 +59,33 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
     assert (terms[:, :, maps.EXPOSURE] == 1).all()
 
 
-@pytest.mark.parametrize(("sigma", "radius"), [(0.5, 1), (2.0, 3), (3.5, FINE), (4.0, FINE + 1), (5.0, FAR),
-                                               (1e3, maps.MARGIN)])
-@pytest.mark.parametrize(("shape", "surfaces", "seed"), STATES[::3])
-def test_pooled_step(shape, surfaces, seed, sigma, radius):
-    frame = make_frame(shape, seed)
-    state = make_state(frame, surfaces, seed)
+@pytest.mark.parametrize(("backend", "shape", "surfaces", "sigma", "radius"), cases(
+    [((6, 40), 1, 2.0, 3), ((3, 32), 1, 3.5, FINE), ((5, 32), 1, 4.0, FINE + 1), ((3, 33), 2, 5.0, FAR),
+     ((3, 33), 3, 1.0, 2)],
+    [(shape, surfaces, sigma, radius) for shape, surfaces in (((6, 40), 1), ((9, 33), 2), ((6, 40), 4))
+     for sigma, radius in ((0.5, 1), (3.5, FINE), (5.0, FAR), (1e3, maps.MARGIN))]), indirect=["backend"])
+def test_pooled_step(backend, shape, surfaces, sigma, radius):
+    frame = make_frame(shape, seed=1)
+    state = make_state(frame, surfaces, seed=1)
     terms = make_terms(frame, state)
-    before, known = state.copy(), terms.copy()
-    fast = cpu.pooled_step(frame.padded, state, terms, sigma, radius, GATE)
-    assert np.array_equal(state, before) and np.array_equal(terms, known) and fast.dtype == np.float32
-    assert_states_agree(fast, reference.pooled_step(frame.padded, state, terms, sigma, radius, GATE), shape)
+    arguments = frame.padded, state, terms, sigma, radius, GATE
+    _, before, known, *_, after = backend.changed("pooled_step", *arguments, None, np.zeros_like(state))
+    assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
+    assert_states_agree(after, reference.pooled_step(*arguments), shape)
+    assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
+
+
+def test_pooled_step_leaves_margins_as_they_are_and_steps_beside_pixels_without_points(backend):
+    depth = np.full((1, 2, 64), 100.0)
+    signal = np.where(np.arange(64) < 40, 20.0, 0) * np.ones((1, 2, 1))
+    signal[:, :, 30:35] = 0                                     # dead pixels at the end of the first block
+    frame, state = exact_frame(depth, signal, 2), exact_state(depth + 0.5, signal * (np.arange(64) < 30))
+    into = np.where(np.arange(state.shape[3]) < maps.MARGIN, 7, np.nan).astype(np.float32) + 0 * state
+    arguments = frame.padded, state, make_terms(frame, state), 1.0, 1, GATE, None, into
+    found = backend.changed("pooled_step", *arguments)[-1]
+    view = maps.crop(found, 2, 64)[:, 0]
+    assert (view[:, maps.INTENSITY, 30:] == 0).all() and (found[..., :maps.MARGIN] == 7).all()
+    np.testing.assert_allclose(view[:, maps.DEPTH, :30], 100, atol=0.01)
 
 
 @BOTH

@@ -25,7 +25,7 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import on_device
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.kernels.windows import window_weights
+from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels
 LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface must have come from somewhere

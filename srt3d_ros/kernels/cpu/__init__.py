@@ -8,13 +8,13 @@ depend on its photons, and results do not depend on the number of threads: no su
 from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
-from srt3d_ros.kernels.cpu.expand import expand
+from srt3d_ros.kernels.cpu.device import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
 from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
+from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.phase_sums import (
     find_stray,
-    fixed_rows,
     inspect_events,
     new_sums,
     read_sums,
@@ -23,12 +23,9 @@ from srt3d_ros.kernels.cpu.phase_sums import (
     sketch_sorted,
     sketch_unsorted,
 )
-from srt3d_ros.kernels.cpu.pixelwise import pixelwise
-from srt3d_ros.kernels.cpu.poisson import poisson
-from srt3d_ros.kernels.cpu.pooled_step import pooled_step
-from srt3d_ros.kernels.cpu.prepare import prepare
-from srt3d_ros.kernels.cpu.residual import residual
-from srt3d_ros.kernels.cpu.scratch import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
+from srt3d_ros.kernels.cpu.pooled_step import expand, pooled_step
+from srt3d_ros.kernels.cpu.prepare import prepare, residual
+from srt3d_ros.kernels.cpu.rows import fixed_rows
 from srt3d_ros.kernels.cpu.search import drop_weak, search
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",

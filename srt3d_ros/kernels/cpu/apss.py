@@ -186,7 +186,6 @@ def _apss(depth, intensity, normal, exposure, scale, period, spheres, new_depth,
 
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
-    """Rows in parallel."""
     known = np.zeros((2, *depth.shape), np.float32) if normal is None else normal
     out = np.zeros_like(depth), np.empty_like(intensity), np.zeros_like(known)
     _apss(depth, intensity, known, exposure, F32(scale), F32(num_bins), normal is not None, *out)

@@ -5,15 +5,32 @@ from numba import get_num_threads, prange
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import RESOLVED, SPREAD, VOTE_RADIUS, VOTE_SIGMA
-from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, fair_order, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import (
+    DEPTH,
+    F32,
+    INTENSITY,
+    ONE,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    STD,
+    ZERO,
+    B,
+    U,
+    agreement,
+    aligned,
+    fair_order,
+    is_surface,
+    rise,
+    sincos,
+    total_of,
+    wrap,
+)
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.fields import B, U
+from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import response_at
-from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.cpu.surfaces import agreement, distance, is_surface, rise
-from srt3d_ros.kernels.cpu.undecided import OPEN, OWN, undecided, undecided_scratch
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, MAX_STD, SCORE, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, MAX_STD
 
 BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
     "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "JUDGED", "MAX_VOTE", "PRIOR_VOTE"))
@@ -21,17 +38,74 @@ NEVER = F32(-1e30)
 # A vote's weight by distance².
 BY_DISTANCE = tuple(F32(np.exp(-d / (2 * VOTE_SIGMA**2))) for d in range(2 * VOTE_RADIUS**2 + 1))
 
+# Offsets into the scratch of `_find_undecided`, for numbers of BLOCK pixels.
+OWN, FOUND, OPEN, NUMBER, THERE, KNOWN, PLACE, LIMIT = (U(k * BLOCK) for k in range(8))
 # Columns of the candidates' tables; NEAR is a list of candidates by itself.
 ROW, COL, SURFACE, COUNT, MINE, FREE, NEAR = range(7)
 AT, TOLERANCE, WEIGHT, VOTE = range(4)
+
+
+@inline
+def _compare(s, state, at, here, surfaces, padded_cols, dx, dy, max_chi2, blur2, period, max_std):
+    """Count the surface of a neighbour at (dx, dy), whose depth is at `at`, and open pixels that do not know it."""
+    for x in range(B):
+        std = state[at + STD * padded_cols + x]
+        there = is_surface(state[at + INTENSITY * padded_cols + x], std, max_std)
+        s[THERE + x] = ONE if there else ZERO
+        s[LIMIT + x] = max_chi2 * std * std + blur2 + blur2
+        s[KNOWN + x] = ZERO
+    for x in range(B):
+        s[PLACE + x] = state[at + DEPTH * padded_cols + x] - rise(
+            state[at + SLOPE_COL * padded_cols + x], state[at + SLOPE_ROW * padded_cols + x], dx, dy)
+    for k in range(surfaces):
+        mine = U(here + k * FIELDS * padded_cols)
+        for x in range(B):
+            e = wrap(s[PLACE + x] - state[mine + DEPTH * padded_cols + x], period)
+            std = state[mine + STD * padded_cols + x]
+            same = (e * e < s[LIMIT + x] + max_chi2 * std * std) & is_surface(
+                state[mine + INTENSITY * padded_cols + x], std, max_std)
+            s[KNOWN + x] = ONE if same else s[KNOWN + x]
+    for x in range(B):
+        s[NUMBER + x] += s[THERE + x]
+        strange = (s[THERE + x] > ZERO) & (s[KNOWN + x] == ZERO)
+        s[OPEN + x] = ONE if strange else s[OPEN + x]
+
+
+@line
+def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, period, max_std):
+    """Set BLOCK numbers from OPEN on in s to 1 where something is to be decided, else 0; from OWN on: own surfaces.
+
+    A pixel with surfaces is decided if all of the 3 × 3 neighbourhood belong to them, and no neighbour has fewer; one
+    without surfaces, if no neighbour has one. `here` is the index of the first pixel's depth in the flat state.
+    """
+    for x in range(B):
+        s[OWN + x], s[FOUND + x], s[OPEN + x] = ZERO, ZERO, ZERO
+    for k in range(surfaces):
+        mine = U(here + k * FIELDS * padded_cols)
+        for x in range(B):
+            there = is_surface(state[mine + INTENSITY * padded_cols + x], state[mine + STD * padded_cols + x], max_std)
+            s[OWN + x] += ONE if there else ZERO
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            for x in range(B):
+                s[NUMBER + x] = ZERO
+            for q in range(surfaces):
+                at = U(here + (dy * surfaces + q) * FIELDS * padded_cols + dx)
+                _compare(s, state, at, here, surfaces, padded_cols, F32(dx), F32(dy), max_chi2, blur2, period, max_std)
+            for x in range(B):
+                s[FOUND + x] += s[NUMBER + x]
+                fewer = (s[NUMBER + x] > ZERO) & (s[NUMBER + x] < s[OWN + x])
+                s[OPEN + x] = ONE if fewer else s[OPEN + x]
+    for x in range(B):
+        gap = ONE if s[FOUND + x] > ZERO else ZERO
+        s[OPEN + x] = gap if s[OWN + x] == ZERO else s[OPEN + x]
 
 
 @line
 def _collect(i, j, state, own, counts, max_chi2, blur2, max_std, values, info):
     """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
 
-    Returns:
-        How many there are, how many are the pixel's, and the weight of the pixels around with photons and no surface.
+    Returns how many there are, how many are the pixel's, and the weight of pixels around with photons and no surface.
     """
     found, mine, blank = 0, 0, ZERO
     for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
@@ -58,18 +132,14 @@ def _collect(i, j, state, own, counts, max_chi2, blur2, max_std, values, info):
 
 @inline
 def _agree(q, c, values, period):
-    """How far two candidates are one surface, 0 … 1, and their difference in depth."""
-    e, tolerance = distance(values[q, AT], values[c, AT], period), values[q, TOLERANCE] + values[c, TOLERANCE]
+    """How far two candidates are one surface, and their difference in depth."""
+    e, tolerance = wrap(values[q, AT] - values[c, AT], period), values[q, TOLERANCE] + values[c, TOLERANCE]
     return agreement(e, tolerance) if e * e < tolerance else ZERO, e
 
 
 @line
 def _support(c, k, found, values, info, state, period):
-    """What the neighbourhood says of candidate c as the pixel's surface k.
-
-    Returns:
-        The votes (nats), depth, intensity, and which agreeing candidate is the pixel's own or −1.
-    """
+    """Votes (nats) for candidate c as surface k, depth, intensity, and which one that agrees is the pixel's or −1."""
     votes, shift, weight, intensity, mine = ZERO, ZERO, ZERO, ZERO, -1
     for q in range(found):
         same, e = _agree(q, c, values, period)
@@ -93,13 +163,9 @@ def _support(c, k, found, values, info, state, period):
 @line
 def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, bin_frequencies, period,
           total, max_response, background_table, moments):
-    """The free candidate with the highest log-likelihood ratio above `least`, own photons and votes, or −1.
+    """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`, or −1.
 
-    Only candidates of the 3 × 3 neighbourhood are chosen from: farther ones vote.
-
-    Returns:
-        The candidate, the ratio by the pixel's own photons, the depth, which candidate is the pixel's own or −1, and
-        the pixel's photons from there.
+    And the ratio by the pixel's own photons, depth, which candidate is the pixel's own or −1, and photons from there.
     """
     best, most, own, at, mine, signal = -1, least, ZERO, ZERO, -1, ZERO
     close_by = 0                                    # candidates of the 3 × 3 neighbourhood so far, listed in info
@@ -128,7 +194,7 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, b
 
 @line
 def _join(c, found, at, state, values, info, period, record):
-    """Write the mean of the candidates that agree with c, at depth `at`, into `record`."""
+    """Write the mean of the candidates that agree with c into `record`."""
     record[:] = ZERO
     weight = ZERO
     for q in range(found):
@@ -145,16 +211,7 @@ def _join(c, found, at, state, values, info, period, record):
 
 
 @line
-def _spend(c, found, values, info, period):
-    """Leave the candidates that agree with c out from now on."""
-    for q in range(found):
-        same, _ = _agree(q, c, values, period)
-        info[q, FREE] = 0 if same > ZERO else info[q, FREE]
-
-
-@line
 def _subtract(rest, at, photons, energy, bin_frequencies):
-    """Take the photons from a surface out of a pixel's sketch."""
     m = len(energy)
     for l in range(m):
         sine, cosine = sincos(bin_frequencies[l] * at)
@@ -164,12 +221,7 @@ def _subtract(rest, at, photons, energy, bin_frequencies):
 
 @line
 def _stirred(changed, i, j):
-    """Whether a pixel within reach of (i, j) has changed."""
-    found = False
-    for a in range(i - VOTE_RADIUS, i + VOTE_RADIUS + 1):
-        for b in range(j - VOTE_RADIUS, j + VOTE_RADIUS + 1):
-            found = found or changed[a, b] > 0
-    return found
+    return changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1].any()
 
 
 @parallel
@@ -182,7 +234,7 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
     for turn in prange(padded_rows - 2 * MARGIN):
         i = order[turn] + MARGIN
         values, info = np.empty((most, 4), np.float32), np.empty((most, 7), np.int64)
-        s = undecided_scratch()
+        s = aligned(8 * BLOCK)
         rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
         changes[i] = 0
         for k in range(surfaces):
@@ -194,8 +246,8 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
         for j in range(MARGIN, padded_cols - MARGIN):
             x = U(j - MARGIN) % B
             if x == 0:
-                undecided(s, flat, i * surfaces * fields * padded_cols + j, surfaces, U(padded_cols), max_chi2, blur2,
-                          period, max_std)
+                _find_undecided(s, flat, i * surfaces * fields * padded_cols + j, surfaces, U(padded_cols), max_chi2,
+                                blur2, period, max_std)
             if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO:
                 continue
             if spreads and (int(s[OWN + x]) == surfaces or not _stirred(changed, i, j)):
@@ -222,17 +274,16 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
                 if k + 1 < surfaces:
                     photons = left(photons, signal)
                     _subtract(rest, record[DEPTH], signal, energy, bin_frequencies)
-                    _spend(c, found, values, info, period)
+                    for q in range(found):                          # what agrees is left out from now on
+                        same, _ = _agree(q, c, values, period)
+                        info[q, FREE] = 0 if same > ZERO else info[q, FREE]
 
 
 def birth_death(frame, state, terms, max_chi2, scratch=None):
-    """Rows in parallel, in an order that shares them fairly; BLOCK pixels are looked at together (`undecided`).
-
-    A step of spreading looks only where the last step has changed something: elsewhere it would decide as before.
-    """
+    """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
     # Depths nearer than the sketch can resolve are one surface's, whatever their standard deviations.
     blur2 = F32(RESOLVED * frame.resolution_bins)**2
-    own = log_likelihood_ratio(frame, state, terms, borrow(scratch, "log_likelihood_ratio", state[:, :, 0].shape))
+    own = log_likelihood_ratio(frame, state, terms, scratch)
     order = fair_order(state.shape[0] - 2 * MARGIN, get_num_threads())
     changed, changes = (borrow(scratch, name, frame.counts.shape, True).view(np.int32)
                         for name in ("changed", "changes"))

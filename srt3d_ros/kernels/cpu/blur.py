@@ -5,19 +5,24 @@ from numba import prange
 
 from srt3d_ros.kernels.cpu.arithmetic import ZERO
 from srt3d_ros.kernels.cpu.compiling import line, parallel
-from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.maps import MARGIN
 
 
 @parallel
-def _bin_cells(values, mask, top, step, out):
-    """Sums over cells, rows first."""
-    rows, cols = mask.shape
+def _bin_cells(values, counts, exposure, mask, top, step, out):
+    """Sums over cells of the channels of `values`, then of `counts` and `exposure` if there is room; rows first."""
+    (rows, cols), channels = mask.shape, values.shape[1]
     for i in prange(out.shape[0]):
         total = np.zeros(out.shape[2] * step, np.float32)
         for c in range(out.shape[1]):
             total[:] = ZERO
             for a in range(i * step, min((i + 1) * step, rows)):
-                source, used = values[top + a, c, top:], mask[a]
+                if c < channels:
+                    source = values[top + a, c, top:]
+                else:
+                    source = counts[top + a, top:] if c == channels else exposure[top + a, top:]
+                used = mask[a]
                 for j in range(cols):
                     total[j] += source[j] * used[j]
             cells = out[i, c]
@@ -46,36 +51,34 @@ def _add_rows(values, c, weights, i, into):
 
 
 @parallel
-def _blur(values, weights, out):
+def _blur(values, weights, squares, squared, out):
+    """Windows of cells; channel `squared` with the weights' squares."""
     for i in prange(out.shape[0]):
         rows = np.empty(out.shape[2] + len(weights) - 1, np.float32)
         for c in range(out.shape[1]):
-            _add_rows(values, c, weights, i, rows)
+            taps = squares if c == squared else weights
+            _add_rows(values, c, taps, i, rows)
             total = out[i, c]
             total[:] = ZERO
-            for tap in range(len(weights)):
-                part, weight = rows[tap:], weights[tap]
+            for tap in range(len(taps)):
+                part, weight = rows[tap:], taps[tap]
                 for j in range(len(total)):
                     total[j] += weight * part[j]
 
 
-def blur(values, weights, step, out=None):
-    """Rows in parallel."""
-    rows, _, cols = values.shape
-    return pool(values, np.ones((rows, cols), np.float32), weights, step, out=out)
+def blur(values, weights, step):
+    (rows, channels, cols), unused = values.shape, np.empty((0, 0), np.float32)
+    cells, out = (np.empty((-(-rows // step), channels, -(-cols // step)), np.float32) for _ in range(2))
+    _bin_cells(values, unused, unused, np.ones((rows, cols), np.float32), 0, step, cells)
+    _blur(cells, weights, weights, -1, out)
+    return out
 
 
-def pool(values, mask, weights, step, scratch=None, name="", out=None):
-    """`blur` of mask · values, of maps [rows, C, cols] or [rows', C, cols'].
-
-    Args:
-        mask: float32 [rows, cols], of the image in the middle of the maps.
-        scratch, name: where results may lie until the next call with this name.
-    """
-    (rows, cols), top = mask.shape, (values.shape[0] - mask.shape[0]) // 2
-    shape = -(-rows // step), values.shape[1], -(-cols // step)
-    cells = borrow(scratch, f"cells of {name}", shape)
-    _bin_cells(values, mask, top, step, cells)
-    out = borrow(scratch, f"pool of {name}", shape) if out is None else out
-    _blur(cells, weights, out)
+def pool(matched, counts, exposure, is_open, weights, step, scratch):
+    """Channels of `blur` of a padded sketch, of counts by squared weights, and of exposure: of open pixels alone."""
+    (rows, cols), channels = is_open.shape, matched.shape[1]
+    shape = -(-rows // step), channels + 2, -(-cols // step)
+    cells, out = (borrow(scratch, name, shape) for name in ("cells of pools", "pools"))
+    _bin_cells(matched, counts, exposure, is_open, MARGIN, step, cells)
+    _blur(cells, weights, weights**2, channels, out)
     return out

@@ -30,10 +30,10 @@ def _sources() -> str:
 SOURCES = _sources()
 LOG = logging.getLogger(__name__)
 KERNELS: list = []          # all that are kept on disk
-# Seconds of a core, an AMD EPYC's, to compile one: those of sketch.py for every type of ToA, 12 s for 7; 39 s for 17.
+# Seconds of a core, an AMD EPYC's, to compile one: of phase_sums for every type of ToA, 12 s for 7; 39 s for 17.
 SECONDS_SKETCH, SECONDS_OTHER = 1.7, 2.3
 SKETCHING, BASELINES, RECONSTRUCTION = "sketching", "methods that are not the default", "reconstruction"
-PURPOSES = {"sketch": SKETCHING, **dict.fromkeys(("apss", "match", "pixelwise", "poisson"), BASELINES)}     # by module
+PURPOSES = {"phase_sums": SKETCHING, **dict.fromkeys(("apss", "match", "gradients"), BASELINES)}     # by module
 CANNOT_KEEP = "neither the package's folder nor ~/.cache can be written; set NUMBA_CACHE_DIR"
 
 

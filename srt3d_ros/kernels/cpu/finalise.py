@@ -3,15 +3,15 @@
 import numpy as np
 from numba import prange
 
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.compiling import parallel
-from srt3d_ros.kernels.cpu.scratch import borrow
+from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
-from srt3d_ros.kernels.windows import window_weights
 
-SHARE_WEIGHTS = window_weights(SHARE_WINDOW)
+SHARE_WEIGHTS = maps.window_weights(SHARE_WINDOW)
 
 
 @parallel
@@ -58,7 +58,6 @@ def _finalise(photons, exposure, clutter, enough, num_bins, state, own, around, 
 
 
 def finalise(frame, photons, state, terms, enough, scratch=None):
-    """Rows in parallel."""
     (rows, cols), surfaces = frame.shape, state.shape[1]
     own = borrow(scratch, "own", (rows, surfaces, cols))
     excess = borrow(scratch, "excess", (rows, 2 * surfaces, cols))
@@ -70,17 +69,6 @@ def finalise(frame, photons, state, terms, enough, scratch=None):
     _finalise(photons, frame.exposure, clutter, F32(enough), frame.num_bins, state, own, around, intensity, std,
             background)
     return intensity, std, background
-
-
-@parallel
-def _count(intensity, counts):
-    rows, surfaces, cols = intensity.shape
-    for i in prange(rows):
-        found = 0
-        for k in range(surfaces):
-            for j in range(cols):
-                found += 1 if intensity[i, k, j] > ZERO else 0
-        counts[i] = found
 
 
 @parallel
@@ -112,9 +100,7 @@ def _collect(state, intensity, std, rays, metres_per_bin, metres, num_bins, firs
 
 
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
-    """Count, then fill, rows in parallel."""
-    counts = np.empty(len(intensity), np.int64)
-    _count(intensity, counts)
+    counts = np.count_nonzero(intensity, axis=(1, 2))
     ends = np.cumsum(counts)
     points = int(ends[-1])
     row, col = (np.empty(points, np.uint16) for _ in range(2))
@@ -125,5 +111,4 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
 
 
 def unpack(points):
-    """Return the lists of `collect` as they are."""
     return points

@@ -6,6 +6,7 @@ from numba import prange
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 DEAD_PIXEL, LIKENESS = F32(constants.DEAD_PIXEL), F32(constants.LIKENESS)
@@ -35,7 +36,6 @@ def llr(response, photons, expected, likeness, total, max_response, background_t
         response: of the pixel's photons to the matched filter at the surface's depth.
         photons: of the pixel, those of its other surfaces left out; 0 if it has seen none at all.
         expected: signal photons that the surface should give, to within the factor `likeness`.
-        moments: the frame's intensity_moments.
     """
     dead, response, photons = photons <= ZERO, max(response, ZERO), max(photons, HALF)
     rare = surprise(response / (photons * max_response), background_table)
@@ -64,10 +64,8 @@ def _log_likelihood_ratio(counts, exposure, total, max_response, background_tabl
                                        likeness, total, max_response, background_table, moments)
 
 
-def log_likelihood_ratio(frame, state, terms, out=None):
-    """Rows in parallel."""
-    if out is None:
-        out = np.empty((state.shape[0], state.shape[1], state.shape[3]), np.float32)
+def log_likelihood_ratio(frame, state, terms, scratch=None):
+    out = borrow(scratch, "log_likelihood_ratio", state[:, :, 0].shape)
     _log_likelihood_ratio(frame.counts, frame.exposure, F32(frame.total_energy), F32(frame.max_response),
                           frame.background_table, frame.intensity_moments, state, terms, out)
     return out

@@ -5,9 +5,8 @@ from functools import lru_cache
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, aligned, sincos, total_of
+from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TWO, ZERO, B, U, aligned, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.fields import B, U
 from srt3d_ros.kernels.maps import BLOCK
 
 GROUP = U(16)                   # cells of a quarter turn whose sums are in the cache together
@@ -78,14 +77,12 @@ def _respond(z, cos, sin, odd, cells, s, response):
 
 @line
 def peaks(z, cos, sin, odd, cells, period, scratch, place, height):
-    """The highest peak of the filter of BLOCK pixels: its place in bins and its height, by a parabola through 3 cells.
+    """Write places (bins) and heights of the filter's highest peaks of BLOCK pixels, by a parabola through 3 cells.
 
     Args:
         z: float32 [2m · BLOCK], real parts before imaginary ones.
         cos, sin, odd, cells: of `steering`.
-        period: T.
         scratch: of `peaks_scratch`.
-        place, height: float32 [BLOCK], results.
     """
     sums, response, top = scratch
     _respond(z, cos, sin, odd, cells, sums, response)
@@ -156,10 +153,8 @@ def _match(matched, energy, bin_frequencies, cos, sin, odd, cells, num_bins, dep
                             z[(m + l) * BLOCK + x] -= height[x] / total * energy[l] * sine
 
 
-def match(matched, energy, bin_frequencies, num_bins, surfaces, out=None):
-    """Rows in parallel, BLOCK pixels at once; sines from a table (`steering`)."""
+def match(matched, energy, bin_frequencies, num_bins, surfaces):
     rows, _, cols = matched.shape
-    if out is None:
-        out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
+    out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
     _match(matched, energy, bin_frequencies, *steering(bin_frequencies, num_bins), num_bins, *out)
     return out

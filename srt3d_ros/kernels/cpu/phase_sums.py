@@ -11,10 +11,7 @@ from numba import prange
 from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import inline, parallel, serial
-from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, fixed_rows, lanes
-
-__all__ = ["find_stray", "fixed_rows", "inspect_events", "new_sums", "read_sums", "sketch_continuous", "sketch_gates",
-           "sketch_sorted", "sketch_unsorted"]
+from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, lanes
 
 PART = 2**14        # photons that are worth a thread
 BLOCK = 2**21       # unsorted photons that are sorted together: 8 MB of scratch
@@ -29,7 +26,6 @@ _SIN = tuple(F32(-UNIT * c) for c in (6.28318528, -41.3416807, 81.6024807, -76.5
 
 
 def new_sums(pixels, values):
-    """Sums are int64 [pixels, lanes] in units of 1 / UNIT."""
     return np.zeros((pixels, lanes(values)), np.int64), np.zeros(pixels, np.int64)
 
 
@@ -44,7 +40,6 @@ def _read_sums(sums, photons, out, numbers):
 
 
 def read_sums(sums, photons, values):
-    """Pixels in parallel."""
     out, numbers = np.empty((len(sums), values), np.float32), np.empty(len(sums), np.uint32)
     _read_sums(sums, photons, out, numbers)
     return out.view(np.complex64), numbers
@@ -70,7 +65,6 @@ def _inspect_events(pixel, toa, pixels, num_bins, found):
 
 
 def inspect_events(pixel, toa, pixels, num_bins):
-    """Parts of the photons in parallel."""
     found = np.empty((_parts(len(pixel)), 2), np.bool_)
     _inspect_events(pixel, toa, pixels, toa.dtype.type(num_bins), found)
     outside, unsorted = found.any(axis=0)
@@ -91,7 +85,6 @@ def _find_stray(words, first_word, no_detection, num_bins, stray):
 
 
 def find_stray(words, first_word, no_detection, num_bins):
-    """Parts of the words in parallel."""
     stray = np.full(_parts(words.size), -1, np.int32)
     _find_stray(words.reshape(-1), first_word, np.uint16(no_detection), num_bins, stray)
     return int(stray.max())
@@ -129,7 +122,6 @@ def _sketch_sorted(pixel, toa, rows, sums, photons, parts):
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
-    """The photons are parted at borders between pixels."""
     _sketch_sorted(pixel, toa, rows, sums, photons, _parts(len(pixel)))
 
 
@@ -191,7 +183,6 @@ def _sketch_unsorted(pixel, toa, rows, sums, photons, shift, block):
 
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
-    """Sorts blocks of photons into buckets of pixels that fit into the cache, then each bucket."""
     shift = min(max((len(sums) // BUCKETS).bit_length(), 5), 16)        # a pixel of a bucket has 16 bits
     _sketch_unsorted(pixel, toa, rows, sums, photons, shift, max(BLOCK, 8 * len(sums)))
 
@@ -236,18 +227,7 @@ def _fill_rows(toa, turns_per_bin, cycles, lead, widths, rows):
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
-    """Add exp(2πi k_l x / T) of photons with fractional ToA, chunk by chunk.
-
-    x / T is rounded to 2⁻³³, 2⁸ times finer than float32 is near T: phases err by less than 2π k · 2⁻³³.
-
-    Args:
-        pixel: uint32 [N].
-        toa: float32 [N].
-        frequencies: integers k_l.
-        num_bins: T.
-        ordered: whether the photons are sorted by pixel.
-        sums, photons: as of `sketch_sorted`.
-    """
+    """x / T is rounded to 2⁻³³, 2⁸ times finer than float32 is near T: phases err by less than 2π k · 2⁻³³."""
     width, values = sums.shape[1], 2 * len(frequencies)
     cycles, lead = np.zeros(width, np.uint32), np.full(width, TURN // 4, np.uint32)    # lanes that are not used stay 0
     cycles[:values] = np.repeat(np.asarray(frequencies, np.uint32), 2)
@@ -291,5 +271,4 @@ def _sketch_gates(words, rows, first_word, no_detection, sums, photons):
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
-    """Strips of WIDE pixels in parallel, CYCLES words of each at once."""
     _sketch_gates(words, rows, np.uint16(first_word), np.uint16(no_detection), sums, photons)

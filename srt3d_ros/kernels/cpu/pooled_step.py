@@ -1,23 +1,24 @@
-"""Pool the expanded data terms along every point's tangent plane, step to the top of their sum, fit the plane.
+"""Expand data terms, pool them along every point's tangent plane, step to the top of their sum, fit the plane.
 
-A block of BLOCK neighbouring columns goes through each step together, in vector registers. What it needs lies in one
-flat scratch array, at offsets known when compiling, and indices are unsigned: only so can the compiler see that the
-parts do not overlap, and that no index counts from the end.
+A pool's BLOCK neighbouring columns go through each step together, in vector registers. What they need lies in one flat
+scratch array, at offsets known when compiling, and indices are unsigned: only so can the compiler see that the parts do
+not overlap, and that no index counts from the end.
 """
 
 import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, TINY, ZERO, aligned, total_of
-from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
-from srt3d_ros.kernels.cpu.fields import (
+from srt3d_ros.kernels.cpu.arithmetic import (
     COUNTS,
     CURVATURE,
     DEPTH,
     EXPOSURE,
+    F32,
     GRADIENT,
+    HALF,
     INTENSITY,
+    ONE,
     RESIDUAL,
     SCORE,
     SLOPE_COL,
@@ -25,12 +26,20 @@ from srt3d_ros.kernels.cpu.fields import (
     SQUARES,
     STD,
     TERMS,
+    TINY,
     VALUE,
+    ZERO,
     B,
     U,
+    agreement,
+    aligned,
+    rise,
+    sincos,
+    total_of,
+    wrap,
 )
-from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.cpu.surfaces import agreement, distance, rise
+from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
+from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
 
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
@@ -39,7 +48,55 @@ from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
  V, G, C, S2, S1, X, SPREAD, CX, CY,
  P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE,
  ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
-SCRATCH = 28 * BLOCK
+SCRATCH, TURN = 28 * BLOCK, F32(2 * np.pi)
+
+
+@parallel
+def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    m = len(energy)
+    for row in prange(padded_rows - 2 * MARGIN):
+        i = row + MARGIN
+        v, g, c = (np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32),
+                   np.empty(padded_cols, np.float32))
+        for k in range(surfaces):
+            v[:], g[:], c[:] = ZERO, ZERO, ZERO
+            depth = state[i, k, DEPTH]
+            for l in range(m):
+                frequency, omega = bin_frequencies[l], TURN * bin_frequencies[l]
+                real, imaginary = matched[i, l], matched[i, m + l]
+                for j in range(padded_cols):
+                    sine, cosine = sincos(frequency * depth[j])
+                    along = real[j] * cosine + imaginary[j] * sine
+                    v[j] += along
+                    g[j] += omega * (imaginary[j] * cosine - real[j] * sine)
+                    c[j] += omega * omega * along
+            for o in range(surfaces):
+                if o != k:
+                    other, strength = state[i, o, DEPTH], state[i, o, INTENSITY]
+                    for l in range(m):
+                        frequency, omega, share = bin_frequencies[l], TURN * bin_frequencies[l], energy[l]
+                        for j in range(padded_cols):
+                            sine, cosine = sincos(frequency * (other[j] - depth[j]))
+                            known = strength[j] * exposure[i, j] * share
+                            v[j] -= known * cosine
+                            g[j] -= omega * known * sine
+                            c[j] -= omega * omega * known * cosine
+            for j in range(padded_cols):
+                seen = ONE if state[i, k, INTENSITY, j] > ZERO else ZERO
+                terms[i, k, VALUE, j], terms[i, k, GRADIENT, j] = seen * v[j], seen * g[j]
+                terms[i, k, CURVATURE, j] = seen * c[j]
+                terms[i, k, SQUARES, j] = seen * counts[i, j]
+                terms[i, k, COUNTS, j] = seen * counts[i, j]
+                terms[i, k, EXPOSURE, j] = seen * exposure[i, j]
+
+
+def expand(frame, state, scratch=None):
+    """Whole rows in vector registers: numba does not vectorise loops that start at a margin."""
+    padded_rows, surfaces, _, padded_cols = state.shape
+    terms = borrow(scratch, "terms", (padded_rows, surfaces, TERMS, padded_cols), scratch is None)
+    _expand(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms)
+    return terms
 
 
 @inline
@@ -66,7 +123,7 @@ def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period)
     squares, counts, exposure = term + SQUARES * padded_cols, term + COUNTS * padded_cols, term + EXPOSURE * padded_cols
     for x in range(B):
         plane = s[T + x] + rise(s[SC + x], s[SR + x], dx, dy)
-        e = distance(state[at + DEPTH * padded_cols + x], plane, period)
+        e = wrap(state[at + DEPTH * padded_cols + x] - plane, period)
         std = state[at + STD * padded_cols + x]
         same = agreement(e, s[TOLERANCE + x] + max_chi2 * std * std)
         w = near * same * same
@@ -122,11 +179,7 @@ def _end_row(s, dy):
 @line
 def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest, most, weights, in_plane, max_chi2,
               period):
-    """Add every step-th neighbour that is more than `nearest` and up to `reach` away, and dx² + dy² up to `most`.
-
-    Args:
-        in_plane: whether they also count for the planes.
-    """
+    """Add every step-th neighbour that is more than `nearest` and up to `reach` away, and dx² + dy² up to `most`."""
     for dy in range(-reach, reach + 1, step):
         _begin_row(s)
         for dx in range(-reach, reach + 1, step):
@@ -236,7 +289,6 @@ def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
 
 
 def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
-    """Rows in parallel, BLOCK columns in vector registers; cells are summed first, where the radius calls for them."""
     out = np.zeros_like(state) if out is None else out
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
     cells, flat = terms, (state.reshape(-1), terms.reshape(-1))

@@ -1,13 +1,13 @@
-"""A sketch as the iterations want it: matched to the IRF, one plane for each part of each frequency, with margins."""
+"""Sketches as the iterations want them, one plane for each part of each frequency, and what known surfaces leave."""
 
 import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.cpu.arithmetic import F32
+from srt3d_ros.kernels.cpu.arithmetic import F32, ZERO, sincos, total_of
 from srt3d_ros.kernels.cpu.compiling import parallel
-from srt3d_ros.kernels.cpu.scratch import borrow
-from srt3d_ros.kernels.maps import MARGIN
+from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, VALUE
 
 
 @parallel
@@ -27,7 +27,6 @@ def _prepare(sums, photons, equaliser, used, matched, counts):
 
 
 def prepare(sums, photons, equaliser, used, scratch=None):
-    """Rows in parallel."""
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched = borrow(scratch, "matched", (padded_rows, 2 * m, padded_cols), True)
@@ -35,3 +34,27 @@ def prepare(sums, photons, equaliser, used, scratch=None):
     _prepare(np.ascontiguousarray(sums).view(np.float32), np.ascontiguousarray(photons), equaliser.view(np.float32),
              used, matched, counts)
     return matched, counts
+
+
+@parallel
+def _residual(matched, energy, bin_frequencies, state, terms, layer, rest):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    m, total = len(energy), total_of(energy)
+    for i in prange(padded_rows):
+        for l in range(2 * m):
+            for j in range(padded_cols):
+                rest[i, l, j] = matched[i, l, j]
+        for j in range(padded_cols):
+            for k in range(surfaces):
+                if k != layer and state[i, k, INTENSITY, j] > ZERO:
+                    signal = max(terms[i, k, VALUE, j], ZERO) / total
+                    for l in range(m):
+                        sine, cosine = sincos(bin_frequencies[l] * state[i, k, DEPTH, j])
+                        rest[i, l, j] -= signal * energy[l] * cosine
+                        rest[i, m + l, j] -= signal * energy[l] * sine
+
+
+def residual(frame, state, terms, layer, scratch=None):
+    rest = borrow(scratch, "residual", frame.matched.shape)
+    _residual(frame.matched, frame.energy, frame.bin_frequencies, state, terms, layer, rest)
+    return rest

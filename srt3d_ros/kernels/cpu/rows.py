@@ -43,8 +43,7 @@ def aligned(size: int) -> np.ndarray:
 def _adder(*widths):
     """Adds blocks of these widths, from the photon `first` on until `last` or the photon of another pixel.
 
-    int64 (rows, at, toa, pixel, first, last, sums, lane) → where it ended. At least one photon is added. `at`: where
-    the blocks start in rows; lane: where their sums do.
+    Returns where it ended. The blocks start at `at` in rows, their sums at `lane`.
     """
 
     @intrinsic
@@ -114,12 +113,7 @@ _add_16, _add_20, _add_24, _add_32 = _adder(16), _adder(16, 4), _adder(16, 8), _
 def add_run(rows, toa, pixel, first, last, sums):
     """sums += Σ rows[toa[p]] of the photons of one pixel, from `first` on; returns where they, MOST or `last`, end.
 
-    Args:
-        rows: of `fixed_rows`.
-        toa: unsigned integers.
-        pixel: integers of which equal ones follow each other, or None if all are of one pixel.
-        first, last: of the photons that may be added, at least one.
-        sums: int64 [lanes], values of UNIT.
+    At least one photon is added. Equal numbers in `pixel` follow each other; None if all photons are of one pixel.
     """
     width = len(sums)
     height = len(rows) // width

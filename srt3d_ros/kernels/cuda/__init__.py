@@ -8,11 +8,10 @@ inner loops of the CPU kernels; what it adds up stays in registers.
 from srt3d_ros.kernels.cuda.apss import apss
 from srt3d_ros.kernels.cuda.birth_death import birth_death
 from srt3d_ros.kernels.cuda.blur import blur
-from srt3d_ros.kernels.cuda.collect import collect, unpack
-from srt3d_ros.kernels.cuda.device import ON_HOST, array, numpy, photon_array
-from srt3d_ros.kernels.cuda.expand import expand
-from srt3d_ros.kernels.cuda.finalise import finalise
+from srt3d_ros.kernels.cuda.device import ON_HOST, Scratch, array, numpy, photon_array
+from srt3d_ros.kernels.cuda.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.cuda.frame_stream import WARM_FRAMES, FrameStream
+from srt3d_ros.kernels.cuda.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cuda.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cuda.match import match
 from srt3d_ros.kernels.cuda.phase_sums import (
@@ -26,12 +25,8 @@ from srt3d_ros.kernels.cuda.phase_sums import (
     sketch_sorted,
     sketch_unsorted,
 )
-from srt3d_ros.kernels.cuda.pixelwise import pixelwise
-from srt3d_ros.kernels.cuda.poisson import poisson
-from srt3d_ros.kernels.cuda.pooled_step import pooled_step
-from srt3d_ros.kernels.cuda.prepare import prepare
-from srt3d_ros.kernels.cuda.residual import residual
-from srt3d_ros.kernels.cuda.scratch import Scratch
+from srt3d_ros.kernels.cuda.pooled_step import expand, pooled_step
+from srt3d_ros.kernels.cuda.prepare import prepare, residual
 from srt3d_ros.kernels.cuda.search import drop_weak, search
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",

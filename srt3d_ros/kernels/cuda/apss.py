@@ -134,7 +134,6 @@ def _apss(depth, intensity, normal, exposure, scale, period, new_depth, new_inte
 
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
-    """A thread per pixel."""
     rows, surfaces, cols = depth.shape
     out = torch.empty_like(depth), torch.empty_like(depth), depth.new_empty(2, rows, surfaces, cols)
     points = triton.next_power_of_2(9 * surfaces)

@@ -4,6 +4,8 @@ Constants that kernels read are `tl.constexpr`: Triton takes no other globals. T
 them to its left, Triton 3.7 cannot interpret the product.
 """
 
+import math
+
 import triton
 import triton.language as tl
 
@@ -44,6 +46,23 @@ def sincos(turns):
 def wrap(difference, period):
     """The difference of two depths on a circle, in [−period/2, period/2]."""
     return difference - period * tl.floor(difference * (1.0 / period) + 0.5)
+
+
+@triton.jit
+def agreement(difference, variance):
+    """How far depths are one surface's, 0 … 1; `variance`, above 0, is the sum of what each may be off, squared."""
+    return tl.maximum(1.0 - difference * difference / variance, 0.0)
+
+
+@triton.jit
+def near(distance2, fall):
+    """Gaussian weight by squared distance; `fall` of `fall_of`: exp2 is one instruction."""
+    return tl.exp2(distance2 * fall)
+
+
+def fall_of(sigma: float) -> float:
+    """The factor of a squared distance with which exp(−distance² / 2σ²) is a power of 2."""
+    return -0.5 / (math.log(2) * sigma**2)
 
 
 def axis(m: int) -> int:

@@ -1,13 +1,11 @@
 """Birth/death update: each pixel's surfaces are chosen anew among its neighbourhood's.
 
-Few pixels have anything to decide: those at edges, and those without a surface beside some that have one. `undecided`
-lists them, row by row, and `_choose` works on BLOCK of a list at once, whatever lies between them, so that no thread
-waits for pixels that are settled. A program's candidates are a tensor [CANDIDATES, BLOCK]: one warp owns it, and a sum
-over the candidates stays inside a thread, or between few.
-
-`undecided` reads the state once and writes two copies of it. From then on only listed pixels change: each time reads
-their neighbourhoods from one copy and writes them to the other, and costs next to nothing where none has room, or
-nothing around has changed the time before.
+Few pixels have anything to decide: those at edges, and those without a surface beside some that have one.
+`_list_undecided` lists them, row by row, and writes two copies of the state. `_choose` works on BLOCK pixels of a list
+at once: no thread waits for pixels that are settled. Each time it reads their neighbourhoods from one copy and writes
+them to the other, which costs next to nothing where none has room, or nothing around has changed the time before. A
+program's candidates are a tensor [CANDIDATES, BLOCK]: one warp owns it, and a sum over the candidates stays inside a
+thread, or between few.
 """
 
 import torch
@@ -16,11 +14,19 @@ import triton.language as tl
 
 from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.constants import SPREAD
-from srt3d_ros.kernels.cuda.arithmetic import TINY, axis, sincos, wrap
+from srt3d_ros.kernels.cuda.arithmetic import TINY, agreement, axis, fall_of, near, sincos, wrap
 from srt3d_ros.kernels.cuda.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
-from srt3d_ros.kernels.cuda.maps import DEPTH, FIELDS, INTENSITY, MARGIN, SCORE
-from srt3d_ros.kernels.cuda.surfaces import agreement, fall_of, has_depth, near, record_of, surface_count
-from srt3d_ros.kernels.cuda.undecided import carried, copy, settled, undecided
+from srt3d_ros.kernels.cuda.maps import (
+    DEPTH,
+    FIELDS,
+    INTENSITY,
+    MARGIN,
+    SCORE,
+    carried,
+    has_depth,
+    record_of,
+    surface_count,
+)
 
 BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE, VOTE_RADIUS = (
     tl.constexpr(getattr(constants, name)) for name in (
@@ -36,6 +42,59 @@ PER_THREAD = 16             # candidates of a program that each thread of its wa
 
 
 @triton.jit
+def _settled(state, i, j, had, max_chi2, blur2, period, padded_cols, SURFACES: tl.constexpr, NEIGHBOURS: tl.constexpr):
+    """Whether all surfaces of the 3 × 3 neighbourhood are those of pixels (i, j), and no neighbour has fewer.
+
+    Of pixels without any, whether no neighbour has one.
+    """
+    q = tl.arange(0, NEIGHBOURS)[:, None]                       # surfaces of the neighbours
+    dy, dx = tl.minimum(q // SURFACES, 8) // 3 - 1, tl.minimum(q // SURFACES, 8) % 3 - 1
+    i_q, j_q = i + dy, j[None, :] + dx
+    record = record_of(state, i_q, q % SURFACES, j_q, padded_cols, SURFACES)
+    point = has_depth(record, padded_cols, period) & (q < 9 * SURFACES)
+    at, variance = carried(record, dy, dx, max_chi2, blur2, padded_cols)
+    known = ~point
+    for k in tl.static_range(SURFACES):
+        own = record_of(state, i, k, j, padded_cols, SURFACES)
+        own_at, own_variance = carried(own, 0, 0, max_chi2, blur2, padded_cols)
+        close = agreement(wrap(at - own_at[None, :], period), variance + own_variance[None, :])
+        known = known | ((close > 0.0) & has_depth(own, padded_cols, period)[None, :])
+    fewer = surface_count(state, i_q, j_q, padded_cols, period, SURFACES) < had[None, :]
+    unlike, found = tl.sum((~known | (point & fewer)).to(tl.int32), axis=0), tl.sum(point.to(tl.int32), axis=0)
+    return tl.where(had > 0, unlike == 0, found == 0)
+
+
+@triton.jit
+def _list_undecided(exposure, state, own, max_chi2, blur2, period, padded_rows, padded_cols, one, own_one, other,
+                    own_other, lists, lengths, SURFACES: tl.constexpr, LIST: tl.constexpr, NEIGHBOURS: tl.constexpr):
+    """Copy a state to `one` and `other`; list pixels that may choose: unsettled ones, and those with room."""
+    i, part = tl.program_id(1), tl.program_id(0)
+    j = part * LIST + tl.arange(0, LIST)
+    if (i >= MARGIN) & (i < padded_rows - MARGIN):
+        column = tl.minimum(tl.maximum(j, MARGIN), padded_cols - MARGIN - 1)
+        had = surface_count(state, i, column, padded_cols, period, SURFACES)
+        known = _settled(state, i, column, had, max_chi2, blur2, period, padded_cols, SURFACES, NEIGHBOURS)
+        used = (column == j) & (tl.load(exposure + i * padded_cols + column) > 0.0)
+        listed = (used & (~known | (had < SURFACES))).to(tl.int32)
+        place = (i * tl.num_programs(0) + part) * LIST + tl.cumsum(listed, axis=0) - 1
+        tl.store(lists + place, j, mask=listed > 0)
+        tl.store(lengths + i * tl.num_programs(0) + part, tl.sum(listed, axis=0))
+    _copy(state, own, one, own_one, i, j, j < padded_cols, padded_cols, SURFACES)
+    _copy(state, own, other, own_other, i, j, j < padded_cols, padded_cols, SURFACES)
+
+
+@triton.jit
+def _copy(before, own_before, after, own_after, i, j, mask, padded_cols, SURFACES: tl.constexpr):
+    """Copy the surfaces of pixels (i, j) and their log-likelihood ratios."""
+    for k in tl.static_range(SURFACES):
+        at = (i * SURFACES + k) * padded_cols + j
+        tl.store(own_after + at, tl.load(own_before + at, mask=mask), mask=mask)
+        for f in tl.static_range(FIELDS):
+            at = ((i * SURFACES + k) * FIELDS + f) * padded_cols + j
+            tl.store(after + at, tl.load(before + at, mask=mask), mask=mask)
+
+
+@triton.jit
 def _candidates(counts, state, own, i, j, max_chi2, blur2, period, padded_cols, SURFACES: tl.constexpr,
                 CANDIDATES: tl.constexpr):
     """The surfaces of the neighbourhood, carried to pixels (i, j), in the order of their places: [CANDIDATES, BLOCK].
@@ -43,7 +102,7 @@ def _candidates(counts, state, own, i, j, max_chi2, blur2, period, padded_cols, 
     Returns:
         Their numbers, surfaces, whether they are the pixel's own, and whether of its 3 × 3 neighbourhood; their
         records, whether they exist, how many surfaces their pixels have, depths and what these may be off, squared,
-        weights and votes; and the weight [BLOCK] of the pixels around that see photons, but no surface.
+        weights and votes; and the weight [BLOCK] of the pixels around with photons and no surface.
     """
     q = tl.arange(0, CANDIDATES)[:, None]
     real, surface = q < SIDE * SIDE * SURFACES, q % SURFACES
@@ -65,11 +124,9 @@ def _candidates(counts, state, own, i, j, max_chi2, blur2, period, padded_cols, 
 
 @triton.jit
 def _support(k, agree, close, e, places, values, padded_cols):
-    """What the neighbourhood says of a candidate as its pixel's surface k.
+    """Votes (nats) for a candidate as surface k; mean difference in depth, mean intensity of those that agree with it.
 
-    Returns:
-        The votes (nats), the mean difference in depth and the mean intensity of the candidates that agree with it,
-        and which surface of the pixel's own is among them, or −1.
+    And which surface of the pixel's own is among these, or −1.
     """
     _, surface, mine, _ = places
     record, point, count, _, _, weight, vote = values
@@ -87,9 +144,7 @@ def _support(k, agree, close, e, places, values, padded_cols):
 @triton.jit
 def _best(k, least, busy, free, places, values, rest, photons, light, frequency, total, max_response, background_table,
           moments, state, i, j, max_chi2, blur2, period, padded_cols, STEPS: tl.constexpr, SURFACES: tl.constexpr):
-    """The free candidate with the highest log-likelihood ratio above `least`: own photons and the neighbours' votes.
-
-    Only candidates of the 3 × 3 neighbourhood are chosen from: farther ones vote.
+    """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`.
 
     Returns:
         Whether there is one, which surface of the pixel's own agrees with it or −1, the ratio by the pixel's own
@@ -133,10 +188,7 @@ def _best(k, least, busy, free, places, values, rest, photons, light, frequency,
 
 @triton.jit
 def _join(f, k, busy, chosen, mine, depth, w, values, state, i, j, padded_cols, SURFACES: tl.constexpr):
-    """Field f of surface k: of the pixel's own surface `mine`, or the mean of the candidates that agree, weighted by w.
-
-    Where nothing is to be decided it stays as it is.
-    """
+    """Field f of surface k: of the pixel's own surface `mine`, or what agrees, averaged by w; unchanged if idle."""
     grown = chosen & (mine < 0)
     old = tl.where(chosen & (mine >= 0), mine, k)
     value = tl.load(record_of(state, i, old, j, padded_cols, SURFACES) + f * padded_cols)
@@ -155,7 +207,6 @@ def _join(f, k, busy, chosen, mine, depth, w, values, state, i, j, padded_cols, 
 
 @triton.jit
 def _stirred(changed, i, j, padded_cols):
-    """Whether pixels within VOTE_RADIUS of (i, j) changed the time before."""
     n = tl.minimum(tl.arange(0, PLACES), SIDE * SIDE - 1)[:, None]
     place = (i + n // SIDE - VOTE_RADIUS) * padded_cols + j[None, :] + n % SIDE - VOTE_RADIUS
     return tl.max(tl.load(changed + place).to(tl.int32), axis=0) > 0
@@ -166,10 +217,7 @@ def _choose(matched, counts, exposure, energy, bin_frequencies, total, max_respo
             max_chi2, blur2, period, padded_cols, m, lists, lengths, before, own_before, changed, after, own_after,
             changes, FILL: tl.constexpr, STEPS: tl.constexpr, SURFACES: tl.constexpr, M: tl.constexpr,
             LIST: tl.constexpr, NEIGHBOURS: tl.constexpr, CANDIDATES: tl.constexpr, BLOCK: tl.constexpr):
-    """Let BLOCK pixels of a list choose their surfaces, and note those that change.
-
-    With FILL, after the first time, pixels stay as they are that have no room, or around which nothing has changed.
-    """
+    """Let BLOCK pixels of a list choose surfaces; with FILL only those with room around which something has changed."""
     i, part = tl.program_id(1) + MARGIN, tl.program_id(0) // (LIST // BLOCK)
     parts, first = tl.num_programs(0) // (LIST // BLOCK), tl.program_id(0) % (LIST // BLOCK) * BLOCK
     length = tl.load(lengths + i * parts + part)
@@ -183,11 +231,11 @@ def _choose(matched, counts, exposure, energy, bin_frequencies, total, max_respo
     if FILL:
         busy = busy & (had < SURFACES) & _stirred(changed, i, j, padded_cols)
     if tl.max(busy.to(tl.int32), axis=0) > 0:
-        busy = busy & ~settled(before, i, j, had, max_chi2, blur2, period, padded_cols, SURFACES, NEIGHBOURS)
+        busy = busy & ~_settled(before, i, j, had, max_chi2, blur2, period, padded_cols, SURFACES, NEIGHBOURS)
     if tl.max(busy.to(tl.int32), axis=0) == 0:
         if FILL:                                    # the first time finds all pixels copied, and none changed
             tl.store(changes + i * padded_cols + j, 0, mask=listed)
-            copy(before, own_before, after, own_after, i, j, listed, padded_cols, SURFACES)
+            _copy(before, own_before, after, own_after, i, j, listed, padded_cols, SURFACES)
         return
 
     places, values, blank = _candidates(counts, before, own_before, i, j, max_chi2, blur2, period, padded_cols,
@@ -226,7 +274,7 @@ def _choose(matched, counts, exposure, energy, bin_frequencies, total, max_respo
 
 
 def birth_death(frame, state, terms, max_chi2, scratch=None):
-    """Pixels that may change are listed first (`undecided`); `scratch` is not used: a CUDA graph keeps its memory."""
+    """`scratch` is not used: a CUDA graph keeps its memory."""
     padded_rows, most, _, padded_cols = state.shape
     m, period, blur2 = len(frame.energy), float(frame.num_bins), (constants.RESOLVED * frame.resolution_bins)**2
     own = log_likelihood_ratio(frame, state, terms)
@@ -237,7 +285,7 @@ def birth_death(frame, state, terms, max_chi2, scratch=None):
     lists = state.new_empty(padded_rows, parts, length, dtype=torch.int32)
     lengths = state.new_empty(padded_rows, parts, dtype=torch.int32)
     sizes = {"SURFACES": most, "LIST": length, "NEIGHBOURS": triton.next_power_of_2(9 * most)}
-    undecided[parts, padded_rows](
+    _list_undecided[parts, padded_rows](
         frame.exposure, state, own, max_chi2, blur2, period, padded_rows, padded_cols, states[0], owns[0],
         states[1], owns[1], lists, lengths, **sizes, num_warps=length // 32)
     candidates = triton.next_power_of_2(SIDE.value**2 * most)

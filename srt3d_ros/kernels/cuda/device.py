@@ -1,10 +1,11 @@
-"""Where the CUDA kernels run, and how arrays get there and back.
+"""Where the CUDA kernels run, how arrays get there and back, and memory that stays where it is.
 
 With TRITON_INTERPRET=1 in the environment before triton is imported, Triton runs the kernels through NumPy on tensors
 of the CPU: slow, but the same code, so that they can be tested without a GPU.
 """
 
 import os
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -19,15 +20,43 @@ ON_HOST = False                 # not even if they are interpreted: tensors are 
 
 
 def array(values) -> torch.Tensor:
-    """A contiguous copy of a NumPy array on the device."""
     return torch.from_numpy(np.array(values, order="C")).to(DEVICE)
 
 
-def photon_array(values) -> torch.Tensor:
-    """A copy of the photons on the device."""
-    return array(values)
+photon_array = array
 
 
 def numpy(values: torch.Tensor) -> np.ndarray:
-    """The NumPy array of a tensor on the device; waits for the kernels that write it."""
     return values.cpu().numpy()
+
+
+class Scratch:
+    """Tensors by name and shape; none is ever given up: a CUDA graph needs them to stay where they are."""
+
+    def __init__(self):
+        self._tensors = {}
+
+    def array(self, name: str, shape: tuple, zero: bool = False) -> torch.Tensor:
+        found = self._tensors.get((name, *shape))
+        if found is None:
+            found = self._tensors[name, *shape] = torch.zeros(tuple(shape), device=DEVICE)
+        elif zero:
+            found.zero_()
+        return found
+
+
+def borrow(scratch: Scratch | None, name: str, shape: tuple, zero: bool = False) -> torch.Tensor:
+    """The tensor of this name, or a new one if there is no scratch."""
+    if scratch is not None:
+        return scratch.array(name, shape, zero)
+    return torch.zeros(shape, device=DEVICE) if zero else torch.empty(shape, device=DEVICE)
+
+
+def constant(values: np.ndarray) -> torch.Tensor:
+    """float32 values on the device, copied there once: a graph that is being recorded cannot wait for a copy."""
+    return _constant(values.astype(np.float32).tobytes())
+
+
+@lru_cache(maxsize=None)        # graphs read them for as long as they live
+def _constant(values: bytes) -> torch.Tensor:
+    return array(np.frombuffer(values, np.float32))

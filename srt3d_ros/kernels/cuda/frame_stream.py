@@ -12,31 +12,23 @@ from functools import lru_cache
 import numpy as np
 import torch
 
-from srt3d_ros.kernels.cuda.collect import unpack
 from srt3d_ros.kernels.cuda.device import DEVICE
+from srt3d_ros.kernels.cuda.finalise import unpack
 
 SLOTS = 2
 WARM_FRAMES = 2 * SLOTS         # the first frame of a slot compiles, the second is recorded
 
 
 class FrameStream:
-    """Frames through a sequence of kernels.
+    """Frames through a function, which launches the same kernels for every frame, and waits for none.
 
-    Args:
-        function: of the frame's arrays; returns a tuple of tensors, the last one of `collect`. It launches the same
-            kernels for every frame and waits for none, since they are recorded. Memory that it keeps may be that of
-            other pipelines too: no two of their frames are computed at once.
+    Memory that it keeps may be that of other pipelines too: no two of their frames are computed at once.
     """
 
     def __init__(self, function: Callable):
         self._function, self._slots, self._submitted = function, {}, 0
 
     def submit(self, *frame) -> Callable[[], tuple]:
-        """Begin a frame; what is returned waits for the results, NumPy arrays, points unpacked.
-
-        Args:
-            frame: NumPy arrays, or tensors that are already on the device; they may change once this returns.
-        """
         frame = [values if isinstance(values, torch.Tensor) else _tensor(values) for values in frame]
         if DEVICE == "cpu":                                     # interpreted
             results = self._function(*frame)

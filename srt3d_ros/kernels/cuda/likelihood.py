@@ -4,6 +4,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.cuda.device import borrow
 from srt3d_ros.kernels.cuda.maps import BLOCK, FIELDS, INTENSITY, TERMS, VALUE
 
 DEAD_PIXEL, LIKENESS = tl.constexpr(constants.DEAD_PIXEL), tl.constexpr(constants.LIKENESS)
@@ -12,11 +13,7 @@ SHARED_LIKENESS = tl.constexpr(constants.LIKENESS**2)
 
 @triton.jit
 def surprise(response, photons, max_response, background_table, STEPS: tl.constexpr):
-    """ρ(response / photons): what it is worth as evidence against "background alone", per √photon.
-
-    Args:
-        background_table: pointer to the table of a MatchedFrame, linear between entries; STEPS, one less than they are.
-    """
+    """ρ(response / photons), linear between the STEPS + 1 entries of the table."""
     at = tl.minimum(tl.maximum(response / (photons * max_response), 0.0), 1.0) * STEPS
     low = tl.minimum(at.to(tl.int32), STEPS - 1)
     below, above = tl.load(background_table + low), tl.load(background_table + low + 1)
@@ -27,13 +24,8 @@ def surprise(response, photons, max_response, background_table, STEPS: tl.conste
 def llr(response, photons, expected, likeness, total, max_response, background_table, moments, STEPS: tl.constexpr):
     """Log-likelihood ratio of "a surface of about this intensity and background" and "background alone", nats.
 
-    The terms are those of `llr` in kernels/cpu/likelihood.py. All must be finite, also where the result is not used:
+    Arguments are those of `llr` in kernels/cpu/likelihood.py. All must be finite, also where the result is not used:
     the response chooses an entry of `background_table`.
-
-    Args:
-        response, photons, expected, likeness, total, max_response: as there.
-        background_table, STEPS: as of `surprise`.
-        moments: pointer to the MatchedFrame's intensity_moments.
     """
     dead, response, photons = photons <= 0.0, tl.maximum(response, 0.0), tl.maximum(photons, 0.5)
     rare = surprise(response, photons, max_response, background_table, STEPS)
@@ -75,10 +67,9 @@ def _log_likelihood_ratio(counts, exposure, total, max_response, background_tabl
         tl.store(out + (i * SURFACES + k) * padded_cols + j, tl.where(there, ratio, 0.0), mask=inside)
 
 
-def log_likelihood_ratio(frame, state, terms, out=None):
-    """A program per BLOCK pixels of a row, margins with them."""
+def log_likelihood_ratio(frame, state, terms, scratch=None):
     padded_rows, surfaces, _, padded_cols = state.shape
-    out = state.new_empty(padded_rows, surfaces, padded_cols) if out is None else out
+    out = borrow(scratch, "log_likelihood_ratio", (padded_rows, surfaces, padded_cols))
     _log_likelihood_ratio[triton.cdiv(padded_cols, BLOCK.value), padded_rows](
         frame.counts, frame.exposure, frame.total_energy, frame.max_response, frame.background_table,
         frame.intensity_moments, state, terms, out, padded_cols, STEPS=len(frame.background_table) - 1,

@@ -68,10 +68,9 @@ def _match(matched, energy, bin_frequencies, num_bins, m, cols, count, depth, in
             im -= explained * sine
 
 
-def match(matched, energy, bin_frequencies, num_bins, surfaces, out=None):
-    """A pixel's 8m + 8K bytes are read and written once; the grid by tensor cores (`peak`)."""
+def match(matched, energy, bin_frequencies, num_bins, surfaces):
     rows, channels, cols = matched.shape
-    out = tuple(matched.new_empty(rows, surfaces, cols) for _ in range(2)) if out is None else out
+    out = tuple(matched.new_empty(rows, surfaces, cols) for _ in range(2))
     m, count = channels // 2, rows * cols
     _match[(triton.cdiv(count, PIXELS),)](
         matched, energy, bin_frequencies, num_bins, m, cols, count, *out, SURFACES=surfaces, M=max(axis(m), 16),

@@ -47,7 +47,6 @@ def new_sums(pixels, values):
 
 
 def read_sums(sums, photons, values):
-    """By torch."""
     share = MAX_PHOTONS / photons.clamp(min=MAX_PHOTONS).to(torch.float64)
     scaled = sums.to(torch.float32) / UNIT * share.to(torch.float32)[:, None]
     return torch.view_as_complex(scaled.view(-1, values // 2, 2)), photons.clamp(max=MAX_PHOTONS).to(torch.uint32)
@@ -98,20 +97,6 @@ def find_stray(words, first_word, no_detection, num_bins):
 
 
 # ---- Sums of photons that lie pixel by pixel
-
-@triton.jit
-def _starts(pixel, count, pixels, starts, STEPS: tl.constexpr, BLOCK: tl.constexpr):
-    """The first photon of every pixel or of one after it, by bisection."""
-    i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    low = tl.zeros([BLOCK], tl.int64)
-    high = low + count
-    for _ in range(STEPS):
-        middle = (low + high) // 2
-        less = (low < high) & (tl.load(pixel + middle, mask=low < high, other=0).to(tl.int64) < i)
-        high = tl.where(less, high, middle)
-        low = tl.where(less, middle + 1, low)
-    tl.store(starts + i, low, mask=i <= pixels)
-
 
 @triton.jit
 def _share(starts, parts):
@@ -192,14 +177,11 @@ def _parts(count, pixels):
 
 def _bisect(pixel, pixels):
     """Where each pixel's photons start, int64 [pixels + 1], of sorted ones."""
-    starts = torch.empty(pixels + 1, dtype=torch.int64, device=pixel.device)
-    _starts[(triton.cdiv(pixels + 1, 128),)](pixel, len(pixel), pixels, starts, STEPS=len(pixel).bit_length(),
-                                             BLOCK=128)
-    return starts
+    each = torch.arange(pixels + 1, dtype=torch.int32, device=pixel.device)
+    return torch.searchsorted(pixel.view(torch.int32), each)
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
-    """Pixels' first photons by bisection, then a program per pixel or part of it."""
     _add_rows(toa, _bisect(pixel, len(sums)), rows, sums, photons)
 
 
@@ -244,18 +226,15 @@ def _gather(pixel, toa, pixels, first_word=0, no_detection=0, gates=False):
 
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
-    """As `sketch_sorted` for photons in any order."""
     placed, starts = _gather(pixel, toa, len(sums))
     _add_rows(placed, starts, rows, sums, photons)
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
-    """As `sketch_sorted` or `sketch_unsorted`, with sines of each photon in the place of table rows."""
     placed, starts = (toa, _bisect(pixel, len(sums))) if ordered else _gather(pixel, toa, len(sums))
     _add_waves(placed, starts, frequencies, num_bins, sums, photons)
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
-    """As `sketch_unsorted`."""
     placed, starts = _gather(words, words, words.shape[1], first_word, no_detection, gates=True)
     _add_rows(placed, starts, rows, sums, photons)

@@ -1,8 +1,10 @@
-"""One iteration: pool the data terms along every point's tangent plane, step to the top of their sum, fit the planes.
+"""Expand data terms, pool them along every point's tangent plane, step to the top of their sum, fit the plane.
 
-A thread owns a point; what it adds up stays in registers: 9 sums of terms and 9 of the plane. Of each neighbour it
-reads 28 bytes from the caches, a warp's 32 points beside each other, and executes some 65 instructions. Neighbours
-beyond FINE pixels are taken in cells of CELL × CELL (`_coarsen`): a window of radius 8 has 81 pixels and 16 cells.
+A thread owns a point. To expand it 8m + 20 bytes are read, 24 written, and a sine and a cosine of each frequency taken:
+at m = 10 some 400 operations and 124 bytes, so that memory sets the pace. What a pool adds up stays in registers: 9
+sums of terms and 9 of the plane. Of each neighbour it reads 28 bytes from the caches, a warp's 32 points beside each
+other, and executes some 65 instructions. Neighbours beyond FINE pixels are taken in cells of CELL × CELL (`_coarsen`):
+a window of radius 8 has 81 pixels and 16 cells.
 """
 
 import torch
@@ -10,39 +12,92 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cuda.arithmetic import TINY, wrap
-from srt3d_ros.kernels.cuda.expand import add_terms, store_terms
+from srt3d_ros.kernels.cuda.arithmetic import TINY, TURN, agreement, fall_of, near, sincos, wrap
+from srt3d_ros.kernels.cuda.device import borrow
 from srt3d_ros.kernels.cuda.maps import (
+    COUNTS,
+    CURVATURE,
     DEPTH,
     EXPOSURE,
     FIELDS,
+    GRADIENT,
     INTENSITY,
     RESIDUAL,
+    SQUARES,
     STD,
     TERMS,
     TILE,
     TILE_ROWS,
+    VALUE,
+    plane_depth,
+    plane_of,
+    record_of,
+    store_surface,
     tile_pixels,
     tiles,
 )
-from srt3d_ros.kernels.cuda.scratch import borrow
-from srt3d_ros.kernels.cuda.surfaces import agreement, fall_of, near, plane_depth, plane_of, record_of, store_surface
 
 FINE, CELL, NOISE_SHOWN, RIDGE = (tl.constexpr(getattr(constants, name)) for name in (
     "FINE", "CELL", "NOISE_SHOWN", "RIDGE"))
 
 
 @triton.jit
+def _store_terms(into, terms, mask, padded_cols):
+    """Write terms, in the order of `maps`; 0 outside the mask."""
+    for term in tl.static_range(TERMS):
+        tl.store(into + term * padded_cols, tl.where(mask, terms[term], 0.0))
+
+
+@triton.jit
+def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms, padded_rows, padded_cols, m,
+            SURFACES: tl.constexpr):
+    k = tl.program_id(2)
+    i, j = tile_pixels(padded_rows)
+    record = record_of(state, i, k, j, padded_cols, SURFACES)
+    depth, light = tl.load(record + DEPTH * padded_cols), tl.load(exposure + i * padded_cols + j)
+    sketch = matched + i * 2 * m * padded_cols + j
+    value, gradient, curvature = tl.zeros_like(depth), tl.zeros_like(depth), tl.zeros_like(depth)
+    for l in tl.range(m, loop_unroll_factor=5):
+        frequency = tl.load(bin_frequencies + l)
+        omega = frequency * TURN
+        re, im = tl.load(sketch + l * padded_cols), tl.load(sketch + (m + l) * padded_cols)
+        sine, cosine = sincos(frequency * depth)
+        along = re * cosine + im * sine
+        value += along
+        gradient += omega * (im * cosine - re * sine)
+        curvature += omega * omega * along
+    for step in tl.static_range(1, SURFACES):           # what the pixel's other surfaces explain
+        other = record_of(state, i, (k + step) % SURFACES, j, padded_cols, SURFACES)
+        apart = tl.load(other + DEPTH * padded_cols) - depth
+        photons = tl.load(other + INTENSITY * padded_cols) * light
+        for l in tl.range(m, loop_unroll_factor=5):
+            frequency = tl.load(bin_frequencies + l)
+            omega, known = frequency * TURN, photons * tl.load(energy + l)
+            sine, cosine = sincos(frequency * apart)
+            value -= known * cosine
+            gradient -= omega * known * sine
+            curvature -= omega * omega * known * cosine
+
+    photons = tl.load(counts + i * padded_cols + j)
+    _store_terms(terms + (i * SURFACES + k) * TERMS * padded_cols + j,
+                (value, gradient, curvature, photons, photons, light),
+                tl.load(record + INTENSITY * padded_cols) > 0.0, padded_cols)
+
+
+def expand(frame, state, scratch=None):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    terms = borrow(scratch, "terms", (padded_rows, surfaces, TERMS.value, padded_cols), scratch is None)
+    _expand[(*tiles(padded_rows, padded_cols), surfaces)](
+        frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms, padded_rows,
+        padded_cols, len(frame.energy), SURFACES=surfaces, num_warps=TILE_ROWS)
+    return terms
+
+
+@triton.jit
 def _weigh(record, depth, point, by_distance, padded_cols):
-    """How much neighbours' surfaces count for a point: by distance, and by how far they lie on its plane.
+    """Weights of neighbours' surfaces for a point, their distances from its plane in bins, and their depths' variances.
 
-    Args:
-        record: pointers to the surfaces, field 0.
-        depth: of the points' planes there.
-        point: the plane, max_chi2 · σ² of the depth (above 0), max_chi2, and T.
-
-    Returns:
-        The weights, the surfaces' distances from the plane in bins, and their depths' variances.
+    `depth` is that of the plane there; `point` the plane, max_chi2 · σ² of its depth (above 0), max_chi2, and T.
     """
     _, variance, max_chi2, period = point
     e, std = wrap(tl.load(record + DEPTH * padded_cols) - depth, period), tl.load(record + STD * padded_cols)
@@ -79,14 +134,34 @@ def _fit(sums, plane, steepness):
 
 
 @triton.jit
+def _add_terms(sums, bends, shown, weight, e, dy, dx, padded_cols, CELLS: tl.constexpr):
+    """Add weighted terms, each moved from its surface's depth to a plane, e bins away, (dy, dx) pixels from its point.
+
+    Args:
+        sums: of the terms, in the order of `maps`.
+        bends: sums of curvature times dx, and times dy, by which the gradient changes when the plane is turned; and
+            times e².
+        CELLS: whether the terms are of cells; of one pixel SQUARES and COUNTS are the same.
+    """
+    value, gradient, curvature, squares, counts, exposure = sums
+    bend_col, bend_row, off_plane = bends
+    bend = weight * tl.load(shown + CURVATURE * padded_cols)
+    rise = weight * tl.load(shown + GRADIENT * padded_cols)
+    photons = tl.load(shown + COUNTS * padded_cols)
+    photons2 = tl.load(shown + SQUARES * padded_cols) if CELLS else photons
+    light = tl.load(shown + EXPOSURE * padded_cols)
+    sums = (value + weight * tl.load(shown + VALUE * padded_cols) - e * (rise + 0.5 * e * bend),
+            gradient + rise + e * bend, curvature + bend, squares + weight * weight * photons2,
+            counts + weight * photons, exposure + weight * light)
+    return sums, (bend_col + bend * dx, bend_row + bend * dy, off_plane + bend * e * e)
+
+
+@triton.jit
 def _add_neighbour(sums, bends, planes, records, terms, point, by_distance, dy, dx, padded_cols,
                    SURFACES: tl.constexpr, CELLS: tl.constexpr, FIT: tl.constexpr):
     """Add the surfaces of neighbours at (dy, dx) to the sums of terms and, if FIT says so, of planes.
 
-    Args:
-        records, terms: pointers to the points' pixels, surface 0, field or term 0.
-        point: as of `_weigh`.
-        CELLS: as of `add_terms`.
+    `records` and `terms` point to the points' pixels, surface 0, field or term 0.
     """
     depth = plane_depth(point[0], dy, dx)
     for q in tl.static_range(SURFACES):
@@ -96,7 +171,7 @@ def _add_neighbour(sums, bends, planes, records, terms, point, by_distance, dy, 
         if FIT:
             seen = tl.load(shown + EXPOSURE * padded_cols) > 0.0                # terms are 0 without a surface
             planes = _add_to_plane(planes, seen, weight, e, variance, dy, dx)
-        sums, bends = add_terms(sums, bends, shown, weight, e, dy, dx, padded_cols, CELLS)
+        sums, bends = _add_terms(sums, bends, shown, weight, e, dy, dx, padded_cols, CELLS)
     return sums, bends, planes
 
 
@@ -111,17 +186,10 @@ def _no_sums():
 @triton.jit
 def _pool(records, terms, cells, point, fall, steepness, padded_cols, RADIUS: tl.constexpr, FAR: tl.constexpr,
           SURFACES: tl.constexpr):
-    """Sums over a round window: its pixels up to FINE away, then its cells, whose centres are up to FAR away.
+    """The sums of `_add_terms` over a round window, and the slopes of the planes through the pixels up to FINE away.
 
-    Columns are unrolled so that several neighbours wait for memory at once, unless that makes too much code.
-
-    Args:
-        records, terms, point: as of `_add_neighbour`; `cells` are terms too.
-        fall: of `fall_of`.
-        steepness: as of `_fit`.
-
-    Returns:
-        The sums of `add_terms`, and the slopes of the planes through the pixels up to FINE away.
+    Pixels up to FINE away come first, then cells, whose centres are up to FAR away. Columns are unrolled so that
+    several neighbours wait for memory at once, unless that makes too much code.
     """
     sums, bends, planes = _no_sums()
     side: tl.constexpr = RADIUS if RADIUS < FINE else FINE
@@ -205,11 +273,10 @@ def _coarsen(terms, period, max_chi2, state, cells, padded_rows, padded_cols: tl
             sums, bends, planes = _add_neighbour(sums, bends, planes, records, terms + shown, point, 1.0, dy, dx,
                                                  padded_cols, SURFACES, False, False)
     seen = tl.load(mine + INTENSITY * padded_cols) > 0.0
-    store_terms(cells + shown + tl.program_id(2) * TERMS * padded_cols, sums, seen, padded_cols)
+    _store_terms(cells + shown + tl.program_id(2) * TERMS * padded_cols, sums, seen, padded_cols)
 
 
 def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
-    """A program per tile and surface; of windows that reach the cells beyond FINE another one before for the cells."""
     padded_rows, surfaces, _, padded_cols = state.shape
     out = torch.zeros_like(state) if out is None else out
     grid, sizes = (*tiles(padded_rows, padded_cols), surfaces), {"padded_cols": padded_cols, "SURFACES": surfaces}

@@ -11,12 +11,19 @@ import triton.language as tl
 
 from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.cuda.arithmetic import EPSILON, axis, sincos, wrap
+from srt3d_ros.kernels.cuda.device import borrow, constant
 from srt3d_ros.kernels.cuda.likelihood import surprise
-from srt3d_ros.kernels.cuda.maps import DEPTH, FIELDS, INTENSITY, MARGIN, SLOPE_COL, SLOPE_ROW
+from srt3d_ros.kernels.cuda.maps import (
+    DEPTH,
+    FIELDS,
+    INTENSITY,
+    MARGIN,
+    SLOPE_COL,
+    SLOPE_ROW,
+    record_of,
+    store_surface,
+)
 from srt3d_ros.kernels.cuda.match import CELLS, PIXELS, peak
-from srt3d_ros.kernels.cuda.scratch import borrow, constant
-from srt3d_ros.kernels.cuda.surfaces import record_of, store_surface
-from srt3d_ros.kernels.windows import window_weights
 
 FAINTEST, STAY = tl.constexpr(constants.FAINTEST), tl.constexpr(constants.STAY)
 COLS, CHANNELS = 32, 16         # columns and channels whose rows one program pools
@@ -86,11 +93,7 @@ def _std(signal, counts, share, moments, curvature, period):
 
 @triton.jit
 def _is_new(first, depth, intensity, apart, period, new, padded_cols, LAYER: tl.constexpr):
-    """Which of the surfaces `new` stand beside those their pixels have: resolved from them, and not too faint.
-
-    Args:
-        first: pointers to the records of the pixels' first surfaces.
-    """
+    """Which of the surfaces `new` stand beside those from `first` on of their pixels: resolved, and not too faint."""
     if LAYER > 0:
         new = new & (intensity > tl.load(first + INTENSITY * padded_cols, mask=new, other=0.0) * FAINTEST)
     for k in tl.static_range(LAYER):
@@ -183,10 +186,9 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, state, 
 
 
 def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
-    """No result is waited for, so every scale runs to its end."""
     (rows, cols), channels, padded_cols, surfaces = frame.shape, matched.shape[1], matched.shape[2], state.shape[1]
     high, m = triton.cdiv(rows, step), channels // 2
-    weights = window_weights(sigma / step) if sigma > 0 else np.ones(1)
+    weights = maps.window_weights(sigma / step) if sigma > 0 else np.ones(1)
     weights, sizes = constant(weights), {"LAYER": layer, "SURFACES": surfaces, "STEP": step, "TAPS": len(weights)}
     if sigma > 0:
         pools = borrow(scratch, "pools", (high, channels + 2, cols))
@@ -209,5 +211,4 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
 
 
 def drop_weak(state, weak):
-    """Remove the points with a score below `weak` standard deviations, in place: they are searched for anew."""
     state[:, :, maps.INTENSITY].masked_fill_(state[:, :, maps.SCORE] < weak, 0.0)

@@ -6,11 +6,10 @@ complex numbers z_l here; the maps hold their real parts before their imaginary 
 
 from srt3d_ros.kernels.reference.apss import apss
 from srt3d_ros.kernels.reference.birth_death import birth_death
-from srt3d_ros.kernels.reference.blur import blur
-from srt3d_ros.kernels.reference.expand import expand
+from srt3d_ros.kernels.reference.device import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
 from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
+from srt3d_ros.kernels.reference.gradients import pixelwise, poisson
 from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
-from srt3d_ros.kernels.reference.match import match
 from srt3d_ros.kernels.reference.phase_sums import (
     find_stray,
     fixed_rows,
@@ -22,12 +21,8 @@ from srt3d_ros.kernels.reference.phase_sums import (
     sketch_sorted,
     sketch_unsorted,
 )
-from srt3d_ros.kernels.reference.pixelwise import pixelwise
-from srt3d_ros.kernels.reference.poisson import poisson
-from srt3d_ros.kernels.reference.pooled_step import pooled_step
-from srt3d_ros.kernels.reference.prepare import prepare
-from srt3d_ros.kernels.reference.residual import residual
-from srt3d_ros.kernels.reference.scratch import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
+from srt3d_ros.kernels.reference.pooled_step import expand, pooled_step
+from srt3d_ros.kernels.reference.prepare import blur, match, prepare, residual
 from srt3d_ros.kernels.reference.search import drop_weak, search
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",

@@ -11,11 +11,10 @@ from srt3d_ros.kernels.constants import (
     APSS_SHARED,
     APSS_STILL,
 )
-from srt3d_ros.kernels.reference.surfaces import wrap
+from srt3d_ros.kernels.reference.arithmetic import wrap
 
 
 def apss(depth, intensity, normal, exposure, scale, num_bins):
-    """Loop over pixels, with the points around each as a list."""
     rows, surfaces, cols = depth.shape
     out = np.zeros(depth.shape), np.zeros(depth.shape), np.zeros((2, *depth.shape))
     for i, j in np.argwhere(exposure > 0):

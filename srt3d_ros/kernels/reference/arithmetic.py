@@ -1,8 +1,10 @@
-"""What the steps share: a pixel's statistics as complex numbers z_l, and where results go."""
+"""What the steps share: a pixel's statistics as complex numbers z_l, and what makes depths one surface's."""
 
 import numpy as np
 
-EPSILON = 1e-6        # photons: added nothing, divided by at least this
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MAX_STD, SLOPE_COL, SLOPE_ROW, STD
+
+TINY, EPSILON = 1e-12, 1e-6        # photons: added nothing, divided by at least this
 
 
 def angular(frame) -> np.ndarray:
@@ -36,9 +38,26 @@ def noise_ratio(frame, depth):
     return 1.0 if frame.clutter is None else frame.clutter[np.rint(depth).astype(np.int64) % frame.num_bins]
 
 
-def written(result, out):
-    """The result, in `out` if that is given."""
-    if out is None:
-        return result
-    out[...] = result
-    return out
+def wrap(difference, period):
+    """The difference of two depths on a circle."""
+    return difference - period * np.rint(difference / period)
+
+
+def plane_depth(record, dy, dx):
+    """Depth of a point's tangent plane, (dy, dx) pixels from the point."""
+    return record[DEPTH] + record[SLOPE_COL] * dx + record[SLOPE_ROW] * dy
+
+
+def agreement(difference, variance):
+    """How far depths are one surface's, 0 … 1; `variance` is the sum of what each may be off, squared."""
+    return np.maximum(1 - difference**2 / (variance + TINY), 0)
+
+
+def near(dy, dx, sigma):
+    """Gaussian weight by distance, 1 at the centre."""
+    return np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
+
+
+def has_depth(records, period):
+    """Which of some surfaces [..., FIELDS] exist, at depths that mean anything."""
+    return (records[..., INTENSITY] > 0) & (records[..., STD] < MAX_STD * period)

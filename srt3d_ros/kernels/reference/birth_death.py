@@ -18,13 +18,20 @@ from srt3d_ros.kernels.constants import (
     VOTE_SIGMA,
 )
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, STD
-from srt3d_ros.kernels.reference.arithmetic import expected, pixel_z, response_of
+from srt3d_ros.kernels.reference.arithmetic import (
+    agreement,
+    expected,
+    has_depth,
+    near,
+    pixel_z,
+    plane_depth,
+    response_of,
+    wrap,
+)
 from srt3d_ros.kernels.reference.likelihood import left, llr, log_likelihood_ratio
-from srt3d_ros.kernels.reference.surfaces import agreement, has_depth, near, plane_depth, wrap
 
 
 def birth_death(frame, state, terms, max_chi2, scratch=None):
-    """Loop over times: all pixels choose in the first, those with room for a surface beside changes in the others."""
     state = state.astype(np.float64)
     own, changed = log_likelihood_ratio(frame, state, terms), None
     for _ in range(1 + SPREAD):

@@ -4,15 +4,12 @@ import numpy as np
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio
-from srt3d_ros.kernels.reference.blur import blur
-from srt3d_ros.kernels.reference.surfaces import TINY
-from srt3d_ros.kernels.windows import window_weights
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, window_weights
+from srt3d_ros.kernels.reference.arithmetic import EPSILON, TINY, noise_ratio
+from srt3d_ros.kernels.reference.prepare import blur
 
 
 def finalise(frame, photons, state, terms, enough, scratch=None):
-    """Vectorised over pixels."""
     view = maps.crop(state, *frame.shape).astype(float)
     score = view[:, :, SCORE] / noise_ratio(frame, view[:, :, DEPTH])
     kept = (score > enough) & (view[:, :, INTENSITY] > 0)
@@ -40,7 +37,6 @@ def _shared_intensity(frame, view, terms):
 
 
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
-    """Vectorised over points."""
     order = np.argsort(-intensity, axis=1, kind="stable")
     row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
     layer = order[row, rank, col]
@@ -55,5 +51,4 @@ def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
 
 
 def unpack(points):
-    """Return the lists of `collect` as they are."""
     return points

@@ -4,7 +4,6 @@ import numpy as np
 
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
-from srt3d_ros.kernels.reference.arithmetic import written
 
 
 def surprise(response, photons, frame) -> float:
@@ -33,8 +32,7 @@ def left(photons, explained) -> float:
     return max(photons - explained, 0.5) if photons > 0 else 0.0
 
 
-def log_likelihood_ratio(frame, state, terms, out=None):
-    """Loop over points."""
+def log_likelihood_ratio(frame, state, terms, scratch=None):
     state = state.astype(np.float64)
     own = np.zeros((state.shape[0], state.shape[1], state.shape[3]))
     for i, k, j in np.argwhere((state[:, :, INTENSITY] > 0) & (frame.exposure[:, None] > 0)):
@@ -43,4 +41,4 @@ def log_likelihood_ratio(frame, state, terms, out=None):
         likeness = LIKENESS**2 if others > 0 else LIKENESS
         photons = left(frame.counts[i, j], others)
         own[i, k, j] = llr(terms[i, k, VALUE, j], photons, gives[k], likeness, frame)
-    return written(own, out)
+    return own

@@ -12,48 +12,40 @@ __all__ = ["find_stray", "fixed_rows", "inspect_events", "new_sums", "read_sums"
 
 
 def new_sums(pixels, values):
-    """Sums as complex128 [pixels, m]."""
     return np.zeros((pixels, values // 2), complex), np.zeros(pixels, np.int64)
 
 
 def fixed_rows(table):
-    """The table as complex128 [T, m], not rounded."""
     return table.astype(np.float64).view(complex)
 
 
 def read_sums(sums, photons, values):
-    """Round to complex64."""
     share = MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS)
     return (sums * share[:, None]).astype(np.complex64), np.minimum(photons, MAX_PHOTONS).astype(np.uint32)
 
 
 def inspect_events(pixel, toa, pixels, num_bins):
-    """NaN is outside."""
     inside = (pixel < pixels) & (toa >= 0) & (toa < num_bins)
     return bool(inside.all()), bool((pixel[1:] >= pixel[:-1]).all())
 
 
 def find_stray(words, first_word, no_detection, num_bins):
-    """The highest stray word."""
     bins = words.astype(int) - first_word
     stray = (words != no_detection) & ((bins < 0) | (bins >= num_bins))
     return int(words[stray].max()) if stray.any() else -1
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
-    """The same as `sketch_unsorted`."""
     sketch_unsorted(pixel, toa, rows, sums, photons)
 
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
-    """Loop over photons."""
     for p, x in zip(pixel, toa):
         sums[p] += rows[x]
         photons[p] += 1
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
-    """Loop over photons."""
     omega = 2 * np.pi * np.asarray(frequencies) / num_bins
     for p, x in zip(pixel, toa.astype(np.float64)):
         sums[p] += np.exp(1j * omega * x)
@@ -61,6 +53,5 @@ def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons)
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
-    """List the photons, then `sketch_unsorted`."""
     cycle, pixel = np.nonzero(words != no_detection)
     sketch_unsorted(pixel, words[cycle, pixel].astype(int) - first_word, rows, sums, photons)

@@ -1,32 +1,32 @@
-"""A Newton step of every point on the data terms pooled around it: `pooled_step` of `kernels.api`."""
+"""Of `kernels.api`: `expand` and `pooled_step`."""
 
 import numpy as np
 
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
-from srt3d_ros.kernels.maps import (
-    COUNTS,
-    CURVATURE,
-    DEPTH,
-    EXPOSURE,
-    GRADIENT,
-    INTENSITY,
-    RESIDUAL,
-    SCORE,
-    SLOPE_COL,
-    SLOPE_ROW,
-    SQUARES,
-    STD,
-    TERMS,
-    VALUE,
-)
-from srt3d_ros.kernels.reference.arithmetic import written
-from srt3d_ros.kernels.reference.surfaces import TINY, agreement, near, plane_depth, wrap
+from srt3d_ros.kernels.maps import CURVATURE, DEPTH, GRADIENT, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, TERMS, VALUE
+from srt3d_ros.kernels.reference.arithmetic import TINY, agreement, angular, expected, near, pixel_z, plane_depth, wrap
 
 SLOPES = [SLOPE_COL, SLOPE_ROW]
 
 
+def expand(frame, state, scratch=None):
+    state, omega = state.astype(np.float64), angular(frame)
+    terms = np.zeros((*state.shape[:2], TERMS, state.shape[3]))
+    for i, k, j in np.argwhere(state[:, :, INTENSITY] > 0):
+        z = pixel_z(frame.matched, i, j)
+        for other in np.delete(state[i, :, :, j], k, axis=0):
+            z = z - expected(frame.exposure[i, j] * other[INTENSITY], other[DEPTH], frame)
+        along = z * np.exp(-1j * omega * state[i, k, DEPTH, j])
+        terms[i, k, VALUE, j] = along.real.sum()
+        terms[i, k, GRADIENT, j] = (omega * along.imag).sum()
+        terms[i, k, CURVATURE, j] = (omega**2 * along.real).sum()
+        terms[i, k, [maps.SQUARES, maps.COUNTS], j] = frame.counts[i, j]
+        terms[i, k, maps.EXPOSURE, j] = frame.exposure[i, j]
+    return terms
+
+
 def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
-    """Loop over points, vectorised over the window."""
     state, terms, after = state.astype(np.float64), terms.astype(np.float64), np.zeros(state.shape)
     cells = coarsen(state, terms, frame.num_bins, max_chi2) if radius > FINE else terms
     dy, dx = _window(radius)
@@ -42,7 +42,10 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=
         bend = (weight * shown[..., CURVATURE]).sum(axis=1)
         pooled[GRADIENT] -= turned @ [bend @ dx, bend @ dy]
         after[i, k, :, j] = _stepped(point, slopes, pooled, (weight * shown[..., CURVATURE] * e**2).sum(), frame)
-    return written(after, out)
+    if out is None:
+        return after
+    out[:] = after
+    return out
 
 
 def coarsen(state, terms, period, max_chi2):
@@ -77,8 +80,8 @@ def _pool(weight, e, shown) -> np.ndarray:
     pooled = np.zeros(TERMS)
     pooled[VALUE] = (weight * (value - e * gradient - e**2 * curvature / 2)).sum()
     pooled[GRADIENT] = (weight * (gradient + e * curvature)).sum()
-    pooled[SQUARES] = (weight**2 * shown[..., SQUARES]).sum()
-    for term in (CURVATURE, COUNTS, EXPOSURE):
+    pooled[maps.SQUARES] = (weight**2 * shown[..., maps.SQUARES]).sum()
+    for term in (CURVATURE, maps.COUNTS, maps.EXPOSURE):
         pooled[term] = (weight * shown[..., term]).sum()
     return pooled
 
@@ -114,5 +117,5 @@ def _stepped(point, slopes, pooled, off_plane, frame) -> np.ndarray:
     after[INTENSITY] = max(strength / max(exposure, TINY), TINY)
     after[STD] = min(std, frame.num_bins) if signal > 0 else frame.num_bins
     gone = NOISE_SHOWN * max(point[STD]**2 - after[STD]**2, 0)
-    after[SCORE], after[RESIDUAL] = score, np.sqrt(max(off_plane / bend - gone, 0))
+    after[SCORE], after[maps.RESIDUAL] = score, np.sqrt(max(off_plane / bend - gone, 0))
     return after

@@ -4,19 +4,15 @@ import numpy as np
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio, pixel_z, response_of
-from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, window_weights
+from srt3d_ros.kernels.reference.arithmetic import EPSILON, noise_ratio, pixel_z, response_of, wrap
 from srt3d_ros.kernels.reference.likelihood import surprise
-from srt3d_ros.kernels.reference.match import match
-from srt3d_ros.kernels.reference.surfaces import wrap
-from srt3d_ros.kernels.windows import window_weights
+from srt3d_ros.kernels.reference.prepare import blur, match
 
 FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields that a search fills in
 
 
 def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
-    """Pool the open pixels, match every pool, then loop over pixels."""
     size = frame.shape
     view, exposure = maps.crop(state, *size), maps.crop(frame.exposure, *size)
     is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
@@ -68,5 +64,4 @@ def _is_new(frame, known, depth, intensity) -> bool:
 
 
 def drop_weak(state, weak):
-    """Vectorised over points."""
     state[:, :, INTENSITY][state[:, :, SCORE] < weak] = 0

@@ -12,7 +12,6 @@ class Scratch(dict):
     """float64 arrays by name."""
 
     def array(self, name, shape, zero=False):
-        """The array of this name."""
         found = self.get(name)
         if found is None or found.shape != tuple(shape):
             found = self[name] = np.zeros(shape)
@@ -27,7 +26,6 @@ def array(values):
 
 
 def photon_array(values):
-    """The same array."""
     return values
 
 
@@ -43,6 +41,5 @@ class FrameStream:
         self._function = function
 
     def submit(self, *frame):
-        """Compute the frame."""
         results = tuple(map(numpy, self._function(*map(array, frame))))
         return lambda: results

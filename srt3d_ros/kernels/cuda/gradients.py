@@ -1,7 +1,4 @@
-"""Gradient steps of every point on the Poisson likelihood of its pixel's times of arrival.
-
-A warp works on a pixel, its threads on the pixel's photons: 4 bytes and some 30 operations for each photon and surface.
-"""
+"""The baselines' gradient steps: `pixelwise` by torch, `poisson` with a warp for each pixel."""
 
 import torch
 import triton
@@ -9,9 +6,31 @@ import triton.language as tl
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cuda.arithmetic import TINY
+from srt3d_ros.kernels.cuda.prepare import phases
 
 RATE = tl.constexpr(constants.INTENSITY_RATE)
 PHOTONS = 64                # of a pixel that are worked on together
+
+
+def pixelwise(frame, table, rate, usual, depth, intensity):
+    m, seen, reach = len(frame.energy), frame.exposure.clamp(min=TINY.value), frame.resolution_bins
+    re, im = frame.matched[:, :m], frame.matched[:, m:]
+    waves = [phases(frame, depth[:, k]) for k in range(depth.shape[1])]
+    for k, (cosine, sine) in enumerate(waves):
+        shown = frame.energy[:, None] * (frame.exposure * intensity[:, k])[:, None]
+        re, im = re - shown * cosine, im - shown * sine
+    for k, (cosine, sine) in enumerate(waves):
+        t, r = depth[:, k], intensity[:, k]
+        share = (frame.exposure * r / frame.counts.clamp(min=1)).clamp(max=1)
+        weights = table[(share * (len(table) - 1) + 0.5).long()].permute(2, 0, 3, 1)        # [4, rows, m, cols]
+        along, across = re * cosine + im * sine, im * cosine - re * sine
+        shift = (weights[0] * along + weights[1] * across).sum(dim=1)
+        change = (weights[2] * along + weights[3] * across).sum(dim=1)
+        grown = r + change * RATE.value / seen
+        signal = seen * torch.maximum(r, grown)
+        move = rate * shift * signal / (torch.maximum(signal, usual * seen)**2 + TINY.value)
+        depth[:, k] = torch.where(r > 0, (t + move.clamp(-reach, reach)) % frame.num_bins, t)
+        intensity[:, k] = torch.where(r > 0, grown.clamp(min=0), r)
 
 
 @triton.jit
@@ -64,7 +83,6 @@ def _poisson(starts, toa, irf, slope, ref, information, period, exposure, backgr
 
 
 def poisson(frame, background, rate, usual, depth, intensity):
-    """A program per pixel."""
     rows, surfaces, cols = depth.shape
     stray = torch.empty_like(background)
     _poisson[(rows * cols,)](

@@ -1,7 +1,4 @@
-"""Arrays on the device, which is this machine's memory.
-
-A reconstruction keeps its memory from frame to frame: to ask the system for it again costs more than some steps.
-"""
+"""Arrays on the device, which is this machine's memory, and frames, which are done when they have been submitted."""
 
 from collections.abc import Callable
 
@@ -16,10 +13,9 @@ SERIAL_PIXELS = 64 * 64
 
 
 class Scratch(dict):
-    """Arrays by name; an array lasts until it is asked for again."""
+    """Arrays by name, kept from frame to frame: to ask the system for memory again costs more than some steps."""
 
     def array(self, name: str, shape: tuple, zero: bool = False) -> np.ndarray:
-        """The float32 array of this name, made anew if its shape has changed; what is in it is old, or 0."""
         found = self.get(name)
         if found is None or found.shape != shape:
             found = self[name] = np.zeros(shape, np.float32)
@@ -36,7 +32,6 @@ def borrow(scratch: Scratch | None, name: str, shape: tuple, zero: bool = False)
 
 
 def array(values: np.ndarray) -> np.ndarray:
-    """A NumPy array on the device."""
     return np.ascontiguousarray(values)
 
 
@@ -48,23 +43,18 @@ def photon_array(values: np.ndarray) -> np.ndarray:
 
 
 def numpy(values: np.ndarray) -> np.ndarray:
-    """The NumPy array of an array on the device."""
     return values
 
 
 class FrameStream:
-    """Frames through a sequence of kernels. Here a frame is done when it has been submitted.
-
-    Args:
-        function: of the frame's arrays, the first of which has a number for each pixel; returns a tuple of arrays.
-    """
+    """Frames through a function, of whose arrays the first has a number for each pixel."""
 
     def __init__(self, function: Callable):
         self._function = function
 
     def submit(self, *frame) -> Callable[[], tuple]:
-        """Begin a frame; what is returned waits for the results."""
-        arrays = [array(_from_device(values)) for values in frame]
+        # A sketch on a GPU consists of tensors.
+        arrays = [array(values if isinstance(values, np.ndarray) else values.cpu().numpy()) for values in frame]
         threads = numba.get_num_threads()
         numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
         try:
@@ -72,8 +62,3 @@ class FrameStream:
         finally:
             numba.set_num_threads(threads)
         return lambda: results
-
-
-def _from_device(values) -> np.ndarray:
-    """The NumPy array of a tensor, which a sketch on a GPU consists of."""
-    return values if isinstance(values, np.ndarray) else values.cpu().numpy()
