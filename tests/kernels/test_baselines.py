@@ -4,7 +4,6 @@ float32 leaves depths in [0, 300) exact to 3e-5 bins; where points hang on small
 that rounding tells apart (a point on the border of a cluster, a projection that just goes on) may fall either way.
 """
 
-import numba
 import numpy as np
 import pytest
 
@@ -160,16 +159,3 @@ def test_whole_reconstructions_agree(backend, monkeypatch, name):
         assert np.array_equal(getattr(fast, field), getattr(slow, field)), field
     for field in ("depth_bins", "intensity", "depth_std_bins", "background"):
         np.testing.assert_allclose(getattr(fast, field), getattr(slow, field), rtol=2e-3, atol=2e-3, err_msg=field)
-
-
-def test_results_do_not_depend_on_the_number_of_threads():
-    depth, intensity = make_points(20, 30, 2)
-    before = numba.get_num_threads()
-    try:
-        out = []
-        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
-            numba.set_num_threads(threads)
-            out.append(cpu.apss(depth, intensity, None, np.ones((20, 30), np.float32), 8.0, T))
-    finally:
-        numba.set_num_threads(before)
-    assert all(np.array_equal(one, other) for one, other in zip(*out))

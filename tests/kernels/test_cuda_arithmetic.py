@@ -6,7 +6,7 @@ import pytest
 triton = pytest.importorskip("triton")
 import triton.language as tl  # noqa: E402
 
-from srt3d_ros.kernels.cuda.arithmetic import axis, sincos, wrap  # noqa: E402
+from srt3d_ros.kernels.cuda.arithmetic import sincos, wrap  # noqa: E402
 
 
 @triton.jit
@@ -29,7 +29,3 @@ def test_sine_cosine_and_differences_on_a_circle(cuda):
     np.testing.assert_allclose(cosine, np.cos(2 * np.pi * exact), rtol=0, atol=1e-6)
     np.testing.assert_allclose(wrapped, exact - 3 * np.rint(exact / 3), rtol=0, atol=1e-5)
     assert sine.dtype == np.float32
-
-
-def test_axes_are_powers_of_two():
-    assert [axis(m) for m in (1, 8, 9, 16, 33, 64)] == [8, 8, 16, 16, 64, 64]

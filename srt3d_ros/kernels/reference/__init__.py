@@ -4,11 +4,10 @@ All arithmetic is float64, so that another backend differs from it by its own ro
 complex numbers z_l here; the maps hold their real parts before their imaginary ones.
 """
 
-from srt3d_ros.kernels.reference.apss import apss
+from srt3d_ros.kernels.reference.baselines import apss, pixelwise, poisson
 from srt3d_ros.kernels.reference.birth_death import birth_death
 from srt3d_ros.kernels.reference.device import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
 from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
-from srt3d_ros.kernels.reference.gradients import pixelwise, poisson
 from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.reference.phase_sums import (
     find_stray,
@@ -22,8 +21,7 @@ from srt3d_ros.kernels.reference.phase_sums import (
     sketch_unsorted,
 )
 from srt3d_ros.kernels.reference.pooled_step import expand, pooled_step
-from srt3d_ros.kernels.reference.prepare import blur, match, prepare, residual
-from srt3d_ros.kernels.reference.search import drop_weak, search
+from srt3d_ros.kernels.reference.search import blur, drop_weak, match, prepare, residual, search
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",

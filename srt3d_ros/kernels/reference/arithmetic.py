@@ -18,11 +18,6 @@ def pixel_z(matched, i, j) -> np.ndarray:
     return matched[i, :m, j].astype(np.float64) + 1j * matched[i, m:, j]
 
 
-def parts(z) -> np.ndarray:
-    """complex [rows, cols, m] → real parts before imaginary ones, [rows, 2m, cols]."""
-    return np.concatenate([z.real, z.imag], axis=2).swapaxes(1, 2)
-
-
 def response_of(z, depth, frame) -> float:
     """Of photons with statistics z to the matched filter at a depth: Σ_l Re(z_l exp(−i ω_l t))."""
     return (z * np.exp(-1j * angular(frame) * depth)).real.sum()

@@ -4,19 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from srt3d_ros.kernels.constants import (
-    BIRTH,
-    EMPTY_PENALTY,
-    FEWER_PENALTY,
-    JUDGED,
-    LIKENESS,
-    MAX_VOTE,
-    PRIOR_VOTE,
-    RESOLVED,
-    SPREAD,
-    VOTE_RADIUS,
-    VOTE_SIGMA,
-)
+from srt3d_ros.kernels import constants
+from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, STD
 from srt3d_ros.kernels.reference.arithmetic import (
     agreement,
@@ -51,7 +40,8 @@ def _chosen_anew(frame, state, own, max_chi2, changed_before) -> tuple:
             continue
         rest, photons = pixel_z(frame.matched, i, j), float(frame.counts[i, j])
         for k in range(state.shape[1]):
-            least = -np.inf if had and k == 0 else BIRTH + (EMPTY_PENALTY * around.blank if had == 0 else 0)
+            penalty = constants.EMPTY_PENALTY * around.blank if had == 0 else 0
+            least = -np.inf if had and k == 0 else constants.BIRTH + penalty
             best = _best(k, least, around, rest, photons, frame.exposure[i, j], frame)
             if best is None:
                 changed[i, j] |= state[i, k, INTENSITY, j] > 0
@@ -79,19 +69,19 @@ def _candidates(i, j, state, own, frame, max_chi2) -> SimpleNamespace:
     rows, blank = [], 0.0
     for di, dj in np.ndindex(2 * VOTE_RADIUS + 1, 2 * VOTE_RADIUS + 1):
         di, dj = di - VOTE_RADIUS, dj - VOTE_RADIUS
-        a, b, weight = i + di, j + dj, near(di, dj, VOTE_SIGMA)
+        a, b, weight = i + di, j + dj, near(di, dj, constants.VOTE_SIGMA)
         lit = np.flatnonzero(has_depth(state[a, :, :, b], frame.num_bins))
         if len(lit) == 0 and frame.counts[a, b] > 0 and (di, dj) != (0, 0):
             blank += weight
         for k in lit:
             record = state[a, k, :, b]
-            vote = weight * np.clip(PRIOR_VOTE + own[a, k, b], 0, MAX_VOTE)
+            vote = weight * np.clip(constants.PRIOR_VOTE + own[a, k, b], 0, constants.MAX_VOTE)
             rows.append((plane_depth(record, -di, -dj), record[STD]**2, weight, vote, len(lit), (di, dj) == (0, 0),
                          max(abs(di), abs(dj)) <= 1, k, record))
     at, variance, weight, vote, count, mine, close_by, surface, record = (
         map(np.array, zip(*rows)) if rows else np.zeros((9, 0)))
     apart = wrap(at - at[:, None], frame.num_bins)                       # [one, other], from one to the other
-    variance = max_chi2 * variance + (RESOLVED * frame.resolution_bins)**2
+    variance = max_chi2 * variance + (constants.RESOLVED * frame.resolution_bins)**2
     close = agreement(apart, variance + variance[:, None])
     return SimpleNamespace(at=at, weight=weight, vote=vote, count=count, surface=surface, record=record, apart=apart,
                            close=close, mine=mine.astype(bool), near=close_by.astype(bool),
@@ -110,7 +100,7 @@ def _best(k, least, around, rest, photons, exposure, frame) -> SimpleNamespace |
     best = None
     eligible = np.flatnonzero(around.free & around.near)
     for c in eligible:
-        if any(around.close[q, c] > JUDGED for q in eligible[eligible < c]):
+        if any(around.close[q, c] > constants.JUDGED for q in eligible[eligible < c]):
             continue                                                    # judged as one with a candidate before
         agree = around.free & (around.close[c] > 0)
         weight = around.weight * around.close[c] * agree
@@ -121,8 +111,8 @@ def _best(k, least, around, rest, photons, exposure, frame) -> SimpleNamespace |
             at, intensity = around.at[mine[-1]], around.record[mine[-1], INTENSITY]
         fewer = ~around.mine & (around.count <= k) if k > 0 else np.zeros(len(agree), bool)
         votes = (around.vote * around.close[c])[agree & ~around.mine & ~fewer].sum()
-        votes -= (around.weight * FEWER_PENALTY / around.count)[fewer].sum()
-        likeness = LIKENESS**2 if k > 0 else LIKENESS
+        votes -= (around.weight * constants.FEWER_PENALTY / around.count)[fewer].sum()
+        likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
         ratio = llr(response_of(rest, at, frame), photons, intensity * exposure, likeness, frame)
         if ratio + votes > least:
             least = ratio + votes

@@ -12,10 +12,8 @@ class Scratch(dict):
     """float64 arrays by name."""
 
     def array(self, name, shape, zero=False):
-        found = self.get(name)
-        if found is None or found.shape != tuple(shape):
-            found = self[name] = np.zeros(shape)
-        elif zero:
+        found = self.setdefault((name, *shape), np.zeros(shape))
+        if zero:
             found[:] = 0
         return found
 

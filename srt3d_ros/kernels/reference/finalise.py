@@ -6,7 +6,7 @@ from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, window_weights
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, TINY, noise_ratio
-from srt3d_ros.kernels.reference.prepare import blur
+from srt3d_ros.kernels.reference.search import blur
 
 
 def finalise(frame, photons, state, terms, enough, scratch=None):

@@ -7,9 +7,6 @@ import numpy as np
 
 from srt3d_ros.kernels.constants import MAX_PHOTONS
 
-__all__ = ["find_stray", "fixed_rows", "inspect_events", "new_sums", "read_sums", "sketch_continuous", "sketch_gates",
-           "sketch_sorted", "sketch_unsorted"]
-
 
 def new_sums(pixels, values):
     return np.zeros((pixels, values // 2), complex), np.zeros(pixels, np.int64)
@@ -35,14 +32,13 @@ def find_stray(words, first_word, no_detection, num_bins):
     return int(words[stray].max()) if stray.any() else -1
 
 
-def sketch_sorted(pixel, toa, rows, sums, photons):
-    sketch_unsorted(pixel, toa, rows, sums, photons)
-
-
 def sketch_unsorted(pixel, toa, rows, sums, photons):
     for p, x in zip(pixel, toa):
         sums[p] += rows[x]
         photons[p] += 1
+
+
+sketch_sorted = sketch_unsorted
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
