@@ -15,7 +15,7 @@ NONE, ANY = 0, 1e6
 OFF = {"FAINTEST": NONE, "APART": -1, "WEAK": NONE, "LEAST_SHARE": NONE, "DEAD_PIXEL": -ANY, "LIKENESS": ANY,
        "VOTE_SIGMA": ANY, "PRIOR_VOTE": NONE, "MAX_VOTE": ANY, "EMPTY_PENALTY": NONE, "FEWER_PENALTY": NONE,
        "BIRTH": NONE, "JUDGED": 1, "RESOLVED": NONE, "SPREAD": NONE}
-MOST = {"WINDOWS[:, 1]": 16}                    # layout.MARGIN: beyond it kernels read other memory
+MOST = {"WINDOWS[:, 1]": 16}                    # maps.MARGIN: beyond it kernels read other memory
 FEATURES = (("warm_start", {"warm_start": True}),)
 
 

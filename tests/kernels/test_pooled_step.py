@@ -89,18 +89,6 @@ def test_pooled_step_leaves_margins_as_they_are_and_steps_beside_pixels_without_
 
 
 @BOTH
-def test_a_pixel_on_its_own_steps_to_the_top_of_its_own_response(kernels):
-    depth, photons = np.full((1, 3, 33), 120.0), np.full((1, 3, 33), 40.0)
-    alone = np.zeros(depth.shape)
-    alone[0, 1, 5::9] = 40
-    frame, state = exact_frame(depth, photons, 10), exact_state(depth + 0.5, alone)
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, GATE)
-    found = maps.crop(after, 3, 33)[1, 0, :, 5::9]
-    np.testing.assert_allclose(found[maps.DEPTH], 120, atol=0.01)
-    np.testing.assert_allclose(found[maps.INTENSITY], 40, rtol=0.02)
-
-
-@BOTH
 @pytest.mark.parametrize("radius", [3, FAR])
 def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels, radius):
     y, x = np.mgrid[:19, :32]

@@ -2,10 +2,8 @@
 
 Few pixels have anything to decide: those at edges, and those without a surface beside some that have one.
 `_list_undecided` lists them, row by row, and writes two copies of the state. `_choose` works on BLOCK pixels of a list
-at once: no thread waits for pixels that are settled. Each time it reads their neighbourhoods from one copy and writes
-them to the other, which costs next to nothing where none has room, or nothing around has changed the time before. A
-program's candidates are a tensor [CANDIDATES, BLOCK]: one warp owns it, and a sum over the candidates stays inside a
-thread, or between few.
+at once: no thread waits for pixels that are settled. It reads their neighbourhoods from one copy and writes them to the
+other. A program's candidates are a tensor [CANDIDATES, BLOCK] of one warp: sums over them stay inside few threads.
 """
 
 import torch
@@ -124,9 +122,8 @@ def _candidates(counts, state, own, i, j, max_chi2, blur2, period, padded_cols, 
 
 @triton.jit
 def _support(k, agree, close, e, places, values, padded_cols):
-    """Votes (nats) for a candidate as surface k; mean difference in depth, mean intensity of those that agree with it.
-
-    And which surface of the pixel's own is among these, or −1.
+    """Votes (nats) for a candidate as surface k; of those that agree with it mean difference in depth, mean intensity,
+    and which is the pixel's own surface, or −1.
     """
     _, surface, mine, _ = places
     record, point, count, _, _, weight, vote = values
