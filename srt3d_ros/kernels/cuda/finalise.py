@@ -23,8 +23,9 @@ def finalise(frame, photons, state, terms, enough, scratch=None):
     signal = pooled * exposure
     of_signal, of_background = frame.intensity_moments
     variance = (signal * of_signal + (counts - signal).clamp(min=0) * of_background) / gain**2
-    weights, nowhere = constant(SHARE_WEIGHTS), pooled <= 0
-    around, noise = (blur(values.masked_fill(nowhere, 0), weights, 1) for values in (excess**2, variance))
+    nowhere = pooled <= 0
+    both = torch.cat([values.masked_fill(nowhere, 0) for values in (excess**2, variance)], dim=1)
+    around, noise = blur(both, constant(SHARE_WEIGHTS), 1).chunk(2, dim=1)
     differ = (around - noise).clamp(min=0) / around.clamp(min=TINY.value)
     intensity = torch.maximum(pooled + excess * differ, LEAST_SHARE * pooled)
 
