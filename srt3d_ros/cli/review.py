@@ -91,14 +91,13 @@ def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
     state = examine(path)
     if state.is_finished:
         return path, ()
-    copy = repair(state, progress=True)
+    copy = repair(state)
     lost = f"{state.lost_bytes:,} bytes of a last chunk are lost" if state.lost_bytes else "nothing is lost"
     return copy, (REPAIRED.format(path=path, copy=copy, lost=lost),)
 
 
 def _review(args: argparse.Namespace, recorded, notes: tuple[str, ...]) -> int:
-    from srt3d_ros.review.summary import summarise
-    from srt3d_ros.review.summary_text import format_summary
+    from srt3d_ros.review.summary import format_summary, summarise
 
     summary, report = summarise(recorded), None
     if not args.json:

@@ -10,8 +10,7 @@ from srt3d_ros.colours import CLOUD_MAP, COLOUR_MAPS
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.recording import schema
-from srt3d_ros.recording.colouring import COLOUR_BY, Colouring
-from srt3d_ros.recording.frame_log import Style
+from srt3d_ros.recording.frame_log import COLOUR_BY, Colouring, Style
 from srt3d_ros.recording.parts import Split
 
 ADAPTIVE = "adaptive"

@@ -21,8 +21,6 @@ TIME_LABELS = {"sketching": "sketching, while photons come", "rt3d": "rt3d (all 
                "xcorr": "xcorr (histograms)"}
 INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", "pooled": "sketch, for the others"}
 _GRID, _GOAL = "#d9dce0", "#6b7280"
-_HIGHEST = 0.97             # label: the title is above
-_LABEL_GAP = 0.047          # between the middles of two labels, of the height
 
 
 def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float, str] | None,
@@ -93,26 +91,5 @@ def _format_axes(ax: Axes, lines: Sequence[Line2D], label: str, title: str) -> N
     ax.grid(color=_GRID)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
-    _label_ends(ax, lines)
-
-
-def _label_ends(ax: Axes, lines: Sequence[Line2D]) -> None:
-    """Write each label to the right of its line's end, and a thin line from the end to it."""
-    to_axes = ax.transData + ax.transAxes.inverted()
-    ends = [to_axes.transform(line.get_xydata()[-1]) for line in lines]
-    heights = spaced([end[1] for end in ends], _LABEL_GAP)
-    heights -= max(heights.max() - _HIGHEST, 0)
-    for line, (x, y), height in zip(lines, ends, heights):
-        ax.plot([x + 0.005, 1.045], [y, height], transform=ax.transAxes, color=line.get_color(), linewidth=0.7,
-                clip_on=False)
-        ax.text(1.05, height, line.get_label(), transform=ax.transAxes, va="center", size=9.5, color=line.get_color(),
-                weight="bold" if line.get_label() == OURS else "normal", parse_math=False)
-
-
-def spaced(heights: Sequence[float], gap: float) -> np.ndarray:
-    """Heights in the same order, raised where needed to be at least `gap` above the next lower one."""
-    placed = np.array(heights, np.float64)
-    order = np.argsort(placed, kind="stable")
-    for below, above in zip(order, order[1:]):
-        placed[above] = max(placed[above], placed[below] + gap)
-    return placed
+    lines = sorted(lines, key=lambda line: line.get_ydata()[-1], reverse=True)         # as their ends are
+    ax.legend(handles=lines, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=9.5)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from rerun import ChannelDatatype
 from rerun.chunk import Chunk, RrdReader
 from tqdm import tqdm
 
@@ -15,8 +16,6 @@ from srt3d_ros.recording import schema
 from srt3d_ros.recording.repair import examine
 
 _ROW_ID = "rerun.controls.RowId"
-_TYPES = {6: np.uint8, 7: np.int8, 8: np.uint16, 9: np.int16, 10: np.uint32, 11: np.int32, 12: np.uint64, 13: np.int64,
-          33: np.float16, 34: np.float32, 35: np.float64}      # rerun's ChannelDatatype
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +136,8 @@ class RecordingReader:
                     buffer, image_format = _array(buffers[k]), formats[k].as_py()[0]
                     shape = image_format["height"], image_format["width"]
                     if meters is None:
-                        image = buffer.view(_TYPES[image_format["channel_datatype"]]).reshape(shape)
+                        dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
+                        image = buffer.view(dtype).reshape(shape)
                     else:
                         image = schema.depth_in_metres(buffer, shape, _array(meters[k])[0])
                     yield int(stamps[k]), int(frames[k]), image

@@ -1,19 +1,26 @@
-"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame."""
+"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame.
+
+The rerun viewer draws the clouds where it can run, else our own renderer.
+"""
 
 import base64
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
 
 from srt3d_ros.colours import colour_table, levels, percentile_range
+from srt3d_ros.core.projection import Projection
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import schema, screenshot
+from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.renderer import Renderer
 from srt3d_ros.review.summary import iso_time, notable_frames
+from srt3d_ros.viewpoint import Viewpoint, look_at
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
@@ -21,6 +28,53 @@ _JPEG = {"quality": 88, "subsampling": 0}
 _IMAGES = {schema.DEPTH: ("depth", "m"), schema.INTENSITY_IMAGE: ("intensity", "photons"),
            schema.BACKGROUND: ("background", "photons"), schema.PHOTONS: ("photons as they came", "photons")}
 _MAP = "inferno"
+_OWN_FOV_DEG = 30
+
+
+class Renderer:
+    """Draws clouds from one viewpoint.
+
+    Args:
+        kind: "viewer", "own", or "auto": the viewer if possible, else own.
+        framed: the cloud that fills the pictures.
+        style: colours and radius of the points.
+        projection: the sensor's, which says where up is; or None.
+        width, height: of the pictures.
+
+    Raises:
+        InvalidInput: `kind` is "viewer", which cannot run here.
+    """
+
+    def __init__(self, kind: str, framed: RecordedCloud, style: CloudStyle, projection: Projection | None, width: int,
+                 height: int):
+        possible = screenshot.is_possible()
+        require(possible or kind != "viewer", "pictures", kind, f"Vulkan, which the viewer needs: {screenshot.INSTALL}")
+        self._may_fall_back, self.style, self.width, self.height = kind == "auto", style, width, height
+        self._framed, self._projection = framed, projection
+        self.by_viewer = possible and kind != "own"
+
+    @property
+    def eye(self) -> Viewpoint:
+        """The viewpoint of the pictures; it depends on who draws, so read it after `draw`."""
+        fov_deg = screenshot.FOV_DEG if self.by_viewer else _OWN_FOV_DEG
+        return look_at(self._framed.xyz, self._projection, fov_deg=fov_deg, aspect=self.width / self.height)
+
+    def draw(self, clouds: Sequence[RecordedCloud]) -> list[np.ndarray]:
+        """Draw the clouds; uint8 [height, width, 3] each.
+
+        Raises:
+            InvalidInput: `kind` is "viewer", and the viewer failed.
+        """
+        if self.by_viewer:
+            try:
+                return screenshot.screenshots([(cloud.xyz, self.style.shaded(cloud)) for cloud in clouds],
+                                              self.style.radius_m, self.eye, self.width, self.height, BACKGROUND)
+            except screenshot.ScreenshotError as error:
+                if not self._may_fall_back:
+                    raise InvalidInput("pictures", "viewer", f"a viewer that draws ({error})") from None
+                self.by_viewer = False
+        eye = self.eye
+        return [self.style.draw(cloud, eye, self.width, self.height) for cloud in clouds]
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
-"""Growth with the photons: every line is drawn, and labels do not overlap."""
+"""Growth with the photons: every line is drawn."""
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from srt3d_ros.pictures.growth import COLOURS, draw_growth, spaced
+from srt3d_ros.pictures.growth import COLOURS, draw_growth
 
 
 def coloured(path, colour: str) -> np.ndarray:
@@ -40,7 +40,3 @@ def test_a_line_may_end_early_and_memory_may_be_unknown(path):
     draw_growth(path, lines, "", None, {"rt3d": "over 60 s"})
     seen = coloured(path, COLOURS["rt3d"])
     assert seen[:, :seen.shape[1] // 2].any() and not seen[:, seen.shape[1] // 2:].any()
-
-
-def test_labels_keep_their_distance_and_their_order():
-    assert spaced([0.5, 0.1, 0.51, 0.49, 0.9], 0.1) == pytest.approx([0.59, 0.1, 0.69, 0.49, 0.9])

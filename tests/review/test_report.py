@@ -13,8 +13,8 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import screenshot
 from srt3d_ros.review import gallery
+from srt3d_ros.review.gallery import Renderer
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.renderer import Renderer
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import summarise
 from tests.review.conftest import Page
