@@ -159,7 +159,7 @@ def _cells(line: dict, ours_ms: float | None) -> list[str]:
 
 def draw(path: Path, lines: Sequence[dict]) -> None:
     """The figure: time and memory against photons per pixel."""
-    from srt3d_ros.pictures.growth import draw_growth
+    from srt3d_ros.pictures.curves import draw_growth
     timed = [line for line in lines if line["what"] != "flatness"]
     first = timed[0]
     side = first["rows"]

@@ -30,13 +30,9 @@ def test_npz_holds_the_cloud_as_it_was_reconstructed(recorded, ball, tmp_path):
         assert int(file["stamp_ns"]) == recorded.index.stamp_ns[PLACE]
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".rrd"])
-def test_other_cloud_files_hold_all_points(recorded, ball, tmp_path, suffix):
-    export.save_frame(recorded, PLACE, tmp_path / f"a{suffix}")
-    if suffix == ".rrd":
-        assert len(next(RecordingReader(tmp_path / "a.rrd").clouds())) == len(ball[0])
-    else:
-        assert str(len(ball[0])).encode() in (tmp_path / f"a{suffix}").read_bytes()[:400]
+def test_a_cloud_saved_as_a_recording_holds_all_points(recorded, ball, tmp_path):
+    export.save_frame(recorded, PLACE, tmp_path / "a.rrd")
+    assert len(next(RecordingReader(tmp_path / "a.rrd").clouds())) == len(ball[0])
 
 
 def test_points_of_a_pixel_are_ranked_whatever_their_order(recorded, ball):
