@@ -24,6 +24,7 @@ COLOUR_MAPS = tuple(_ANCHORS)
 CLOUD_MAP = "inferno"
 _LEAST_BRIGHT = 108     # of 255: the brightest channel of the darkest colour that is visible on a dark background
 _RANGE_SAMPLES = 4096
+_RANGE_RATE = 0.1       # share of the way towards a frame's own range that AdaptiveRange takes per frame
 
 
 @cache
@@ -81,17 +82,16 @@ class AdaptiveRange:
     """The range a colour map is spread over: follows the data slowly, so that a film does not flicker.
 
     Args:
-        rate: share of the way towards a frame's own range taken per frame.
         fixed: (low, high) to keep whatever the data.
     """
 
-    def __init__(self, rate: float = 0.1, fixed: tuple[float, float] | None = None):
-        self._rate, self._fixed, self._range = rate, fixed, fixed
+    def __init__(self, fixed: tuple[float, float] | None = None):
+        self._fixed, self._range = fixed, fixed
 
     def update(self, values: np.ndarray) -> tuple[float, float]:
         """Take a frame's values in; the (low, high) to use for it. (0, 1) until a finite value was seen."""
         seen = None if self._fixed else percentile_range(values)
         if seen is not None:
             old = self._range or seen
-            self._range = tuple(a + self._rate * (b - a) for a, b in zip(old, seen))
+            self._range = tuple(a + _RANGE_RATE * (b - a) for a, b in zip(old, seen))
         return self._range or (0.0, 1.0)

@@ -58,7 +58,7 @@ def test_percentile_range_ignores_outliers_and_gaps():
 
 
 def test_adaptive_range_starts_at_the_data_and_follows_slowly():
-    adaptive = AdaptiveRange(rate=0.1)
+    adaptive = AdaptiveRange()
     assert adaptive.update(np.empty(0)) == (0.0, 1.0)
     first = adaptive.update(np.linspace(0, 10, 1000))
     assert first == pytest.approx((0.2, 9.8), abs=0.02)

@@ -15,7 +15,7 @@ from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.reader import RecordedCloud
-from srt3d_ros.review.gallery import Renderer, figures_of, title_of
+from srt3d_ros.review.gallery import draw, figures_of, title_of
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.viewpoint import Viewpoint, look_at
 
@@ -42,10 +42,9 @@ def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = 
     """
     cloud = _cloud(recorded, position)
     if output.suffix.lower() == _PICTURE:
-        renderer = Renderer(pictures, cloud, CloudStyle.of(cloud, recorded.sensor), recorded.projection, *_PICTURE_PX)
-        (image,) = renderer.draw([cloud])
-        picture = annotated(image, renderer.style, renderer.eye, title_of(recorded, position),
-                            figures_of(recorded, position))
+        style = CloudStyle.of(cloud, recorded.sensor)
+        (image,), eye, _ = draw([cloud], cloud, style, recorded.projection, _PICTURE_PX, pictures)
+        picture = annotated(image, style, eye, title_of(recorded, position), figures_of(recorded, position))
         try:
             picture.save(output, optimize=True)
         except OSError as e:

@@ -23,7 +23,7 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
 
     Args:
         summary: from `summarise`.
-        pictures: who draws the clouds: the kind of Renderer.
+        pictures: who draws the clouds, as `by` of gallery.draw.
         notes: for the top of the page, such as that the recording was repaired.
 
     Raises:

@@ -13,7 +13,6 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import screenshot
 from srt3d_ros.review import gallery
-from srt3d_ros.review.gallery import Renderer
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import summarise
@@ -95,18 +94,21 @@ def test_a_report_that_cannot_be_written_is_one_line(recorded, tmp_path):
 
 def test_a_viewer_that_cannot_run_is_one_line_or_our_own_pictures(recorded, monkeypatch):
     (cloud,) = recorded.reader.clouds({3})
-    look = CloudStyle.of(cloud, recorded.sensor)
+    style = CloudStyle.of(cloud, recorded.sensor)
 
     def fails(*_):
         raise screenshot.ScreenshotError("it does not draw")
 
+    def drawn(by):
+        (picture,), _, by_viewer = gallery.draw([cloud], cloud, style, None, (160, 120), by)
+        return picture.shape, by_viewer
+
     monkeypatch.setattr(screenshot, "screenshots", fails)
     monkeypatch.setattr(screenshot, "is_possible", lambda: True)
-    renderer = Renderer("auto", cloud, look, None, 160, 120)
-    assert renderer.draw([cloud])[0].shape == (120, 160, 3) and not renderer.by_viewer
+    assert drawn("auto") == ((120, 160, 3), False)
     with pytest.raises(InvalidInput, match="a viewer that draws .it does not draw."):
-        Renderer("viewer", cloud, look, None, 160, 120).draw([cloud])
+        drawn("viewer")
     monkeypatch.setattr(screenshot, "is_possible", lambda: False)
-    assert not Renderer("auto", cloud, look, None, 160, 120).by_viewer
+    assert drawn("auto") == ((120, 160, 3), False)
     with pytest.raises(InvalidInput, match="apt-get install mesa-vulkan-drivers"):
-        Renderer("viewer", cloud, look, None, 160, 120)
+        drawn("viewer")
