@@ -32,15 +32,11 @@ _SERIES_MAP = LinearSegmentedColormap.from_list(
 
 @dataclass(frozen=True)
 class Metric:
-    """A row of panels: a column of the results, the label and limits of its axis.
-
-    Args:
-        scale: linear, log, or symlog: linear up to 1, logarithmic above.
-    """
+    """A row of panels: a column of the results, the label and limits of its axis."""
 
     column: str
     label: str
-    scale: str = "linear"
+    scale: str = "linear"       # or log, or symlog: linear up to 1, logarithmic above
     limits: tuple[float, float] | None = None
 
 

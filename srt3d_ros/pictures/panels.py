@@ -25,35 +25,22 @@ _ERROR_MAP = "RdBu_r"           # distinct ends for any colour vision
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One cloud.
-
-    Args:
-        heading: the method.
-        caption: the figures of merit.
-        error_mm: float [rows, cols], depth error of the strongest point, NaN = no point; None for the truth.
-    """
+    """One cloud: `heading` names the method, `caption` gives the figures of merit."""
 
     heading: str
     cloud: PointCloud
     caption: str
-    error_mm: np.ndarray | None = None
+    error_mm: np.ndarray | None = None      # float [rows, cols], of the strongest points, NaN = none; None: the truth
 
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A row of panels: one observation.
-
-    Args:
-        label: of the observation.
-        sensor: its sensor.
-        panels: the first one (the truth if it is known) sets viewpoint and colours.
-        known: bool [rows, cols], pixels whose truth is known.
-    """
+    """A row of panels: one observation. The first panel (the truth if it is known) sets viewpoint and colours."""
 
     label: str
     sensor: SensorModel
     panels: Sequence[Panel]
-    known: np.ndarray | None = None
+    known: np.ndarray | None = None         # bool [rows, cols]: the truth is known
 
 
 def draw_clouds(path: Path, strips: Sequence[Strip], title: str) -> None:

@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,32 +28,20 @@ _CLOUD_APPLICATION_ID = "srt3d_ros_cloud"   # the viewer keeps one blueprint for
 
 @dataclass(frozen=True)
 class Colouring:
-    """How points are coloured.
+    """How points are coloured."""
 
-    Args:
-        by: one of COLOUR_BY.
-        map: one of colours.COLOUR_MAPS.
-        fixed_range: (low, high) in photons or metres; None = follow the clouds slowly.
-    """
-
-    by: str = "intensity"
-    map: str = CLOUD_MAP
-    fixed_range: tuple[float, float] | None = None
+    by: str = "intensity"           # one of COLOUR_BY
+    map: str = CLOUD_MAP            # one of colours.COLOUR_MAPS
+    fixed_range: tuple[float, float] | None = None      # in photons or metres; None: follow the clouds slowly
 
 
 @dataclass(frozen=True)
 class Style:
-    """How clouds and images are recorded.
+    """How clouds and images are recorded."""
 
-    Args:
-        colouring: of the points.
-        exact: keep the order of points and float32 values; otherwise a third of the size is saved.
-        blueprint: makes the blueprint from the eye, the sensor and the names of the images.
-    """
-
-    colouring: Colouring = field(default_factory=Colouring)
-    exact: bool = False
-    blueprint: Callable[..., rrb.Blueprint] = film_blueprint
+    colouring: Colouring = Colouring()
+    exact: bool = False             # keep the order of points and float32 values, in a file half as large again
+    blueprint: Callable[..., rrb.Blueprint] = film_blueprint        # from eye, sensor and the names of the images
 
 
 class FrameLog:

@@ -20,26 +20,17 @@ _ROW_ID = "rerun.controls.RowId"
 
 @dataclass(frozen=True, eq=False)
 class RecordedCloud:
-    """A recorded cloud.
-
-    Args:
-        stamp_ns, frame_index: its times on the two timelines.
-        xyz: float32 [N, 3], metres.
-        intensity: float32 [N], photons.
-        colour: uint32 [N], 0xRRGGBBAA, as shown.
-        depth_std_m: float32 [N], metres, or None if not recorded.
-        row, col, surface: uint16, uint16, uint8 [N], the pixel and which of its surfaces, or None if not recorded.
-    """
+    """A recorded cloud; None: not recorded."""
 
     stamp_ns: int
     frame_index: int
-    xyz: np.ndarray
-    intensity: np.ndarray
-    colour: np.ndarray
-    depth_std_m: np.ndarray | None = None
-    row: np.ndarray | None = None
-    col: np.ndarray | None = None
-    surface: np.ndarray | None = None
+    xyz: np.ndarray                         # float32 [N, 3], metres
+    intensity: np.ndarray                   # float32 [N], photons
+    colour: np.ndarray                      # uint32 [N], 0xRRGGBBAA, as shown
+    depth_std_m: np.ndarray | None = None   # float32 [N]
+    row: np.ndarray | None = None           # uint16 [N]
+    col: np.ndarray | None = None           # uint16 [N]
+    surface: np.ndarray | None = None       # uint8 [N], which of its pixel's
 
     def __len__(self) -> int:
         return len(self.xyz)

@@ -27,16 +27,11 @@ _NO_ROOM = "room on the disk for a repaired copy beside it"
 
 @dataclass(frozen=True)
 class FileState:
-    """How much of a file is usable.
-
-    Args:
-        is_finished: the footer is there.
-        lost_bytes: size of a last message that was not written completely.
-    """
+    """How much of a file is usable."""
 
     path: Path
-    is_finished: bool
-    lost_bytes: int
+    is_finished: bool       # the footer is there
+    lost_bytes: int         # of a last message that was not written completely
 
 
 def examine(path) -> FileState:

@@ -68,27 +68,13 @@ class Picture:
     uri: str
 
 
-@dataclass(frozen=True)
-class Gallery:
-    """The pictures of a report.
+def make_gallery(recorded: Recorded, pictures: str) -> dict:
+    """Choose, read and draw the clouds; `pictures` says who draws, as `by` of `draw`.
 
-    Args:
-        typical: a typical cloud.
-        ends: the clouds with the fewest and the most points.
-        strip: clouds evenly spaced over the recording.
-        images: the recorded images of the typical cloud's frame.
-        by: who drew the large pictures.
+    Returns:
+        typical, a Picture of a typical cloud; ends, of the clouds with the fewest and the most points; strip, of clouds
+        evenly spaced over the recording; images, those recorded with the typical cloud; by, who drew the large ones.
     """
-
-    typical: Picture
-    ends: list[Picture]
-    strip: list[Picture]
-    images: list[Picture]
-    by: str
-
-
-def make_gallery(recorded: Recorded, pictures: str) -> Gallery:
-    """Choose, read and draw the clouds; `pictures` says who draws, as `by` of `draw`."""
     index = recorded.index
     typical, fewest, most = notable_frames(recorded)
     strip = np.unique(np.linspace(0, len(index) - 1, min(_STRIP, len(index))).round().astype(int))
@@ -102,10 +88,12 @@ def make_gallery(recorded: Recorded, pictures: str) -> Gallery:
     large = {position: _cloud_picture(recorded, position, title, annotated(image, style, eye))
              for (position, title), image in zip(titles.items(), images)}
     small, _, _ = draw([clouds[position] for position in strip], framed, style, recorded.projection, _SMALL_PX)
-    return Gallery(
-        large.pop(typical), list(large.values()),
-        [_thumbnail(recorded, position, image) for position, image in zip(strip, small)],
-        _images(recorded, frames[typical], style), "the rerun viewer" if by_viewer else "srt3d_ros")
+    return {
+        "typical": large.pop(typical), "ends": list(large.values()),
+        "strip": [_thumbnail(recorded, position, image) for position, image in zip(strip, small)],
+        "images": _images(recorded, frames[typical], style),
+        "by": "the rerun viewer" if by_viewer else "srt3d_ros",
+    }
 
 
 def figures_of(recorded: Recorded, position: int) -> dict:

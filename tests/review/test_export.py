@@ -71,17 +71,9 @@ def test_a_bag_holds_every_cloud_at_its_stamp(recorded, ball, tmp_path):
     assert np.array_equal(columns["xyz"], ball[0].xyz)
 
 
-@pytest.mark.parametrize("output, expected", [
-    ("a.xyz", "a file name that ends in .npz, .ply, .pcd, .rrd, .png"), ("no/a.ply", "a directory .*no that exists")])
-def test_an_output_that_cannot_be_written_is_refused_before(tmp_path, output, expected):
-    with pytest.raises(InvalidInput, match=expected):
-        export.check_output(tmp_path / output, export.FRAME_SUFFIXES)
-
-
-def test_a_frame_that_is_not_there_is_one_line(recorded):
-    with pytest.raises(InvalidInput, match="frame is 99: expected a frame of the recording, 0 … 27"):
-        recorded.frame_at(99)
-    assert recorded.frame_at(-1) == 27
+def test_a_folder_that_does_not_exist_is_refused_before(tmp_path):
+    with pytest.raises(InvalidInput, match="a directory .*no that exists"):
+        export.check_output(tmp_path / "no" / "a.ply", export.FRAME_SUFFIXES)
 
 
 def test_the_film_turns_to_either_side_and_back_and_does_not_flicker(recorded, tmp_path, monkeypatch):
