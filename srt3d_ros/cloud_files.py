@@ -39,7 +39,7 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
 
 
 def check(path) -> Path:
-    """The path if a cloud could be saved there, as far as can be told before; InvalidInput if not."""
+    """The path if a cloud could be saved there, as far as can be known before it is written; InvalidInput if not."""
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
     require(not os.path.isdir(path), "output", str(path), "a file, not a directory")

@@ -10,6 +10,7 @@ from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle,
 from srt3d_ros.viewpoint import Viewpoint
 
 TEXT, DIM = "#e8eaed", "#8b939e"
+BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours
 DPI = 100
 _BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
 _RANGE_BAR = 0.16, 0.012                # width and height, of the picture's
@@ -18,7 +19,7 @@ _TITLE_PX, _FIGURES_PX = 84, 56         # heights of the bands above and below t
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
     """A figure of this size on the background of clouds."""
-    figure = Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=hex_colour(BACKGROUND))
+    figure = Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=BEHIND)
     FigureCanvasAgg(figure)
     return figure
 
@@ -95,8 +96,3 @@ def caption(figures: dict) -> str:
         return f"{value:.3g}" if isinstance(value, (float, np.floating)) else str(value)
 
     return "     ".join(f"{name}: {text(value)}" for name, value in figures.items())
-
-
-def hex_colour(colour: tuple[int, int, int]) -> str:
-    """#rrggbb."""
-    return "#" + bytes(colour).hex()

@@ -99,7 +99,7 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, s
     _heading(figure, left, "depth map", f"{rows} × {cols} pixels, range in metres")
     axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM), anchor="W")      # as large as fits
     axes.set_axis_off()
-    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=annotations.hex_colour(BACKGROUND))
+    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=annotations.BEHIND)
     image = axes.imshow(range_m, colours, Normalize(style.near_m, style.far_m), interpolation="nearest")
     bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
     bar.outline.set_visible(False)
