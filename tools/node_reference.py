@@ -32,8 +32,8 @@ are those of the newest 200 frames.
 
 | level | when |
 | --- | --- |
-| ERROR | something failed that should not have; the frame accounting does not add up; two inputs contradict each other; more \
-than half of the last second's frames were dropped or lost |
+| ERROR | something failed that should not have; the frame accounting does not add up; \
+two inputs contradict each other; more than half of the last second's frames were dropped or lost |
 | WARN | a frame was dropped (counted by cause as `dropped.<cause>`) or lost on the way here (`message_lost`); \
 `use_sim_time` is true and there is no /clock; the node waits for something; no frame came for 2 s; the last second's \
 frames left more than 2 s old, or were stamped more than 0.5 s ahead of the node's clock (median) |
