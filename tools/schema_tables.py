@@ -59,23 +59,24 @@ def image_tables(schema: dict) -> str:
 
 
 def json_tables(schema: dict) -> str:
-    """The keys of a JSON topic and of the objects in it."""
-    text = f"QoS: {schema['qos']}.\n\n" + object_table(schema["fields"])
+    """The keys of a JSON topic, those of the objects in it, and what these objects are."""
+    rows, notes = _keys(schema["fields"]), []
     for kind, projection in schema.get("projection", {}).items():
-        text += f"`projection` of the kind `{kind}`: {projection['purpose']}\n\n" + object_table(projection["fields"])
+        rows += _keys(projection["fields"], "projection.", f" ({kind})")
+        notes.append(f"* `projection` of the kind `{kind}`: {projection['purpose']}\n")
+    for name, prefix in (("distortion", "projection."), ("gates", "")):
+        if name in schema:
+            rows += _keys(schema[name]["fields"], f"{prefix}{name}.")
     if "distortion" in schema:
-        text += f"`projection.distortion`: {schema['distortion']['purpose']}\n\n" + object_table(
-            schema["distortion"]["fields"])
-    if "gates" in schema:
-        text += "`gates`:\n\n" + object_table(schema["gates"]["fields"])
-    return text
+        notes.append(f"* `projection.distortion`: {schema['distortion']['purpose']}\n")
+    return (f"QoS: {schema['qos']}.\n\n" + table(["key", "type", "required", "unit", "meaning"], rows)
+            + "".join(notes) + "\n" * bool(notes))
 
 
-def object_table(fields: list[dict]) -> str:
-    """The keys of a JSON object."""
-    return table(["key", "type", "required", "unit", "meaning"],
-                 [[f"`{field['name']}`", f"array of {field['dtype']}" if "dtype" in field else field["type"],
-                   "yes" if field["required"] else "no", field["unit"], field["meaning"]] for field in fields])
+def _keys(fields: list[dict], prefix: str = "", where: str = "") -> list[list]:
+    """A row for each key of a JSON object."""
+    return [[f"`{prefix}{field['name']}`", f"array of {field['dtype']}" if "dtype" in field else field["type"],
+             ("yes" if field["required"] else "no") + where, field["unit"], field["meaning"]] for field in fields]
 
 
 def table(head: list[str], rows: list[list]) -> str:
