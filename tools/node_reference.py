@@ -63,8 +63,7 @@ def _node(spec: NodeSpec, shared: Iterable[Parameter]) -> list[str]:
              *(f"* {limit}" for limit in spec.limits)]
     return [f"## {spec.name}", textwrap.fill(spec.purpose, WIDTH, break_long_words=False, break_on_hyphens=False),
             _parameters(parameter for parameter in spec.table if parameter not in shared),
-            "\n".join(textwrap.fill(line, WIDTH, subsequent_indent="  ", break_long_words=False,
-                                    break_on_hyphens=False) for line in lines)]
+            "\n".join(lines)]
 
 
 def _shared(specs: list[NodeSpec]) -> list[Parameter]:
