@@ -6,7 +6,7 @@ from pathlib import Path
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
-INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n|\n(?= {4}))+")
+INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+")
 
 
 def load(repository: Path) -> dict[str, str]:
@@ -35,7 +35,7 @@ def fenced(text: str, language: str) -> list[str]:
 
 
 def indented(text: str) -> list[str]:
-    """The blocks that are indented by four spaces, without the indent."""
+    """The blocks that are indented by four spaces, without the indent; a blank line ends one."""
     return [re.sub("(?m)^ {4}", "", block).strip("\n") for block in INDENTED.findall(FENCE.sub("", text))]
 
 
