@@ -49,7 +49,7 @@ SPEC = NodeSpec(
     "recorder",
     purpose="Records with rerun, without a screen: clouds, images, photon counts, latencies, drops, the nodes' log "
     "and their parameters, into files, and for viewers that watch live. A recording begins when the sensor's "
-    "description has come. [What a recording holds](../recording.md).",
+    "description has come. [What a recording holds](recording.md).",
     inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.DIAGNOSTICS, topics.ROSOUT,
             topics.PARAMETER_EVENTS),
     services=(Service("start_recording", "begin a new recording"), Service("stop_recording", "finish the recording")),

@@ -1,10 +1,9 @@
-"""What a running node offers to the graph is what its table, from which its page is made, says."""
+"""What a running node offers to the graph is what its spec says."""
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 
 from srt3d_ros.nodes.specs import SPECS
-from tools.node_reference import page
 
 OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
 OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_available_transitions",
@@ -57,13 +56,3 @@ def test_topics_services_and_parameters_are_those_of_the_table(graph, running):
     for parameter, descriptor in zip(spec.table, described.descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
         assert descriptor.read_only == (not parameter.live)
-
-
-@pytest.mark.parametrize("name", SPECS)
-def test_a_page_has_every_section_and_names_everything_in_the_table(name):
-    spec, text = SPECS[name], page(SPECS[name])
-    for heading in ("Purpose", "Inputs", "Outputs", "Services", "Parameters", "Diagnostics", "Limits"):
-        assert f"\n## {heading}\n" in text
-    named = [*spec.inputs, *spec.outputs, *spec.table]
-    assert all(f"| `{one.name}` |" in text for one in named)
-    assert all(f"| `~/{service.name}` |" in text for service in spec.services)
