@@ -15,7 +15,8 @@ from ruamel.yaml import YAML
 
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import bag_bounds, open_photons
+from srt3d_ros.datasets import bag as bags
+from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_photons import find_photons
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
@@ -164,7 +165,7 @@ def test_compressed_bags_are_read(tmp_path, storage, mode):
 
 @pytest.fixture
 def small_bounds(monkeypatch):
-    monkeypatch.setattr(bag_bounds, "MAX_BYTES", 2**22)
+    monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
 
 
 @pytest.mark.parametrize("storage, mode", COMPRESSED)
@@ -173,14 +174,17 @@ def test_a_bag_that_unpacks_to_far_too_much_is_refused_before_it_is_unpacked(tmp
     assert peak_of_refusal(bag, "unpacked") < 2**24
 
 
-def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_where_it_does(tmp_path):
+@pytest.mark.parametrize("indexed", [True, False])
+def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused(tmp_path, small_bounds, indexed):
     path = storage_file(write_compressed(tmp_path / "bag", "mcap", "STORAGE", [("/sensor", TEXT, bytes(2**26))]))
     data = path.read_bytes()
     at = data.index(b"zstd")            # of the chunk: start, end, size unpacked, checksum, compression
     size = data[at - 16:at - 8]
     assert int.from_bytes(size, "little") > 2**26
-    path.write_bytes(data.replace(size, struct.pack("<Q", 1000)))
-    assert peak_of_refusal(path, "more than 1000 bytes unpacked") < 2**24
+    data = data.replace(size, struct.pack("<Q", 1000))
+    summary = len(data) - 28            # in the footer: where the index begins, 0 if there is none
+    path.write_bytes(data if indexed else data[:summary] + bytes(8) + data[summary + 8:])
+    assert peak_of_refusal(path, "more than 4194304 bytes unpacked") < 2**24
 
 
 ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT "
