@@ -1,13 +1,16 @@
-"""Reading files nobody vouches for: what they hold is known and bounded before any of it is loaded."""
+"""Arrays and text of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
 
 import math
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import json_text
 
 MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
 MAX_MEMBERS = 1000
@@ -23,6 +26,25 @@ def require_file(path: Path, field: str) -> None:
         path.open("rb").close()
     except OSError as error:
         raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror})") from None
+
+
+@contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Put the name of the file before the field of any InvalidInput."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+
+
+def read_text(path: Path) -> str:
+    """The text of a JSON file, with or without a byte order mark; InvalidInput if it is too long or not UTF-8."""
+    try:
+        size = path.stat().st_size
+        require(size <= json_text.MAX_BYTES, path.name, f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(path.name, f"unreadable ({error})", "JSON in UTF-8") from None
 
 
 def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[str, np.ndarray]:

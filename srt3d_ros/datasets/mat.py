@@ -7,16 +7,16 @@ scipy reads them in a child process: its reader trusts the file, and some files 
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
-from srt3d_ros.datasets.files import require_file
-from srt3d_ros.datasets.irf_estimation import estimate
-from srt3d_ros.datasets.options import apply_to, number
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, gate_events
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.files import naming_file, require_file
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, gate_events, number
 from srt3d_ros.errors import InvalidInput, require
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
@@ -74,7 +74,7 @@ LAYOUTS = (
 
 
 def read(path: str | Path, options: dict) -> Photons:
-    """The photons of a published .mat file; `options` (see options.gather) tell what it does not.
+    """The photons of a published .mat file; `options` (see photons.gather_options) tell what it does not.
 
     `num_bins`, `gate`: T and the first bin that are kept. Without a gate, the file's own window; without that, bins
     0 to num_bins; without that, the smallest to the largest ToA. `toa_offset_bins` counts up to the file's own bin 0;
@@ -85,25 +85,24 @@ def read(path: str | Path, options: dict) -> Photons:
     """
     path = Path(path)
     require_file(path, "photon file")
-    layout, variables = _load(path)
+    with naming_file(path):
+        layout, variables = _load(path)
     width_s = number("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     notes = () if "bin_width_s" in options else (f"bin width taken to be {width_s * 1e12:g} ps: the file has none",)
-    try:
+    with naming_file(path):
         unpack = _from_counts if layout.counts else _from_cells
         content = unpack(layout, variables, options)
         toa = _to_bins(layout, content.toa, width_s)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
     first, bins, may_drop = _window(layout, variables, options, width_s, toa, content.bins)
     events, dropped = gate_events(PhotonEvents(content.pixel, toa), first, bins)
     require(may_drop or not dropped, "num_bins", bins, f"above {toa.max(initial=0)}, the largest ToA; or give a gate")
     irf = options.get("irf")
     if irf is None:
-        irf = estimate(events, bins)
+        irf = irfs.estimate(events, bins)
         dropped += ("IRF estimated from the photons, which makes it slightly broad: the file has none",)
     sensor = SensorModel(content.rows, content.cols, bins, width_s, irf)
-    sensor = apply_to(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
+    sensor = apply_options(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
     reference = _reference(layout, variables, first, bins, (content.rows, content.cols))
     if reference is not None:       # these are numbers of bins
@@ -111,8 +110,7 @@ def read(path: str | Path, options: dict) -> Photons:
     return Photons(sensor, events, reference, path.stem, notes + dropped)
 
 
-@dataclass(frozen=True, eq=False)
-class _Content:
+class _Content(NamedTuple):
     """What a file holds: ToA as the file counts them, and the bins of its histograms if it has such."""
 
     rows: int
@@ -127,9 +125,7 @@ def _load(path: Path) -> tuple[Layout, dict[str, np.ndarray]]:
     try:
         variables = call(variables_of, str(path), memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
     except ChildFailed as error:
-        raise InvalidInput(path.name, f"unreadable (its reader {error})", EXPECTED) from None
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+        raise InvalidInput("", f"unreadable (its reader {error})", EXPECTED) from None
     return LAYOUTS[variables.pop("layout").item()], variables
 
 

@@ -10,9 +10,8 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.files import read_npz_arrays, require_file
-from srt3d_ros.datasets.options import pinhole
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons
+from srt3d_ros.datasets.files import naming_file, read_npz_arrays, require_file
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, pinhole
 from srt3d_ros.errors import InvalidInput, require
 
 REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa", "irf")
@@ -39,15 +38,13 @@ def read(path: str | Path) -> Photons:
     path = Path(path)
     require_file(path, "photon file")
     arrays = read_npz_arrays(path, KNOWN)
-    for name in REQUIRED:
-        require(name in arrays, f"{path.name} {name}", "missing", f"the arrays {', '.join(REQUIRED)}")
-    try:
+    with naming_file(path):
+        for name in REQUIRED:
+            require(name in arrays, name, "missing", f"the arrays {', '.join(REQUIRED)}")
         sensor = _sensor(arrays)
         events = _events(arrays, sensor)
         reference = _reference(arrays, sensor)
         intensity = _reference_intensity(arrays, reference)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
     return Photons(sensor, events, reference, path.stem, reference_intensity=intensity)
 
 
@@ -79,7 +76,11 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     if sensor.gates is not None:
         arrays["gate_words"] = np.array([sensor.gates.first_word, sensor.gates.no_detection], np.uint16)
     if reference_depth_bins is not None:
-        surfaces = _as_surfaces(np.asarray(reference_depth_bins, np.float32), sensor, "reference_depth_bins")
+        surfaces = np.asarray(reference_depth_bins, np.float32)
+        surfaces = surfaces[None] if surfaces.ndim == 2 else surfaces
+        fits = surfaces.shape[1:] == (sensor.rows, sensor.cols) and 1 <= len(surfaces) <= MAX_SURFACES
+        require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
+                f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
         arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
     try:
         np.savez_compressed(path, **arrays)
@@ -167,14 +168,6 @@ def _reference_intensity(arrays: dict[str, np.ndarray], reference: np.ndarray | 
     require(not (first < 0).any(), INTENSITY, "negative in places", "0 or more, NaN = unknown")
     intensity[0] = first
     return intensity
-
-
-def _as_surfaces(reference: np.ndarray, sensor: SensorModel, name: str) -> np.ndarray:
-    surfaces = reference[None] if reference.ndim == 2 else reference
-    require(surfaces.ndim == 3 and surfaces.shape[1:] == (sensor.rows, sensor.cols)
-            and 1 <= len(surfaces) <= MAX_SURFACES, f"{name} shape", reference.shape,
-            f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
-    return surfaces
 
 
 def _scalar(arrays: dict[str, np.ndarray], name: str) -> float | int:

@@ -116,7 +116,6 @@ class Simulator:
         bins %= sensor.num_bins
         return pixel, bins.astype(np.uint16)
 
-
     def _draw_background(self, pixel: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Bins of background photons, not yet wrapped."""
         sensor = self.sensor

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import irf, irf_estimation
+from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -85,7 +85,7 @@ def test_an_estimate_comes_close_to_the_irf_that_made_the_photons(sbr):
     sensor = SensorModel(40, 40, 1500, 8e-12, true)
     depth = np.random.default_rng(0).uniform(300, 1100, (40, 40))
     events, _ = Simulator(StaticScene(sensor.range_m(depth)), sensor, sbr=sbr, ppp=40, seed=1).frame(0)
-    estimate = irf_estimation.estimate(events, 1500)
+    estimate = irf.estimate(events, 1500)
     estimate /= estimate.sum()
     assert abs(width_at_half(estimate) - width_at_half(true)) <= 2
     at = np.arange(-8, 25)

@@ -8,8 +8,7 @@ import pytest
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import npz, open_photons
-from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.datasets import npz, open_photons, open_sensor
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([1, 2, 1], np.float32) / 4

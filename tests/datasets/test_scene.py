@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.projection import AngularScan
-from srt3d_ros.datasets.bust import Bust
-from srt3d_ros.datasets.figure import Figure, Part, rotation
+from srt3d_ros.datasets.bust import Bust, Figure, Part, rotation
 from srt3d_ros.datasets.scene import NetScene, StaticScene, default_sensor, net_sensor
 from srt3d_ros.errors import InvalidInput
 

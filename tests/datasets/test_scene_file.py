@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets.scene_file import read_scene
+from srt3d_ros.datasets.scene import read_scene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
