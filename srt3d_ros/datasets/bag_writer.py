@@ -98,19 +98,19 @@ class BagWriter:
         self.bytes += len(raw)
 
     def close(self) -> None:
-        """Write what is missing: the bag is complete. OSError if it cannot be."""
+        """Complete the bag; OSError if that fails."""
         with _os_errors():
             self._writer.close()
 
     def abandon(self) -> None:
-        """Let go of a bag that can no longer be written; what it lacks then, docs/bags.md tells."""
+        """Close the files of a bag that can no longer be written, which leaves it incomplete (docs/bags.md)."""
         with contextlib.suppress(OSError, sqlite3.Error):       # it tries once more to write what it could not
             self._writer.abort()
 
 
 @contextlib.contextmanager
 def _os_errors() -> Iterator[None]:
-    """What SQLite says about files, said as the system says it."""
+    """Raise SQLite's errors about files as OSError."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -118,15 +118,10 @@ def _os_errors() -> Iterator[None]:
 
 
 def _qos(offer: Offer):
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
+    deadline, lifespan, lease = (QosTime(*divmod(ns, NS_PER_S)) for ns in (
+        offer.deadline_ns, offer.lifespan_ns, offer.liveliness_lease_ns))
     return Qos(QosHistory[offer.history.upper()], offer.depth, QosReliability[offer.reliability.upper()],
-               QosDurability[offer.durability.upper()], _time(offer.deadline_ns), _time(offer.lifespan_ns),
-               QosLiveliness[offer.liveliness.upper()], _time(offer.liveliness_lease_ns),
-               avoid_ros_namespace_conventions=False)
-
-
-def _time(ns: int):
-    from rosbags.interfaces import QosTime
-
-    return QosTime(*divmod(ns, NS_PER_S))
+               QosDurability[offer.durability.upper()], deadline, lifespan, QosLiveliness[offer.liveliness.upper()],
+               lease, avoid_ros_namespace_conventions=False)

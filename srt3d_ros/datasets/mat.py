@@ -35,7 +35,6 @@ class Layout:
         bin_width_s: where the file does not say; what the authors say, or inferred from their description.
         counts: see `variable`.
         picoseconds: ToA are times in picoseconds, not bins.
-        first_bin: what the file calls bin 0; 1 where bins are MATLAB indices.
         window: scalars that hold the first and last ToA of the measured window.
         reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
     """
@@ -44,9 +43,8 @@ class Layout:
     bin_width_s: float
     counts: bool = False
     picoseconds: bool = False
-    first_bin: int = 0
-    window: tuple[str, str] | None = None
-    reference: str | None = None
+    window: tuple[str, ...] = ()
+    reference: str = ""
 
     @property
     def form(self) -> str:
@@ -56,7 +54,7 @@ class Layout:
     @property
     def variables(self) -> tuple[str, ...]:
         """All that are read."""
-        return self.variable, *(self.window or ()), *([self.reference] if self.reference else ())
+        return tuple(filter(None, (self.variable, *self.window, self.reference)))
 
     def fits(self, photons: object) -> bool:
         """Whether scipy may read this kind of file's variable as this."""
@@ -152,7 +150,7 @@ def variables_of(path: str) -> dict[str, np.ndarray]:
     for name, values in variables.items():
         require(isinstance(values, np.ndarray) and values.dtype.kind in "iuf", name, type(values).__name__, "numbers")
         require(values.ndim == 2 or not layout.counts, f"{name} shape", values.shape, "[rows, columns]")
-        require(values.size == 1 or name not in (layout.window or ()), f"{name} shape", values.shape, "one number")
+        require(values.size == 1 or name not in layout.window, f"{name} shape", values.shape, "one number")
     return variables | {"layout": np.array(LAYOUTS.index(layout))}
 
 
@@ -222,7 +220,7 @@ def _to_bins(layout: Layout, toa: np.ndarray, width_s: float) -> np.ndarray:
     if layout.picoseconds:
         toa = np.floor(toa * (1e-12 / width_s) + EDGE)
     elif not layout.counts:
-        toa = toa.astype(np.int64) - layout.first_bin
+        toa = toa.astype(np.int64)
     require(len(toa) == 0 or 0 <= toa.min() <= toa.max() < 2**32, f"{layout.variable} ToA",
             "below 0 or beyond 2³² bins in places", "times of arrival from 0")
     return toa.astype(np.uint32)
@@ -233,10 +231,8 @@ def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa:
     """First bin and number of bins to keep, and whether photons outside may be dropped."""
     if "gate" in options:
         return *options["gate"], True
-    given = options.get("num_bins")
-    if given is not None:
-        given = int(number("num_bins", given, "a number of bins"))
-    if layout.window is not None and all(name in variables for name in layout.window):
+    given = int(number("num_bins", options.get("num_bins", 0), "a number of bins"))
+    if layout.window and all(name in variables for name in layout.window):
         unit = 1e-12 / width_s if layout.picoseconds else 1
         low, high = (number(name, float(variables[name].item()) * unit, "a ToA") for name in layout.window)
         first, may_drop = int(np.floor(low + EDGE)), True
@@ -252,7 +248,7 @@ def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa:
 
 
 def _reference(layout: Layout, variables: dict, first: int, bins: int, shape: tuple[int, int]) -> np.ndarray | None:
-    if layout.reference is None or layout.reference not in variables:
+    if layout.reference not in variables:
         return None
     depth = np.asarray(variables[layout.reference], dtype=np.float32) - np.float32(1 + first)
     require(depth.shape == shape, f"{layout.reference} shape", depth.shape, f"{shape}")

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import astuple, replace
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -147,11 +148,7 @@ def _reference(arrays: dict[str, np.ndarray], sensor: SensorModel) -> np.ndarray
     first = next((name for name in FIRST_REFERENCES if name in arrays), None)
     if first is None:
         return None
-    names = [first]
-    for name in OTHER_REFERENCES:
-        if name not in arrays:
-            break
-        names.append(name)
+    names = [first, *takewhile(arrays.__contains__, OTHER_REFERENCES)]
     for name in names:
         shape = _numbers(arrays, name).shape
         require(shape == (sensor.rows, sensor.cols), f"{name} shape", shape, f"[{sensor.rows}, {sensor.cols}]")
