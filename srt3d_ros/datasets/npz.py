@@ -95,15 +95,13 @@ def _sensor(arrays: dict[str, np.ndarray]) -> SensorModel:
     known |= {name: _numbers(arrays, name) for name in ("irf", *MAPS) if name in arrays}
     known |= {name: _text(arrays, name) for name in TEXTS if name in arrays}
     if "gate_words" in arrays:
-        words = _numbers(arrays, "gate_words")
-        require(words.shape == (2,), "gate_words shape", words.shape, "[2]: first word, no-detection word")
+        words = _numbers(arrays, "gate_words", (2,), "[2]: first word, no-detection word")
         known["gates"] = GateWords(int(words[0]), int(words[1]))
     sensor = SensorModel(**known)
     projection = _projection(arrays, sensor)
     if "distortion" in arrays:
-        values = _numbers(arrays, "distortion")
         require(isinstance(projection, Pinhole), "distortion", "there", "none: the projection is no pinhole")
-        require(values.shape == (5,), "distortion shape", values.shape, "[5]: k1, k2, p1, p2, k3")
+        values = _numbers(arrays, "distortion", (5,), "[5]: k1, k2, p1, p2, k3")
         projection = replace(projection, distortion=PlumbBob(*(float(value) for value in values)))
     return sensor.replace(projection=projection)
 
@@ -114,8 +112,7 @@ def _projection(arrays: dict[str, np.ndarray], sensor: SensorModel) -> Projectio
         require(kind in PROJECTIONS, "projection", kind, f"one of {', '.join(PROJECTIONS)}")
         projection, names = PROJECTIONS[kind]
         require("projection_values" in arrays, "projection_values", "missing", f"[{', '.join(names)}]")
-        values = _numbers(arrays, "projection_values")
-        require(values.shape == (4,), "projection_values shape", values.shape, f"[4]: {', '.join(names)}")
+        values = _numbers(arrays, "projection_values", (4,), f"[4]: {', '.join(names)}")
         return projection(*(float(value) for value in values))
     if "fov_deg" in arrays:
         return pinhole(sensor.rows, sensor.cols, _scalar(arrays, "fov_deg"))
@@ -149,10 +146,7 @@ def _reference(arrays: dict[str, np.ndarray], sensor: SensorModel) -> np.ndarray
     if first is None:
         return None
     names = [first, *takewhile(arrays.__contains__, OTHER_REFERENCES)]
-    for name in names:
-        shape = _numbers(arrays, name).shape
-        require(shape == (sensor.rows, sensor.cols), f"{name} shape", shape, f"[{sensor.rows}, {sensor.cols}]")
-    return np.stack([arrays[name] for name in names]).astype(np.float32)
+    return np.stack([_numbers(arrays, name, (sensor.rows, sensor.cols)) for name in names]).astype(np.float32)
 
 
 def _reference_intensity(arrays: dict[str, np.ndarray], reference: np.ndarray | None) -> np.ndarray | None:
@@ -160,8 +154,7 @@ def _reference_intensity(arrays: dict[str, np.ndarray], reference: np.ndarray | 
     if INTENSITY not in arrays or reference is None:
         return None
     intensity = np.full_like(reference, np.nan)
-    first = _numbers(arrays, INTENSITY)
-    require(first.shape == reference.shape[1:], f"{INTENSITY} shape", first.shape, f"{list(reference.shape[1:])}")
+    first = _numbers(arrays, INTENSITY, reference.shape[1:])
     require(not (first < 0).any(), INTENSITY, "negative in places", "0 or more, NaN = unknown")
     intensity[0] = first
     return intensity
@@ -173,9 +166,13 @@ def _scalar(arrays: dict[str, np.ndarray], name: str) -> float | int:
     return value.item()
 
 
-def _numbers(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
-    require(arrays[name].dtype.kind in "iufb", f"{name} dtype", str(arrays[name].dtype), "numbers")
-    return arrays[name]
+def _numbers(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...] | None = None,
+             expected: str = "") -> np.ndarray:
+    """The array, which must hold numbers and be of this shape, if one is given; `expected` says it in words."""
+    values = arrays[name]
+    require(values.dtype.kind in "iufb", f"{name} dtype", str(values.dtype), "numbers")
+    require(shape in (None, values.shape), f"{name} shape", values.shape, expected or f"{list(shape or ())}")
+    return values
 
 
 def _text(arrays: dict[str, np.ndarray], name: str) -> str:
