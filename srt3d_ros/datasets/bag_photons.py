@@ -20,15 +20,9 @@ GATES_ENCODING = "16UC1"
 
 @dataclass(frozen=True)
 class PhotonTopics:
-    """Where the photons of a bag are.
+    """Where the photons of a bag are, and the description of their sensor, if there is one."""
 
-    Args:
-        output: what the messages are: "photons" or "gates".
-        frames: the topic of the photons.
-        sensor: the topic of their sensor's description; None if the bag has none.
-    """
-
-    output: str
+    output: str         # what the messages on `frames` are: "photons" or "gates"
     frames: BagTopic
     sensor: BagTopic | None
 
@@ -41,7 +35,6 @@ def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> P
     of the photons.
 
     Args:
-        bag: open.
         photons_topic, sensor_topic: their names, where a bag has several that could be meant.
 
     Raises:

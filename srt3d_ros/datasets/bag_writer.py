@@ -35,10 +35,6 @@ class BagWriter:
 
     It belongs to the thread that made it: SQLite wants that.
 
-    Args:
-        path: the folder, which must not exist.
-        storage: "mcap" or "sqlite3".
-
     Raises:
         InvalidInput: something is there already, or nothing can be written there.
     """
@@ -67,12 +63,9 @@ class BagWriter:
         return (self.last_ns - self.first_ns) * 1e-9
 
     def add_topic(self, name: str, message_type: str, offers: list[Offer]) -> None:
-        """Describe a topic before its first message.
+        """Describe a topic, such as "/photons" of "sensor_msgs/msg/PointCloud2", before its first message.
 
-        Args:
-            name: full, such as "/photons".
-            message_type: of the standard messages, such as "sensor_msgs/msg/PointCloud2".
-            offers: of its publishers; a player offers the same again.
+        A player offers again the QoS that the publishers offered.
         """
         self._connections[name] = self._writer.add_connection(
             name, message_type, typestore=self._types, offered_qos_profiles=[_qos(offer) for offer in offers])
@@ -81,11 +74,7 @@ class BagWriter:
         return name in self._connections
 
     def write(self, name: str, time_ns: int, raw: bytes) -> None:
-        """Append a serialised message.
-
-        Args:
-            name: of a topic that was added.
-            time_ns: when it came, nanoseconds since 1970; readers give the messages in this order.
+        """Append a serialised message that came at `time_ns` since 1970, the order in which it is read again.
 
         Raises:
             OSError: it cannot be written, because the disk is full, say.

@@ -167,10 +167,7 @@ class Figure:
         self._low[0] = -self._high[0]
 
     def march(self, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Distance along each ray to the first hit, float32 [N], +inf where it misses.
-
-        `rays` are unit vectors, float32 [3, N]; `origin` is their common start, [3], outside the figure.
-        """
+        """Distance from `origin`, outside the figure, along unit vectors float32 [3, N] to the first hit, or +inf."""
         hit_at = np.full(rays.shape[1], np.inf, np.float32)
         t, leave = self._through_box(origin, rays)
         active = np.flatnonzero(t < leave)

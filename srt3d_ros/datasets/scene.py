@@ -49,24 +49,20 @@ class StaticScene:
 
 
 class NetScene:
-    """A camouflage net that waves before a plane: two surfaces in most pixels, one where the net is dense or open.
+    """A camouflage net that waves before a plane: two surfaces in most pixels, one where the net is dense or open."""
 
-    Args:
-        sensor: gives the rays.
-        net_m, plane_m: their distances along the optical axis.
-    """
+    net_m, plane_m = 2.0, 3.2           # along the optical axis
 
-    def __init__(self, sensor: SensorModel, net_m: float = 2.0, plane_m: float = 3.2):
+    def __init__(self, sensor: SensorModel):
         self._rays = sensor.rays.astype(np.float64)
-        self._net_m, self._plane_m = net_m, plane_m
 
     def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Net and plane at time `t_s`; see Scene."""
         x, y, z = np.moveaxis(self._rays, -1, 0)
-        u, v = x / z * self._net_m, y / z * self._net_m                 # where the ray meets the net
+        u, v = x / z * self.net_m, y / z * self.net_m                 # where the ray meets the net
         wave = 0.08 * np.sin(2 * np.pi * (1.3 * u + 0.7 * v - 0.4 * t_s))
         cover = np.clip(0.5 + 0.45 * np.sin(17 * u + 2 * np.sin(9 * v)) + 0.25 * np.sin(23 * v - 5 * u), 0, 1)
-        range_m = np.stack([(self._net_m + wave) / z, self._plane_m / z])
+        range_m = np.stack([(self.net_m + wave) / z, self.plane_m / z])
         reflectivity = np.stack([cover, 1 - cover])
         range_m[reflectivity <= 0] = np.nan
         return range_m.astype(np.float32), reflectivity.astype(np.float32)
