@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
@@ -174,6 +175,16 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused(tmp_path, small_bo
     summary = len(data) - 28            # in the footer: where the index begins, 0 if there is none
     path.write_bytes(data if indexed else data[:summary] + bytes(8) + data[summary + 8:])
     assert peak_of_refusal(path, "more than 4194304 bytes unpacked") < 2**24
+
+
+@pytest.mark.parametrize("packed", [
+    lz4.frame.compress(bytes(2**26)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + bags._zstd().compress(
+        bytes(2**26)), 28 * b"a" + struct.pack("<I", 3) + b"lz4" + bytes(8) + lz4.frame.compress(bytes(2**26)),
+], ids=["lz4", "zstd after a frame to skip", "record of a chunk"])
+def test_no_read_gives_rosbags_what_unpacks_to_far_too_much(tmp_path, small_bounds, packed):
+    (tmp_path / "a.mcap").write_bytes(packed)
+    with bags._BoundedPath(tmp_path / "a.mcap").open("rb") as file, pytest.raises(ValueError, match="unpacked"):
+        file.read()
 
 
 ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT "
