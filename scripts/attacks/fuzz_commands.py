@@ -120,7 +120,7 @@ def _parsed(argv: list[str]) -> int:
     args = parser(named or COMMANDS).parse_args(argv)
     if argv[:1] == ["up"]:
         up = importlib.import_module("srt3d_ros.cli.up")
-        specs = [node.spec for node in up.node_classes(args)]
+        specs = up.node_specs(args)
         up.parameters_yaml(args, specs)
         up.ros_arguments(args, specs, __file__)
     return 0

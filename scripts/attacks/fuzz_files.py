@@ -17,11 +17,10 @@ from fuzz_messages import sensor_texts
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.datasets import npz, open_photons, open_sensor
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
-from srt3d_ros.datasets.scene_file import read_scene
-from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.datasets.scene import read_scene
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photons, sensor
 

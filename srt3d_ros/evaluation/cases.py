@@ -12,8 +12,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import Photons, open_photons
-from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor
-from srt3d_ros.datasets.scene_file import read_scene
+from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation.tolerance import Tolerance
@@ -103,7 +102,7 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
-        scene: "bust", "net", or a scene file (datasets.scene_file).
+        scene: "bust", "net", or a scene file (datasets.scene).
         quick: the bust at half the resolution.
         upsampling: u: the scene has u × u finer pixels, whose photons are merged into each pixel of the sensor.
     """

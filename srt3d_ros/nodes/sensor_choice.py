@@ -6,7 +6,7 @@ from pathlib import Path
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sensor_difference import first_difference
-from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 
 

@@ -134,7 +134,7 @@ BAD = {
     "sketch size 0": (["--sketch-size", "0"], "--sketch-size is 0"),
     "tolerance": (["layers.npz", "--tolerance", "near"], "tolerance is near"),
     "no repeats": (["--repeats", "0"], "--repeats is 0"), "few photons": (["--max-photons", "1"], "--max-photons is 1"),
-    "reference 0": (["layers.npz", "--align", "0"], "--align is"), "seen": (["layers.npz", "--seen", "8"], "--seen is"),
+    "reference 0": (["layers.npz", "--align", "0"], "--align is"), "seen": (["layers.npz", "--seen", "8"], "--seen"),
     "surfaces 0": (["layers.npz", "--surfaces", "0"], "--surfaces is 0"),
     "a file as folder": (["layers.npz", "--out", "layers.npz"], "--out is layers.npz"),
     "no folder": (["layers.npz", "--out"], "--out"),

@@ -13,8 +13,8 @@ import pytest
 from sensor_msgs.msg import PointCloud2
 
 from scripts.attacks.process import Process
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.sensor_file import open_sensor
 from srt3d_ros.messages import points as points_message
 from tests.docs import pages
 from tests.nodes.conftest import Graph

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.nodes.specs import SPECS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
