@@ -13,7 +13,7 @@ from sensor_msgs.msg import Image
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, images
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.cdr import Header
 
 GOLDEN = Path(__file__).parent / "golden"
 ROSBAGS = get_typestore(Stores.ROS2_JAZZY)
@@ -42,28 +42,19 @@ def test_bytes_are_the_golden_ones(codec_name, codec):
     assert same(codec.decode_cdr(golden), codec.decode_cdr(codec.encode_cdr()))
 
 
-def test_typed_path_writes_the_same_bytes(codec):
-    raw, serialised = codec.encode_cdr(), serialize_message(codec.encode())
+def test_rclpy_reads_and_writes_the_same_bytes(codec):
+    raw, serialised = codec.encode_cdr(), serialize_message(codec.message())
     assert len(serialised) == len(raw)
     # rclpy leaves whatever was in memory in the bytes that align numbers: they are set to 0 by reading and writing.
     read, write = ((cdr.read_cloud, cdr.write_cloud) if codec.message_class.__name__ == "PointCloud2" else
                    (cdr.read_image, cdr.write_image))
     assert write(read(serialised)) == raw
+    assert same(codec.decode_cdr(serialised), codec.decode_cdr(raw))
 
 
 def test_rosbags_writes_the_same_bytes(codec):
     raw = codec.encode_cdr()
     assert bytes(ROSBAGS.serialize_cdr(ROSBAGS.deserialize_cdr(raw, ros_name(codec)), ros_name(codec))) == raw
-
-
-def test_rclpy_reads_the_bytes_as_the_typed_message(codec):
-    assert deserialize_message(codec.encode_cdr(), codec.message_class) == codec.encode()
-
-
-def test_both_paths_read_the_same(codec):
-    typed = codec.decode(codec.encode())
-    assert same(typed, codec.decode_cdr(serialize_message(codec.encode())))
-    assert same(typed, codec.decode(ROSBAGS.deserialize_cdr(codec.encode_cdr(), ros_name(codec))))
 
 
 def test_stamp_and_frame_are_passed_through(codec):
@@ -86,7 +77,7 @@ def test_big_endian_cdr_is_read(codec):
 
 
 def test_big_endian_data_is_read(codec):
-    message = codec.encode()
+    message = codec.message()
     if hasattr(message, "fields"):
         widths = (0, 1, 1, 2, 2, 4, 4, 4, 8)        # of PointField's datatypes
         step = message.point_step
@@ -100,17 +91,16 @@ def test_big_endian_data_is_read(codec):
         data[:, at:at + width] = data[:, at:at + width][:, ::-1]
     message.data = data.tobytes()
     message.is_bigendian = type(message.is_bigendian)(1)
-    assert same(codec.decode(message), codec.decode(codec.encode()))
-    assert same(codec.decode_cdr(serialize_message(message)), codec.decode(codec.encode()))
+    assert same(codec.decode(message), codec.decode_cdr(codec.encode_cdr()))
 
 
 def test_padded_rows_are_read(codec):
-    message = codec.encode()
+    message = codec.message()
     step = "row_step" if hasattr(message, "row_step") else "step"
     padded = np.pad(np.frombuffer(message.data, np.uint8).reshape(message.height, -1), ((0, 0), (0, 5)))
     setattr(message, step, getattr(message, step) + 5)
     message.data = padded.tobytes()
-    assert same(codec.decode(message), codec.decode(codec.encode()))
+    assert same(codec.decode(message), codec.decode_cdr(codec.encode_cdr()))
 
 
 def test_trailing_bytes_of_other_middleware_are_allowed_up_to_alignment(codec):
@@ -156,7 +146,8 @@ def test_any_stamp_and_frame_make_the_trip(stamp_ns, frame_id):
     image = np.zeros((2, 3), np.float32)
     raw = images.encode_cdr(image, stamp_ns, frame_id)
     assert images.decode_cdr(raw)[0] == Header(stamp_ns, frame_id)
-    assert images.decode(deserialize_message(raw, Image))[0] == Header(stamp_ns, frame_id)
+    header = deserialize_message(raw, Image).header
+    assert header.stamp.sec * 10**9 + header.stamp.nanosec == stamp_ns and header.frame_id == frame_id
 
 
 @pytest.mark.parametrize(("stamp_ns", "frame_id", "field"), [
