@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.upsampling import refine
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput

@@ -1,10 +1,11 @@
-"""What the baselines that work on sketches share: everything but how depths and intensities are found."""
+"""What SRT3D and SMLE share: everything but how depths and intensities are found."""
 
 import numpy as np
 
-from srt3d_ros.core.baselines.options import kernels_of
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.pooled import check_options
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.weighting import weighted_steps
@@ -25,11 +26,10 @@ class SketchedBaseline:
         InvalidInput: for a parameter that cannot be used.
     """
 
-    name: str
-
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int, weighting: str,
                  false_alarm_rate: float | None, device: str):
-        self.device, self.kernels = kernels_of(surfaces, device, false_alarm_rate)
+        check_options(surfaces, false_alarm_rate)
+        self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
         self.steps = weighted_steps(sensor, self._matcher.frequencies, weighting)

@@ -28,8 +28,6 @@ class SMLE(SketchedBaseline):
         false_alarm_rate: points of less evidence in the matched filter are left out; None: none are.
     """
 
-    name = "smle"
-
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "precision",
                  false_alarm_rate: float | None = None, device: str = "auto"):
         super().__init__(sensor, frequencies, surfaces, weighting, false_alarm_rate, device)

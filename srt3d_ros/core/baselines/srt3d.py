@@ -30,8 +30,6 @@ class SRT3D(SketchedBaseline):
         weighting: W of the data term, "identity" or "precision".
     """
 
-    name = "srt3d"
-
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "identity",
                  device: str = "auto"):
         super().__init__(sensor, frequencies, surfaces, weighting, None, device)

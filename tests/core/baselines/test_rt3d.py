@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.baselines.fisher import DepthInformation, irf_slope
 from srt3d_ros.core.baselines.rt3d import RT3D
-from srt3d_ros.core.baselines.toa import by_pixel
+from srt3d_ros.core.baselines.toa import DepthInformation, by_pixel, irf_slope
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.kernels import cpu
 
