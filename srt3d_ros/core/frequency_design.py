@@ -1,8 +1,8 @@
 """The frequencies that make the expected depth error of a sketch least (docs/frequencies.md).
 
 A matched filter on the sketch of one surface errs in two ways: it misses the top of the right peak a little, or it
-takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory 15,
-1969; S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
+takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory
+15, 1969; S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
 
     E|t̂ − t| ≥ ∫ max{P(d'): d' ≥ d} dd over 0 < d < T/2,   P(d) = Q(s·D(d) / √(s·V(d) + b·D(d)))
 
