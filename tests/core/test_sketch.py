@@ -51,14 +51,12 @@ def test_sketches_add_and_keep_the_earliest_stamp():
     assert total.sums.dtype == np.complex64 and total.photons.dtype == np.uint32
 
 
-def test_sketches_of_other_frequencies_do_not_add():
-    with pytest.raises(InvalidInput, match=r"^frequencies is \(1, 5\): expected the same as \(1, 4\)"):
-        make() + make(frequencies=(1, 5))
-
-
-def test_sketches_of_other_sizes_do_not_add():
-    with pytest.raises(InvalidInput, match=r"^sketch size is \(1, 3\): expected the same as \(2, 3\)"):
-        make() + make(rows=1)
+@pytest.mark.parametrize(("changes", "named"), [
+    ({"frequencies": (1, 5)}, r"frequencies is \(1, 5\): expected the same as \(1, 4\)"),
+    ({"rows": 1}, r"sketch size is \(1, 3\): expected the same as \(2, 3\)")])
+def test_sketches_of_other_frequencies_or_sizes_do_not_add(changes, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        make() + make(**changes)
 
 
 def test_larger_pixels_are_sums_of_blocks():

@@ -17,7 +17,7 @@ from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from tests.core.baselines.scenes import run
+from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse
 PULSE = exponnorm(K=2.0, scale=1.2)           # jitter of a photon's time, bins: steep rise, slow decay

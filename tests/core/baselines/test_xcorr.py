@@ -7,8 +7,7 @@ from srt3d_ros.core.baselines import xcorr
 from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
-
-from .scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
+from tests.core.scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
 
 
 def plain_filter(counts: np.ndarray, irf: np.ndarray, ref: int) -> float:
