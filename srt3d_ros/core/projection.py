@@ -1,4 +1,4 @@
-"""Where a pixel looks: unit rays in the sensor's frame, from which range gives a point."""
+"""Projections: the unit ray of each pixel in the sensor's frame."""
 
 from dataclasses import dataclass, replace
 

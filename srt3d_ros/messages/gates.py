@@ -1,5 +1,7 @@
 """`gates`: PhotonGates ⇄ Image, the ToA words of G laser cycles (msg_schemas/gates.json)."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from srt3d_ros.core.photons import CHUNK, PhotonGates, last_word, word_wanted
@@ -16,11 +18,8 @@ def encode_cdr(gates: PhotonGates, sensor: SensorModel, frame_id: str) -> bytes:
     Raises:
         InvalidInput: the words do not fit the sensor, or the sensor has no `gates`.
     """
-    cycles, rows, cols = gates.words.shape
-    require((rows, cols) == (sensor.rows, sensor.cols), "gates shape", gates.words.shape,
-            f"[cycles, {sensor.rows}, {sensor.cols}]")
-    _count_photons(gates.words, sensor)
-    return cdr.write_image(pack_image(cdr.Header(gates.stamp_ns, frame_id), gates.words.reshape(cycles * rows, cols),
+    _count_photons(gates, sensor)
+    return cdr.write_image(pack_image(cdr.Header(gates.stamp_ns, frame_id), gates.words.reshape(-1, sensor.cols),
                                       load("gates")))
 
 
@@ -35,16 +34,16 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonGates
     require(image.height % sensor.rows == 0, "height", image.height, f"a multiple of the sensor's {sensor.rows} rows")
     # A copy only where it has to be: of 300 MB/s each one costs a tenth of a core.
     words = np.require(unpack_image(image, load("gates")), np.uint16, ["C_CONTIGUOUS", "ALIGNED"])
-    words = words.reshape(image.height // sensor.rows, sensor.rows, sensor.cols)
-    return image.header, PhotonGates(words, image.header.stamp_ns, _count_photons(words, sensor))
+    gates = PhotonGates(words.reshape(-1, sensor.rows, sensor.cols), image.header.stamp_ns)
+    return image.header, replace(gates, photons=_count_photons(gates, sensor))
 
 
-def _count_photons(words: np.ndarray, sensor: SensorModel) -> int:
+def _count_photons(gates: PhotonGates, sensor: SensorModel) -> int:
     """How many of the words are photons; InvalidInput if one is neither a photon nor none."""
-    require(sensor.gates is not None, "sensor.gates", "absent", "first_word and no_detection, to read `gates` with")
+    gates.check(sensor)
     first, none = sensor.gates.first_word, sensor.gates.no_detection
     last = last_word(sensor)
-    flat, photons = words.reshape(-1), 0
+    flat, photons = gates.words.reshape(-1), 0
     for part in (flat[start:start + CHUNK] for start in range(0, len(flat), CHUNK)):
         # Unsigned: a word below `first` wraps around to more than any bin.
         seen = part != none

@@ -15,7 +15,7 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
     """The serialised message of a cloud.
 
     Args:
-        cloud: what a reconstruction gave.
+        cloud: of one frame.
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
         sensor: needed by "full" alone, which gives depth_std in metres.

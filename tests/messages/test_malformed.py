@@ -189,7 +189,7 @@ def test_hostile_sizes_allocate_nothing(codecs):
 
 
 def test_gates_need_the_sensors_words(codecs, small_sensor):
-    with pytest.raises(InvalidInput, match="^sensor.gates is absent"):
+    with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
         gates.decode_cdr(codecs["gates"].encode_cdr(), small_sensor.replace(gates=None))
 
 

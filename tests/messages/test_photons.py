@@ -70,3 +70,10 @@ def test_last_row_and_column_of_the_largest_side_fit():
     sensor = SensorModel(rows=65_536, cols=1, num_bins=65_535, bin_width_s=1e-10, irf=np.ones(1))
     events = PhotonEvents(np.array([65_535], np.uint32), np.array([65_534], np.uint16))
     assert photons.decode_cdr(photons.encode_cdr(events, sensor, ""), sensor)[1].pixel.tolist() == [65_535]
+
+
+def test_a_message_announces_its_photons_unless_its_bytes_cannot_hold_them(codecs):
+    raw = codecs["photons_uint16"].encode_cdr()
+    assert photons.announced(raw) == 3
+    for broken in (b"", raw[:30], raw[:28] + b"\xff\xff\xff\xff" + raw[32:]):      # the width
+        assert photons.announced(broken) == 0

@@ -35,6 +35,8 @@ def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     error = np.abs((back.sums - content.sums).view(np.float32)).reshape(rows, cols, -1)
     assert (error <= rounding * content.photons[..., None]).all()
     assert (back.sums[content.photons == 0] == 0).all()
+    same_header, counts = sketch.decode_counts_cdr(sketch.encode_cdr(content, "spad", layout))
+    assert same_header == header and (counts == content.photons).all()
 
 
 @pytest.mark.parametrize(("layout", "bytes_per_pixel"), [("float32", 4 + 8 * 10), ("int16", 4 + 4 * 10)])

@@ -58,16 +58,7 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor.
-
-    Args:
-        sensor: geometry, IRF and calibration.
-        surfaces: K, the most surfaces in a pixel, 1 … 4.
-        device: "cpu", "cuda", or "auto" for the best there is.
-
-    Raises:
-        InvalidInput: for a parameter that cannot be used.
-    """
+    """Reconstructs frames of one sensor from their photons; arguments as of `Pooled`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
         check_options(surfaces, None)
@@ -118,7 +109,7 @@ class RT3D:
         return lambda stray: kernels.blur(stray[:, None] + least, weights, 1)[:, 0] / bins
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
+        """Compile the kernels, or load them from the disk."""
         self(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
 
 

@@ -12,18 +12,12 @@ from srt3d_ros.core.weighting import weighted_steps
 
 
 class SketchedBaseline:
-    """Calibrates sketches, finds points with `points`, makes clouds of them.
+    """Reconstructs frames of one sensor from their sketches, by the points of a subclass.
 
     Args:
-        sensor: geometry, IRF and calibration.
-        frequencies: the integers k_l of the sketches.
-        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        sensor, frequencies, surfaces, device: as of `Pooled`.
         weighting: W of the data term, "identity" or "precision".
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
-        device: "cpu", "cuda", or "auto" for the best there is.
-
-    Raises:
-        InvalidInput: for a parameter that cannot be used.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int, weighting: str,
@@ -50,11 +44,11 @@ class SketchedBaseline:
         raise NotImplementedError
 
     def step(self, frame: MatchedFrame, rate: float, usual: float, depth, intensity) -> None:
-        """A gradient step of all points, in place; frame and points lie on the device."""
+        """A gradient step of all points in place; frame and points lie on the device."""
         self.kernels.pixelwise(frame, self._table, rate, usual, depth, intensity)
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
+        """Compile the kernels, or load them from the disk."""
         shape, m = (self.sensor.rows, self.sensor.cols), len(self._matcher.frequencies)
         self(Sketch(self._matcher.frequencies, np.zeros((*shape, m), np.complex64), np.zeros(shape, np.uint32)))
 

@@ -25,16 +25,12 @@ WHOLE = 0.99            # share of the IRF in the window that is taken out for t
 
 
 class XCORR:
-    """Reconstructs frames of one sensor.
+    """Reconstructs frames of one sensor from their photons, on the CPU.
 
     Args:
-        sensor: geometry, IRF and calibration.
-        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        sensor, surfaces: as of `Pooled`.
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: all points are shown.
-        device: "cpu" or "auto", which is the same here.
-
-    Raises:
-        InvalidInput: for a parameter that cannot be used.
+        device: "cpu" or "auto".
     """
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, false_alarm_rate: float | None = None,
@@ -58,7 +54,7 @@ class XCORR:
         return PointCloud.from_layers(self.sensor, peaks.depth, intensity, std, background, photons.stamp_ns)
 
     def warm_up(self) -> None:
-        """Nothing has to be compiled."""
+        """Do nothing: there is nothing to compile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +94,7 @@ def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
 
 
 class _Filters:
-    """The IRF's logarithm and windows, and what is done with them to some pixels' histograms."""
+    """The IRF's logarithm and windows, applied to pixels' histograms."""
 
     def __init__(self, sensor: SensorModel):
         from scipy.fft import next_fast_len  # here, as other methods do without SciPy
