@@ -1,4 +1,4 @@
-"""What holds for every binary layout: the bytes, the two paths, other people's CDR, and messages that are broken."""
+"""What holds for every binary layout: the bytes, others' CDR, broken messages; then images, texts and stamps."""
 
 import dataclasses
 from pathlib import Path
@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Image
+from std_msgs.msg import String
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, images
@@ -151,3 +153,58 @@ def test_any_stamp_and_frame_make_the_trip(stamp_ns, frame_id):
 def test_header_that_ros_cannot_carry_is_refused(stamp_ns, frame_id, field):
     with pytest.raises(InvalidInput, match=f"^{field} is "):
         Header(stamp_ns, frame_id)
+
+
+# ---- Images of one number a pixel
+
+@settings(max_examples=100, deadline=None)
+@given(image=arrays.arrays(np.float32, arrays.array_shapes(min_dims=2, max_dims=2)))
+def test_any_image_makes_the_trip(image):
+    header, back = images.decode_cdr(images.encode_cdr(image, 7, "cam"))
+    assert header == Header(7, "cam")
+    assert back.shape == image.shape and back.tobytes() == image.tobytes() and back.flags.writeable
+
+
+def test_image_that_is_not_contiguous_is_written_right():
+    image = np.arange(12, dtype=np.float32).reshape(3, 4)
+    assert (images.decode_cdr(images.encode_cdr(image[:, ::2], 0, ""))[1] == image[:, ::2]).all()
+
+
+@pytest.mark.parametrize("image", [np.zeros((2, 3)), np.zeros((2, 3, 1), np.float32)])
+def test_other_types_and_shapes_are_refused(image):
+    with pytest.raises(InvalidInput, match=r"^image is float.*: expected float32 \[rows, cols\]"):
+        images.encode_cdr(image, 0, "lidar")
+
+
+# ---- Texts and stamps, as rclpy writes and reads them
+
+STAMP_NS = 1_700_000_000_250_000_001
+BIG_ENDIAN = b"\0\0\0\0" + (5).to_bytes(4, "big") + (6).to_bytes(4, "big") + b"the rest"
+
+
+@pytest.mark.parametrize("text", ["", "a", "{\"irf\": [1, 2]}", "ωₗ"])
+def test_texts_are_written_and_read_as_rclpy_does(text):
+    assert deserialize_message(cdr.write_text(text), String).data == text
+    assert cdr.read_text(serialize_message(String(data=text))) == text
+
+
+@pytest.mark.parametrize("raw", [b"", b"\0\1\0\0\x08\0\0\0abc\0", b"\0\1\0\0\2\0\0\0\xff\0", b"\0\1\0\0\2\0\0\0ab"])
+def test_what_is_no_text_is_refused(raw):
+    with pytest.raises(InvalidInput):
+        cdr.read_text(raw)
+
+
+def test_a_stamp_is_read_and_replaced_and_nothing_else():
+    raw = serialize_message(Image(width=3, encoding="16UC1"))
+    stamped = cdr.restamp(raw, STAMP_NS)
+    header = deserialize_message(stamped, Image).header
+    assert (header.stamp.sec, header.stamp.nanosec) == (1_700_000_000, 250_000_001)
+    assert cdr.stamp_ns(stamped) == STAMP_NS and cdr.restamp(stamped, 0) == raw
+
+
+def test_stamps_are_in_the_byte_order_of_their_message():
+    assert cdr.stamp_ns(BIG_ENDIAN) == 5_000_000_006
+    stamped = cdr.restamp(BIG_ENDIAN, STAMP_NS)
+    assert cdr.stamp_ns(stamped) == STAMP_NS and stamped.endswith(b"the rest")
+    with pytest.raises(InvalidInput, match="header.stamp"):
+        cdr.stamp_ns(BIG_ENDIAN[:9])
