@@ -1,4 +1,4 @@
-"""Sketch: which frequencies it may have, and that sketches add over time and over pixels."""
+"""Sketch: which frequencies it may have, and that sketches add."""
 
 import numpy as np
 import pytest
@@ -59,28 +59,12 @@ def test_sketches_of_other_frequencies_or_sizes_do_not_add(changes, named):
         make() + make(**changes)
 
 
-def test_larger_pixels_are_sums_of_blocks():
-    sketch = make(rows=4, cols=6, stamp_ns=3)
-    merged = sketch.merge_pixels(2)
-    assert merged.photons.shape == (2, 3) and merged.photons.dtype == np.uint32 and merged.sums.dtype == np.complex64
-    assert merged.photons[1, 2] == sketch.photons[2:, 4:].sum() and merged.stamp_ns == 3
-    np.testing.assert_allclose(merged.sums[0, 1], sketch.sums[:2, 2:4].sum(axis=(0, 1)), rtol=1e-6)
-
-
-@pytest.mark.parametrize("add", [lambda sketch: sketch + sketch, lambda sketch: sketch.merge_pixels(2)],
-                         ids=["time", "pixels"])
-def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean(add):
+def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     photons = np.full((2, 2), 3_000_000_000, np.uint32)
     sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons)
-    total = add(sketch)
+    total = sketch + sketch
     assert (total.photons == MAX_PHOTONS).all() and total.photons.dtype == np.uint32
     np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
-
-
-@pytest.mark.parametrize("factor", [0, -1, 3, 8])
-def test_pixels_merge_only_in_whole_blocks(factor):
-    with pytest.raises(InvalidInput, match=f"^factor is {factor}: expected a divisor of 4 rows and 6 columns"):
-        make(rows=4, cols=6).merge_pixels(factor)
 
 
 @pytest.mark.parametrize(("sums", "photons", "named"), [

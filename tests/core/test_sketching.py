@@ -114,17 +114,6 @@ def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(see
     assert sketcher.sketch().stamp_ns == 100
 
 
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), dtype=st.sampled_from([np.uint16, np.float32]))
-def test_merged_pixels_have_the_sketch_of_their_merged_photons(seed, dtype):
-    events = photons(600, seed=seed, dtype=dtype)
-    row, col = np.divmod(events.pixel, SENSOR.cols)
-    coarse = SENSOR.replace(rows=2, cols=3)
-    together = PhotonEvents((row // 2 * 3 + col // 2).astype(np.uint32), events.toa)
-    merged = sketch_photons(events, SENSOR, FREQUENCIES).merge_pixels(2)
-    assert_sketches_are_equal(merged, sketch_photons(together, coarse, FREQUENCIES))
-
-
 def test_reset_forgets_photons_and_stamp():
     sketcher = Sketcher(SENSOR, FREQUENCIES)
     sketcher.add(photons(seed=1))
