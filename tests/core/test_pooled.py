@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import exponnorm
+from scipy.stats import exponnorm, norm
 
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.metrics import evaluate
@@ -11,6 +11,7 @@ from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from tests.core.scenes import T, assert_finite, background_alone, errors, make_sensor, pooled, ramp, simulate
@@ -148,6 +149,13 @@ def test_fewer_false_alarms_are_allowed_fewer_points_appear():
     frame = background_alone(sensor, 20, seed=1)
     points = [len(pooled(frame, sensor, false_alarm_rate=rate)) for rate in (0.3, 0.03, 1e-4, 1e-17, 1e-320)]
     assert points == sorted(points, reverse=True) and points[0] > 100 and points[-1] == 0
+
+
+def test_thresholds_are_quantiles_of_the_normal_distribution():
+    assert score_threshold(1e-4, 100) == pytest.approx(norm.isf(1e-4 / 200))
+    assert score_threshold(1e-2, 40, (6.0, 3)) == pytest.approx(norm.isf(1e-2 / 80 * 9 / (4 * np.pi * 36)))
+    assert score_threshold(1e-2, 40, (0.5, 2)) == pytest.approx(norm.isf(1e-2 / 80))       # a window within its cell
+    assert continuation_threshold(1e-4) == pytest.approx(norm.isf(1e-2))
 
 
 # ---- Unusual frames
