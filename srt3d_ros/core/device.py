@@ -55,7 +55,7 @@ def check_cuda() -> None:
 
 
 def missing_for_cuda() -> str:
-    """What the CUDA kernels lack first to run on a GPU; empty if nothing."""
+    """The first thing that the CUDA kernels lack to run on a GPU; empty if nothing."""
     try:
         ctypes.CDLL(DRIVER)     # before torch, whose import takes long
     except OSError:

@@ -6,7 +6,7 @@ takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Zi
 
     E|t̂ − t| ≥ ∫ max{P(d'): d' ≥ d} dd over 0 < d < T/2,   P(d) = Q(s·D(d) / √(s·V(d) + b·D(d)))
 
-P(d) is the probability that s signal and b background photons speak for depth t + d rather than for t. With a photon's
+P(d) is the probability that s signal and b background photons favour depth t + d over t. With a photon's
 response q(x) = Σ_l Re conj(ĥ_l) exp(i ω_l x) at x bins from a surface, D(d) = Σ_l |ĥ_l|² (1 − cos ω_l d) is by how much
 a signal photon prefers the truth on average, b·D(d) the variance that the background adds to the preference, and
 V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d that is the sandwich variance of the estimator

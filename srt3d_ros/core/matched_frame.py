@@ -70,7 +70,7 @@ class MatchedFrame:
 
     @property
     def resolution_bins(self) -> float:
-        """Width of the matched filter's peak: depths that lie closer are hardly told apart."""
+        """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
 
     def noise_ratio(self, depth_bins: np.ndarray) -> np.ndarray | float:

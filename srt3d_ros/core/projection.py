@@ -46,7 +46,7 @@ class Pinhole:
     def check(self, rows: int, cols: int) -> None:
         """Raise InvalidInput unless the distortion can be taken off everywhere in an image of this size."""
         if self.distortion:
-            x, y = self._places(rows, cols)     # the border and the lines to the middle stand for the inside
+            x, y = self._places(rows, cols)     # checks border and lines to the middle: all of it
             self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
 
     def rays(self, rows: int, cols: int) -> np.ndarray:

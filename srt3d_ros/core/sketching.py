@@ -52,11 +52,11 @@ class Sketcher:
 
     def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
         """Copy the photons to the device; the function returned adds them, as often as it is called."""
-        bring = self._kernels.photon_array
+        on_device = self._kernels.photon_array
         if isinstance(frame, PhotonGates):
             gates, rows, cols = frame.words.shape
-            return partial(self._add_gates, frame, bring(frame.words.reshape(gates, rows * cols)))
-        return partial(self._add_events, frame, bring(frame.pixel), bring(frame.toa))
+            return partial(self._add_gates, frame, on_device(frame.words.reshape(gates, rows * cols)))
+        return partial(self._add_events, frame, on_device(frame.pixel), on_device(frame.toa))
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
