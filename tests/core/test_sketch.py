@@ -17,7 +17,7 @@ def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0) -> Sketch:
 def test_frequencies_become_a_tuple_of_integers():
     checked = check_frequencies(np.array([1, 7, 3]), 100)
     assert checked == (1, 7, 3) and all(type(k) is int for k in checked)
-    assert check_frequencies([2.0], 100) == (2,)
+    assert check_frequencies([2.0], 100) == (2,) and len(check_frequencies(range(1, MAX_SKETCH_SIZE + 1), 1000)) == 64
 
 
 @pytest.mark.parametrize(("frequencies", "named"), [
@@ -38,9 +38,9 @@ def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
 
 
 def test_z_is_the_mean_over_the_photons_and_0_without_any():
-    sketch = Sketch((1, 2), np.array([[[4, 2j], [0, 0]]], np.complex64), np.array([[4, 0]], np.uint32))
+    sketch = Sketch((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32))
     assert sketch.z.dtype == np.complex64
-    np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [0, 0]]])
+    np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [1, 1j], [0, 0]]])
 
 
 def test_sketches_add_and_keep_the_earliest_stamp():
