@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, ScalarFormatter
 from tqdm import tqdm
 
-from srt3d_ros.core.baselines.fisher import DepthInformation
+from srt3d_ros.core.baselines.toa import DepthInformation
 from srt3d_ros.core.frequencies import RULES
 from srt3d_ros.core.frequency_design import expected_error_bins
 from srt3d_ros.core.matched_frame import Matcher

@@ -11,12 +11,11 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__, cloud_files
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.upsampling import refine
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import Case, Observation, photons_near
 from srt3d_ros.evaluation.results import Results, format_value

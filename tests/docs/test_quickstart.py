@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from scripts.attacks.process import Process
@@ -122,7 +123,7 @@ def _record(page: str, folder: Path, graph: Graph) -> None:
 
 def test_step_4_gives_clouds_where_the_page_says(cloud, page):
     range_said, bin_said = re.search(r"points are all ([\d.]+) m\s+away, which is bin (\d+)", page).groups()
-    header, columns = points_message.decode(cloud)
+    header, columns = points_message.decode_cdr(serialize_message(cloud))
     range_m = np.linalg.norm(columns["xyz"], axis=1)
     assert header.frame_id == "spad_optical"
     assert len(range_m) > 0.9 * 32 * 32

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.baselines.fisher import irf_slope
 from srt3d_ros.core.baselines.rt3d import Likelihood
-from srt3d_ros.core.baselines.toa import by_pixel, exposure
+from srt3d_ros.core.baselines.toa import by_pixel, exposure, irf_slope
 from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import reconstruct

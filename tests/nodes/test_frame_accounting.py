@@ -18,8 +18,7 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages.cdr import Cloud, write_cloud
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
 from srt3d_ros.nodes import base
 from srt3d_ros.nodes.frame_accounting import FRAMES, PHOTONS, FrameAccounts
 from tests.nodes.conftest import Graph, check_balance

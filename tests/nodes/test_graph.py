@@ -8,6 +8,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
@@ -111,7 +112,7 @@ def test_two_pipelines_side_by_side_do_not_hear_each_other(graph, sensor, events
             pipeline.wait(lambda pipeline=pipeline: clouds[pipeline], "a cloud")
             assert pipeline.reports("reconstructor", "frames_out", 1)["dropped"] == "0"
             (cloud,) = clouds[pipeline]
-            header, points = points_message.decode(cloud)
+            header, points = points_message.decode_cdr(serialize_message(cloud))
             assert (header.stamp_ns, header.frame_id) == (own.rows, own.frame_id)
             assert (points["row"].max(), points["col"].max()) == (own.rows - 1, own.cols - 1)
     finally:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
@@ -34,7 +35,7 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     graph.wait(lambda: len(frames) == 5, "5 frames")
     sent = sensor_message.decode(described[0])
     assert sent.irf.tolist() == sensor.irf.tolist() and (sent.frame_id, sent.num_bins) == ("mast", 100)
-    decoded = [photons_message.decode(frame, sent) for frame in frames]
+    decoded = [photons_message.decode_cdr(serialize_message(frame), sent) for frame in frames]
     assert {header.frame_id for header, _ in decoded} == {"mast"}
     stamps = [header.stamp_ns for header, _ in decoded]
     assert np.diff(stamps).tolist() == [20_000_000] * 4
@@ -48,7 +49,7 @@ def test_gates_hold_the_same_photons(graph, events, photon_file):
     assert graph.start("player", input=photon_file, output="gates", loop=False).code() == 0
     graph.wait(lambda: frames, "gates")
     sent = sensor_message.decode(described[0])
-    _, gates = gates_message.decode(frames[0], sent)
+    _, gates = gates_message.decode_cdr(serialize_message(frames[0]), sent)
     assert len(frames) == 1 and same_photons(gates.to_events(sent), events)
 
 
@@ -61,7 +62,7 @@ def test_the_simulator_is_played_with_its_parameters(graph):
     simulator = Simulator(ppp=0.5, sbr=2.0, seed=3)
     assert sent.same_as(simulator.sensor)
     for k, message in enumerate(frames):
-        assert same_photons(photons_message.decode(message, sent)[1], simulator.frame(k)[0])
+        assert same_photons(photons_message.decode_cdr(serialize_message(message), sent)[1], simulator.frame(k)[0])
 
 
 def test_lossless_keeps_at_most_in_flight_frames_unanswered(graph, events, photon_file):

@@ -19,9 +19,8 @@ from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
-from srt3d_ros.messages.typed import to_cloud_message
 from srt3d_ros.nodes import base
 from srt3d_ros.nodes.diagnostics import PIPELINE_ID
 from srt3d_ros.nodes.frame_index import STAMPS_KEPT, FrameIndex
@@ -158,7 +157,7 @@ class Speaker:
         """Send the next frame's sketch."""
         counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
         z = np.zeros((*counts.shape, 2), np.complex64)
-        self._sketches.publish(sketch_message.encode(Sketch(self.frequencies, z, counts, self.stamp_ns), "spad"))
+        self._sketches.publish(sketch_message.encode_cdr(Sketch(self.frequencies, z, counts, self.stamp_ns), "spad"))
 
     def sketch_only(self) -> int:
         """Send the next frame, which gets no cloud; its stamp."""
@@ -176,7 +175,7 @@ class Speaker:
         cloud = np.zeros(points, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
         for name in cloud.dtype.names:
             cloud[name] = rng.uniform(1, 2, points)
-        self._points.publish(to_cloud_message(pack_cloud(Header(stamp_ns, "spad"), cloud)))
+        self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
         self.sent += 1
         return stamp_ns
 

@@ -6,6 +6,7 @@ import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.time import Time
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
@@ -43,7 +44,7 @@ def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_events_and_gates(gr
 
     expected = sketch_photons(events, sensor, frequencies)
     for k, message in enumerate(sketches):
-        header, sketch = sketch_message.decode(message, frequencies, sensor)
+        header, sketch = sketch_message.decode_cdr(serialize_message(message), frequencies, sensor)
         assert (header.stamp_ns, header.frame_id) == (STAMP_NS + k, "spad")
         np.testing.assert_array_equal(sketch.photons, expected.photons)
         np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-3)
@@ -86,7 +87,7 @@ def test_a_driver_that_restarts_with_another_sensor_is_followed(graph, sensor, e
         photons.publish(photons_at(frame, model, STAMP_NS))
         graph.wait(lambda: len(sketches) == number, "a sketch of the sensor")
     assert [(message.height, message.width) for message in sketches] == [(16, 12), (4, 5)]
-    assert sketch_message.decode(sketches[-1], frequencies, wide)[1].photons[3, 4] == 1
+    assert sketch_message.decode_cdr(serialize_message(sketches[-1]), frequencies, wide)[1].photons[3, 4] == 1
     assert graph.report("sketcher")["errors"] == "0"
 
 
@@ -110,7 +111,7 @@ def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
     for k in range(8):
         photons.publish(photons_at(events, sensor, STAMP_NS + k))
     graph.wait(lambda: len(sketches) == 4, "4 frames of 8 packets")
-    decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
+    decoded = [sketch_message.decode_cdr(serialize_message(message), frequencies, sensor) for message in sketches]
     assert [header.stamp_ns - STAMP_NS for header, _ in decoded] == [0, 2, 4, 6]     # where its newest frame began
     assert [int(sketch.photons[0, 0]) for _, sketch in decoded] == [80, 160, 240, 240]
     np.testing.assert_array_equal(decoded[2][1].sums, decoded[3][1].sums)            # to the bit: the same photons
@@ -142,7 +143,7 @@ def test_frames_by_stamp_with_every_packet_accounted_for(graph, sensor, events):
             photons.publish(photons_at(events, sensor, STAMP_NS + stamp * 1_000_000))
 
     def frames():
-        decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
+        decoded = [sketch_message.decode_cdr(serialize_message(message), frequencies, sensor) for message in sketches]
         return [((header.stamp_ns - STAMP_NS) // 1_000_000, int(sketch.photons[0, 0]) // 40)
                 for header, sketch in decoded]
 
