@@ -6,10 +6,9 @@ docs/images/graph.svg.
 
 from pathlib import Path
 
-from srt3d_ros.nodes.parameters import as_yaml
 from srt3d_ros.nodes.specs import SPECS
 from tools.graph import draw
-from tools.node_reference import page
+from tools.node_reference import as_yaml, page
 from tools.policy import policy
 
 HEADING = """\

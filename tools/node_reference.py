@@ -1,12 +1,12 @@
-"""A node's page in the documentation, from its spec."""
+"""A node's page in the documentation and its parameter file, from its spec."""
 
 import textwrap
 from collections.abc import Iterable
 
 from srt3d_ros.nodes.frame_accounting import FRAMES
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
-from srt3d_ros.nodes.parameters import Parameter, yaml_value
-from srt3d_ros.nodes.topics import DIAGNOSTICS
+from srt3d_ros.nodes.node_spec import NodeSpec
+from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.topics import DIAGNOSTICS, Topic
 
 WIDTH = 120
 MADE_BY = "<!-- Made by python -m tools.generate_docs from the node's own table: change it there. -->"
@@ -69,7 +69,7 @@ def _services(spec: NodeSpec) -> str:
 
 
 def _parameters(table: Iterable[Parameter]) -> str:
-    rows = [(f"`{parameter.name}`", f"`{yaml_value(parameter.default)}`", parameter.expected,
+    rows = [(f"`{parameter.name}`", f"`{_yaml_value(parameter.default)}`", parameter.expected,
              "live" if parameter.live else "at start", parameter.description) for parameter in table]
     return _table(("name", "default", "value", "changes", "what"), rows)
 
@@ -79,6 +79,27 @@ def _accounting(spec: NodeSpec) -> str:
     return ACCOUNTING.format(equations="\n".join(f"    {balance}" for balance in balances),
                              where="waits or is in progress" if balances == (FRAMES,) else
                              "waits, is in progress or in the open frame")
+
+
+def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
+    """A parameter file with every default, commented, for nodes of these names in any namespace."""
+    lines = []
+    for node, table in tables.items():
+        lines += ["", f"/**/{node}:", "  ros__parameters:"]
+        for parameter in table:
+            text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
+            lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
+            lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
+    return "\n".join(lines[1:]) + "\n"
+
+
+def _yaml_value(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # YAML's floats need the dot
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -4,7 +4,6 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -17,16 +16,18 @@ from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.base import LOG_EVERY_S, PUBLISH_DEPTH, QUEUE_DEPTH, PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
+from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
+from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.topics import Topic
 
 MB = 10**6
-LEAP_NS = 10**9         # that time may not fall back by, between messages of several topics
-HOLD_S = 1.0            # how long frames wait for the description of what follows, which was latched
-TICK_S = 0.1
-NO_LIMIT = 2**31        # messages that may wait: it is their bytes that are bounded
+LEAP_NS = 10**9         # messages of several topics fall back in time by less
+HOLD_S = 1.0            # how long frames wait for a description
+CHECK_S = 0.1
+NO_LIMIT = 2**31        # messages that may wait: their bytes are bounded
 DESCRIPTIONS = (topics.SENSOR, topics.SKETCH_SENSOR)
 FRAMES = (topics.PHOTONS, topics.GATES, topics.SKETCH, topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO)
 
@@ -60,11 +61,11 @@ SPEC = NodeSpec(
 
 
 class BagRecorderNode(PipelineNode):
-    """Writes one bag while it is active. The queue to the writer is the worker's, bounded in bytes."""
+    """Writes one bag while it is active. The worker's queue is bounded in bytes."""
 
     spec = SPEC
     drains = True           # what has arrived is written
-    finish_s = 120.0        # a slow disk may have queue_mb before it
+    finish_s = 120.0        # a slow disk may have queue_mb to write
 
     def __init__(self):
         super().__init__(NO_LIMIT)
@@ -87,35 +88,35 @@ class BagRecorderNode(PipelineNode):
         require(self._has_room(0), "path", str(path),
                 f"a place with more than {self.parameters['min_free_mb']} MB free")
         made: Future[BagWriter] = Future()
-        self.worker.call(_settle, made, lambda: BagWriter(path, self.parameters["format"]))
+        self.worker.call(_make_writer, made, path, self.parameters["format"])
         self._writer = made.result()
         self._waiting_bytes, self._lost = 0, Counter()
         self._ended_by = ""
-        self._early: dict[str, tuple[Topic, str, bytes]] = {}       # descriptions of before simulated time began
-        self._first_ns: int | None = None
+        self._early: dict[str, tuple[Topic, str, bytes]] = {}       # descriptions from before simulated time began
+        self._first_ns: int | None = None                           # time of the first frame
         self._first_at = 0.0
         self._newest: dict[str, tuple[Topic, str, bytes]] = {}      # description on each topic
-        self._last_ns = self._greatest_ns = 0                       # of the frames
-        self._is_behind = False                                     # what was before simulated time jumped back
+        self._last_ns = self._greatest_ns = 0                       # times of the frames
+        self._is_behind = False                                     # whether simulated time jumped back
         self._awaited = {topic.name for topic in self._topics if topic.latched}
         self._timer = None
         if self._awaited:
             self.hold_frames_for(f"a description on {' and '.join(sorted(self._awaited))}")
-            self._timer = self.create_timer(TICK_S, self._hold_no_longer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self._timer = self.create_timer(CHECK_S, self._end_hold, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for topic in self._topics:
             self._subscribe(topic)
         self.diagnostics.show(path=path)
 
     def deactivate(self) -> None:
-        """Complete the bag; the next activation begins another, at another path."""
+        """Complete the bag; the next activation needs another path."""
         super().deactivate()
         if self._timer is not None:
             self.destroy_timer(self._timer)
 
     def stop_frames(self, cause: str) -> None:
-        """As in every node, but first take what has come and waits in the middleware for the executor."""
+        """As in every node, but first take the messages that wait in the middleware."""
         now_ns = time.time_ns()
-        for subscription in self._listening:
+        for subscription in self.subscriptions_made:
             received_ns = 0
             while received_ns < now_ns:
                 with subscription.handle:
@@ -127,7 +128,7 @@ class BagRecorderNode(PipelineNode):
         super().stop_frames(cause)
 
     def forget(self) -> None:
-        """Complete the bag and say what is in it."""
+        """Complete the bag and log what is in it."""
         writer, self._writer = self._writer, None
         if writer is None:
             return
@@ -147,7 +148,7 @@ class BagRecorderNode(PipelineNode):
         (self.get_logger().warning if missing else self.get_logger().info)(line)
 
     def _silent(self, writer: BagWriter) -> list[str]:
-        """Topics on which no message came. Of photons and gates, both asked for by default, a driver sends one."""
+        """Topics on which no message came. By default, photons or gates suffice: a driver sends one of them."""
         names = {topic.name: self.resolve_topic_name(topic.name) for topic in self._topics}
         silent = [name for name, on in names.items() if on not in writer.messages]
         if self.parameters["topics"] == TOPICS and not {topics.PHOTONS.name, topics.GATES.name} <= {*silent}:
@@ -158,14 +159,14 @@ class BagRecorderNode(PipelineNode):
         def received(raw: bytes, info: dict) -> None:
             self._received(topic, subscription.topic_name, raw, info["received_timestamp"])
 
-        subscription = self.listen_counting(topic.name, received, QUEUE_DEPTH, self._count_lost)
+        subscription = self.listen(topic.name, received, lost=self._count_lost)
 
     def _count_lost(self, messages: int) -> None:
         self.diagnostics.lost(messages)
         self._lost["on the way"] += messages
 
     def _received(self, topic: Topic, name: str, raw: bytes, received_ns: int) -> None:
-        """In the executor's thread: to the queue, unless its bytes are too many, or nobody has told the time yet."""
+        """In the executor's thread: queue a message, unless simulated time has not begun."""
         time_ns = received_ns if received_ns and not self.get_parameter("use_sim_time").value else self.now_ns()
         if not time_ns:
             self._before_time(topic, name, raw)
@@ -175,7 +176,7 @@ class BagRecorderNode(PipelineNode):
         self._take(topic, name, raw, time_ns)
 
     def _before_time(self, topic: Topic, name: str, raw: bytes) -> None:
-        """No message came on /clock: a description waits for the time, a frame at no time could not be played."""
+        """Keep a description until simulated time begins; drop a frame: one without a time could not be played."""
         if topic.latched:
             self._early[name] = topic, name, raw
             return
@@ -186,6 +187,7 @@ class BagRecorderNode(PipelineNode):
                                   throttle_duration_sec=LOG_EVERY_S)
 
     def _take(self, topic: Topic, name: str, raw: bytes, time_ns: int) -> None:
+        """Queue a message, unless the queue is full."""
         if topic.latched:
             if self._first_ns is not None and topic.name in self._awaited:
                 time_ns = min(time_ns, self._first_ns)      # it describes the frames that overtook it
@@ -207,7 +209,7 @@ class BagRecorderNode(PipelineNode):
                 self._lost["for want of room in the queue"] += 1
 
     def _leapt(self, time_ns: int) -> bool:
-        """Whether frames fall back in time, or get ahead again: a bag is read in its order, not as it was recorded."""
+        """Whether time jumps back, or passes where it jumped. A bag is read in order of time: describe frames again."""
         fell_back = time_ns < self._last_ns - LEAP_NS
         caught_up = self._is_behind and time_ns > self._greatest_ns
         self._is_behind = (self._is_behind or fell_back) and not caught_up
@@ -221,8 +223,8 @@ class BagRecorderNode(PipelineNode):
         if not self._awaited:
             self.release_frames()
 
-    def _hold_no_longer(self) -> None:
-        """In the executor's thread: frames that nobody describes are recorded too."""
+    def _end_hold(self) -> None:
+        """In the executor's thread: record frames that nobody has described in time, too."""
         if self._awaited and self._first_ns is not None and time.monotonic() - self._first_at >= HOLD_S:
             self.get_logger().warning(f"nobody has described {' and '.join(sorted(self._awaited))}: recording without")
             self._awaited.clear()
@@ -234,7 +236,7 @@ class BagRecorderNode(PipelineNode):
         self._write(topic, name, time_ns, raw)
 
     def _write(self, topic: Topic, name: str, time_ns: int, raw: bytes) -> None:
-        """In the worker's thread. A bag that has reached a limit takes nothing more, and the node ends."""
+        """In the worker's thread: write a message, unless the bag has reached a limit, which ends the node."""
         writer = self._writer
         if writer is None or self._ended_by or self._reached_limit(writer, time_ns, len(raw)):
             self.diagnostics.drop("ended")
@@ -253,6 +255,7 @@ class BagRecorderNode(PipelineNode):
         self.diagnostics.show(bag_mb=round(writer.bytes / MB, 1))
 
     def _reached_limit(self, writer: BagWriter, time_ns: int, size: int) -> bool:
+        """Whether another message would exceed a limit."""
         seconds, megabytes = self.parameters["max_duration_s"], self.parameters["max_size_mb"]
         if writer.bytes and seconds and time_ns - writer.first_ns > seconds * 1e9:
             self._ended_by = "max_duration_s says"
@@ -280,28 +283,30 @@ class BagRecorderNode(PipelineNode):
         self.finished.set()
 
 
-def _settle(future: Future, make: Callable[[], object]) -> None:
-    """Make something in this thread for another."""
+def _make_writer(future: Future, path: Path, storage: str) -> None:
+    """Make the writer in the worker's thread, which alone may use it."""
     try:
-        future.set_result(make())
+        future.set_result(BagWriter(path, storage))
     except Exception as error:
         future.set_exception(error)
 
 
 def _offer(topic: Topic, qos: QoSProfile) -> Offer:
-    """What a publisher offers. Its history and depth do not travel: they are taken to be as the pipeline's."""
+    """The QoS of a publisher. The middleware may not know history and depth: then they are those of the pipeline."""
     known = qos.history in (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL)
     return Offer(qos.reliability.name.lower(), qos.durability.name.lower(),
-                 qos.history.name.lower() if known else "keep_last",
-                 qos.depth if known else 1 if topic.latched else PUBLISH_DEPTH,
+                 qos.history.name.lower() if known else "keep_last", qos.depth if known else _depth(topic),
                  qos.liveliness.name.lower(), qos.deadline.nanoseconds, qos.lifespan.nanoseconds,
                  qos.liveliness_lease_duration.nanoseconds)
 
 
 def _usual(topic: Topic) -> Offer:
-    """What the pipeline's own publishers offer: the one whose message this is has gone already."""
-    return Offer(durability="transient_local" if topic.latched else "volatile",
-                 depth=1 if topic.latched else PUBLISH_DEPTH)
+    """The QoS of the pipeline's own publishers, where the publisher has gone already."""
+    return Offer(durability="transient_local" if topic.latched else "volatile", depth=_depth(topic))
+
+
+def _depth(topic: Topic) -> int:
+    return 1 if topic.latched else PUBLISH_DEPTH
 
 
 def main(args: list[str] | None = None) -> int:

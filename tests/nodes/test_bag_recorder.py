@@ -20,7 +20,7 @@ from srt3d_ros.datasets.bag import Bag, Message
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.nodes import base
+from srt3d_ros.nodes.topics import LATCHED
 
 START_NS, APART_NS = 1_500_000_000_000_000_000, 500_000_000
 
@@ -42,7 +42,7 @@ def frames(sensor) -> list[bytes]:
 @pytest.fixture
 def describe(graph):
     """Publish a description, latched."""
-    publisher = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    publisher = graph.node.create_publisher(String, "sensor", LATCHED)
     yield lambda sensor: publisher.publish(sensor_message.encode_cdr(sensor))
     graph.node.destroy_publisher(publisher)
 
@@ -76,7 +76,7 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
     for process in (*nodes, *recorders.values()):
         process.ready()
     driver = graph.matched(graph.publisher(PointCloud2, "photons"), 3)
-    sensors = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    sensors = graph.node.create_publisher(String, "sensor", LATCHED)
     descriptions = [sensor_message.encode_cdr(each) for each in (sensor, sensor.replace(num_bins=90))]
     for turn, (description, part) in enumerate(zip(descriptions, (frames[:4], frames[4:]))):
         sensors.publish(description)
@@ -154,24 +154,19 @@ def test_where_simulated_time_jumps_back_the_description_is_recorded_again(graph
     assert firsts[-100] and firsts[0] and firsts[2] and not firsts[-99]
 
 
-def test_frames_that_nobody_describes_are_recorded_too(graph, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    recorder.says("nobody has described sensor: recording without")
-    graph.reports("bag_recorder", "frames_out", 1)
-    assert recorder.end(signal.SIGTERM) == 0
-    assert recorder.lines[-1].endswith(f" MB, no message came on {graph.namespace}/sensor")     # of gates none was due
-    assert [message.raw for message in read(tmp_path / "bag")] == [on_the_wire(frames[0])]
-
-
-def test_topics_on_which_nothing_came_are_named_at_the_end(graph, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag", topics="photons, gates, points").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    graph.reports("bag_recorder", "frames_out", 1)
-    assert recorder.end(signal.SIGINT) == 0
-    namespace = graph.namespace
-    assert recorder.lines[-1].endswith(f" MB, no message came on {namespace}/gates and {namespace}/points")
-    assert "WARN" in recorder.lines[-1]
+def test_frames_that_nobody_describes_are_recorded_and_topics_without_messages_are_named(graph, frames, tmp_path):
+    recorders = {topics: graph.start("bag_recorder", "-r", f"__node:={name}", path=tmp_path / name, topics=topics)
+                 for name, topics in (("by_default", "photons, gates, sensor"), ("chosen", "photons, gates, points"))}
+    for recorder in recorders.values():
+        recorder.ready()
+    graph.matched(graph.publisher(PointCloud2, "photons"), 2).publish(frames[0])
+    for name, recorder, missing in zip(("by_default", "chosen"), recorders.values(), (["sensor"], ["gates", "points"])):
+        graph.reports(name, "frames_out", 1)
+        assert recorder.end(signal.SIGTERM) == 0
+        names = " and ".join(f"{graph.namespace}/{topic}" for topic in missing)     # by default gates need not come
+        assert recorder.lines[-1].endswith(f" MB, no message came on {names}") and "WARN" in recorder.lines[-1]
+        assert ("nobody has described sensor: recording without" in recorder.text) == (name == "by_default")
+        assert [message.raw for message in read(tmp_path / name)] == [on_the_wire(frames[0])]
 
 
 # The node after a line of Python, as a program of its own.
@@ -180,7 +175,7 @@ from srt3d_ros.nodes import bag_recorder
 {line}
 sys.exit(bag_recorder.main())
 """
-FILLS_UP = ("room = iter([10**9] * 3); real = os.statvfs; "
+FILLS_UP = ("room = iter([10**9] * 4); real = os.statvfs; "
             "os.statvfs = lambda path: os.statvfs_result([*real(path)[:4], next(room, 0), *real(path)[5:]])")
 BUSY = ("import time; received = bag_recorder.BagRecorderNode._received; "
         "bag_recorder.BagRecorderNode._received = lambda *of: (time.sleep(0.3), received(*of))")

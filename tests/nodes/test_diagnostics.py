@@ -103,17 +103,6 @@ def test_accounting_that_does_not_add_up_is_an_error_once_and_stays_in_the_repor
     assert (report["unaccounted_frames"], report["level"]) == ("1", DiagnosticStatus.OK)
 
 
-def test_old_frames_are_a_warning_while_they_leave(counted):
-    diagnostics, latest, _ = counted
-    for _ in range(3):
-        diagnostics.received()
-        diagnostics.sent(66.4)
-    report = latest()
-    assert report["level"] == DiagnosticStatus.WARN
-    assert report["message"] == "frames are 66.4 s old: behind, or stamped by another clock"
-    assert latest()["level"] == DiagnosticStatus.OK
-
-
 def test_the_warning_of_untimely_frames_ends_with_its_cause(counted):
     diagnostics, latest, _ = counted
     for latency_s, message in ((66.4, "frames are 66.4 s old: behind, or stamped by another clock"),

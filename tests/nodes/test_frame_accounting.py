@@ -20,8 +20,8 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.cdr import Cloud, write_cloud
 from srt3d_ros.messages.header import Header
-from srt3d_ros.nodes import base
 from srt3d_ros.nodes.frame_accounting import FRAMES, PHOTONS, FrameAccounts
+from srt3d_ros.nodes.topics import LATCHED
 from tests.nodes.conftest import Graph, check_balance
 
 S = 1_000_000_000
@@ -30,8 +30,9 @@ import sys
 from sensor_msgs.msg import PointCloud2
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.topics import Topic
 
 class LoserNode(PipelineNode):
     '''Passes frames on, but forgets to say what became of those of width 7.'''
@@ -55,9 +56,9 @@ def test_what_neither_went_out_nor_was_dropped_nor_waits_is_unaccounted_for():
     accounts.drop("queue", frames=1, photons=0)
     assert accounts.values().items() >= {"dropped": 3, "dropped.late": 2, "photons_dropped.late": 200,
                                          "under_way": 3}.items()
-    accounts.audit({"frames": 3, "photons": 400})
+    accounts.audit(frames=3, photons=400)
     assert not any(accounts.unaccounted.values())
-    accounts.audit({"frames": 2, "photons": 500})
+    accounts.audit(frames=2, photons=500)
     values = accounts.values()
     assert (values["under_way"], values["unaccounted_frames"]) == (2, 1)
     assert (values["photons_under_way"], values["unaccounted_photons"]) == (500, -100)
@@ -127,7 +128,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
 
     send(0, 1)                                                  # nobody knows the sensor
     graph.reports("sketcher", "dropped.no_sensor", 2)
-    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    described = graph.node.create_publisher(String, "sensor", LATCHED)
     described.publish(sensor_message.encode(sensor))
     graph.reports("sketcher", "num_bins", sensor.num_bins)
     send(0, 50, 50, 100, 20, 200)                               # one is double, one is late

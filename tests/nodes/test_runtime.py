@@ -1,5 +1,6 @@
 """How a node's process starts, fails and ends, shown on a node made for it."""
 
+import logging
 import signal
 import sys
 
@@ -10,6 +11,7 @@ from sensor_msgs.msg import PointCloud2
 from scripts.attacks.process import Process
 from srt3d_ros.messages.cdr import Cloud, write_cloud
 from srt3d_ros.messages.header import Header
+from srt3d_ros.nodes.runtime import LIBRARY, LogForwarding
 
 SCRIPT = """
 import sys, time
@@ -17,8 +19,9 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.topics import Topic
 
 class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
@@ -56,7 +59,31 @@ def start(graph, tmp_path):
     return start
 
 
-def test_an_unexpected_failure_is_counted_and_said_and_the_node_goes_on(graph, start):
+class Logger:
+    """Keeps what is logged."""
+
+    def __init__(self):
+        self.lines = []
+
+    def info(self, text):
+        self.lines.append(("info", text))
+
+    def warning(self, text):
+        self.lines.append(("warning", text))
+
+
+def test_the_node_logs_what_the_library_logs():
+    logger, library = Logger(), logging.getLogger("srt3d_ros.core.device")
+    forwarding = LogForwarding(logger)
+    library.info("no %s", "device")
+    library.warning("beware")
+    library.debug("details")
+    logging.getLogger("others").warning("not ours")
+    LIBRARY.removeHandler(forwarding)
+    assert logger.lines == [("info", "no device"), ("warning", "beware")]
+
+
+def test_an_unexpected_failure_is_counted_and_logged_and_the_node_goes_on(graph, start):
     probe = start().ready()
     publisher = graph.matched(graph.publisher(PointCloud2, "in"))
     for width in (0, 0, 1):
@@ -92,24 +119,24 @@ def test_a_signal_interrupts_a_long_start(start, number):
     assert "Traceback" not in probe.text
 
 
-def test_a_signal_that_a_compiler_swallows_before_it_fails_ends_the_start_all_the_same(start):
-    probe = start(start="""
+SWALLOW_AND_FAIL = """
         print('compiling', flush=True)
         try:
             time.sleep(600)
         except KeyboardInterrupt:
-            raise RuntimeError('no compiled object yet')""").says("compiling")
-    assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
-
-
-def test_a_signal_that_a_compiler_swallows_to_go_on_for_minutes_ends_the_start_all_the_same(start):
-    probe = start(start="""
+            raise RuntimeError('no compiled object yet')"""
+SWALLOW_AND_GO_ON = """
         print('compiling', flush=True)
         while True:
             try:
                 time.sleep(600)
             except KeyboardInterrupt:
-                pass""").says("compiling")
+                pass"""
+
+
+@pytest.mark.parametrize("compile", [SWALLOW_AND_FAIL, SWALLOW_AND_GO_ON])
+def test_a_signal_that_a_compiler_swallows_ends_the_start_all_the_same(start, compile):
+    probe = start(start=compile).says("compiling")
     assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
 
 
@@ -141,7 +168,7 @@ def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
     assert probe.lines[0].startswith("ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written")
 
 
-def test_security_that_cannot_be_had_is_one_line_and_no_node_without_it(graph, monkeypatch, tmp_path):
+def test_security_that_is_not_available_is_one_line_and_no_node_runs_without_it(graph, monkeypatch, tmp_path):
     for name in ("identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s",
                  "permissions.p7s"):
         path = tmp_path / "enclaves" / name
@@ -174,7 +201,7 @@ def test_a_qos_that_is_none_is_one_line_and_exit_code_2(graph, start, policy, va
     assert len(probe.lines) == 1 and probe.lines[0].startswith(f"{name} {line}")
 
 
-def test_a_qos_of_no_topic_is_said_to_be_ignored_and_capitals_pass(graph, start):
+def test_a_qos_of_no_topic_is_a_warning_and_capitals_pass(graph, start):
     name = f"qos_overrides.{graph.namespace}/in.subscription.reliability"
     start("-p", f"{name}:=BEST_EFFORT", "-p", "qos_overrides./in.subscription.depth:=3").ready().says(
         f"parameter qos_overrides./in.subscription.depth is ignored: probe has no such parameter, did you mean "
@@ -196,9 +223,8 @@ def test_a_mistake_of_ours_is_a_traceback_and_exit_code_1(start):
     assert "AttributeError" in probe.text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["numpy", "rclpy"])
-def test_a_signal_during_imports_ends_the_process_without_a_word(graph, monkeypatch, tmp_path, number, module):
+@pytest.mark.parametrize("module, number", [("numpy", signal.SIGINT), ("rclpy", signal.SIGTERM)])
+def test_a_signal_during_imports_ends_the_process_silently(graph, monkeypatch, tmp_path, module, number):
     """A module of that name, found before the real one, says that it is being imported and takes its time."""
     (tmp_path / f"{module}.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(600)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
