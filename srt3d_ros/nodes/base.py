@@ -110,11 +110,11 @@ class PipelineNode(ManagedNode):
             photons = count(raw)
             with self.worker.lock:
                 self.diagnostics.received(photons)
-                self.worker.offer(work, raw, info["source_timestamp"], photons=photons)
+                self.worker.offer(work, raw, info["source_timestamp"], size=photons)
 
         queued = QUEUE_DEPTH if self.lossless else self.queue_depth
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else queued
-        subscription = self.listen(topic, received, min(depth, QUEUE_DEPTH), self.diagnostics.lost)
+        subscription = self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
         self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type_name)
 
     def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
@@ -137,6 +137,9 @@ class PipelineNode(ManagedNode):
         subscription = self.make_subscription(topic, received, depth, raw=True,
                                     event_callbacks=SubscriptionEventCallbacks(message_lost=on_message_lost))
         return subscription
+
+    def _count_lost(self, messages: int) -> None:
+        self.diagnostics.count(message_lost=messages)
 
     def follow(self, topic: str, handle: Callable[[object], None], qos: QoSProfile | None = None) -> None:
         """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped.
@@ -291,7 +294,7 @@ class PipelineNode(ManagedNode):
         if frames:
             self.diagnostics.drop("malformed" if bad_input else "error", frames, photons)
         if frames and bad_input:
-            self.diagnostics.note(text)
+            self.diagnostics.error(text, counted=False)
             log.warning(f"frame dropped: {text}", throttle_duration_sec=LOG_EVERY_S)
         else:
             self.diagnostics.error(text)

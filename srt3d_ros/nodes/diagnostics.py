@@ -45,16 +45,20 @@ class Diagnostics:
     Args:
         node: whose frames are counted, and whose name and lifecycle state are reported.
         balances: the equations that the totals keep.
+
+    Attributes:
+        find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
+            these diagnostics.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
+        self.find_contradiction: Callable[[], str] = str
         self._node = node
         self._lock = threading.Lock()
         self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
-        self._contradiction: Callable[[], str] = str
         self._topics: dict[str, str] = {}   # on which frames may come, and of what type
         self._silent_since = 0.0            # when the last frame came in, or frames were first expected
         self._any_frame = False             # whether one has come since then
@@ -100,29 +104,16 @@ class Diagnostics:
         with self._lock:
             self._accounts.audit(frames=frames, photons=photons)
 
-    def lost(self, messages: int) -> None:
-        """Count messages that were sent to this node and never arrived."""
-        self.count(message_lost=messages)
-
-    def error(self, text: str) -> None:
-        """Count an error that should not have happened, and keep it as the last one."""
+    def error(self, text: str, counted: bool = True) -> None:
+        """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
         with self._lock:
-            self._accounts.totals["errors"] += 1
-            self._last_error = text
-
-    def note(self, text: str) -> None:
-        """Keep the last error, of a kind that is counted elsewhere (a malformed message)."""
-        with self._lock:
+            self._accounts.totals["errors"] += counted
             self._last_error = text
 
     def wait_for(self, what: str) -> None:
         """Report what the node waits for; an empty text when it no longer does."""
         with self._lock:
             self._waiting_for = what
-
-    def ask_for_contradictions(self, find: Callable[[], str]) -> None:
-        """Call `find` at each report: a text that it returns is an error while it lasts. It must not call this."""
-        self._contradiction = find
 
     def show(self, **values: object) -> None:
         """Report these values until they change."""
@@ -154,12 +145,11 @@ class Diagnostics:
             self._reported = (now, totals, drops, unaccounted)
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
-            latency = self._latency()
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
             values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
                       **self._accounts.values(),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
-                      **latency, **self._values, "last_error": self._last_error}
+                      **self._latency(), **self._values, "last_error": self._last_error}
             missing = unaccounted if unaccounted != unaccounted_before else Counter()
             level, message = self._judge(new, new_drops, missing, now)
             if not message:
@@ -218,7 +208,7 @@ class Diagnostics:
                 f"{name} {amount}" for name, amount in missing.items() if amount)
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
-        if contradiction := self._contradiction():
+        if contradiction := self.find_contradiction():
             return DiagnosticStatus.ERROR, contradiction
         if new_drops or new["message_lost"]:
             sent, gone = new["frames_in"] + new["message_lost"], new_drops.total() + new["message_lost"]

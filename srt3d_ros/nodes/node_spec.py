@@ -7,10 +7,9 @@ from srt3d_ros.nodes.frame_accounting import FRAMES, Balance
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.topics import Topic
 
-AUTOSTART = Parameter("autostart", True, "Configure and activate at the start; if false, somebody else does.")
-LOSSLESS = Parameter(
-    "lossless", False, "Drop no frame: queue frames instead of keeping the newest, and publish to nobody but wait for "
-    "a subscriber. For replays; a live sensor needs the newest frame.")
+AUTOSTART = Parameter("autostart", True, "Configure and activate at the start; if false, a lifecycle manager does.")
+LOSSLESS = Parameter("lossless", False, "Drop no frame: queue frames instead of keeping the newest, and wait for a "
+                     "subscriber before publishing. For replays; a live sensor needs the newest frame.")
 
 
 @dataclass(frozen=True)

@@ -29,15 +29,16 @@ CLOCK_PERIOD_S = 0.01
 LONG_AGO_S = 60.0           # older stamps are of an old recording
 
 PARAMETERS = (
-    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), a bag (its folder, .mcap or .db3 file), "
-              "or the simulator's moving scene.", form="a path or simulator"),
-    Parameter("output", "photons", "File and simulator: topic and form to send in; gates suit small arrays with few "
-              "photons a pixel.", choices=("photons", "gates")),
+    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), bag (its folder, .mcap or .db3 file), or "
+              "the simulator's moving scene.", form="a path or simulator"),
+    Parameter("output", "photons", "File and simulator: the topic; gates suit small arrays with few photons a pixel.",
+              choices=("photons", "gates")),
     Parameter("rate_hz", 10.0, "File and simulator: frames a second; 0 with `lossless`: as fast as they are answered.",
               "Hz", 0, 10_000),
-    Parameter("loop", True, "File: send its frame again and again; the simulator never ends, bags have `bag_loop`."),
-    Parameter("frames", 0, "Frames to send, then exit; 0: no limit.", low=0, high=10**9),
-    Parameter("duration_s", 0.0, "Time to send for, a bag's own, then exit; 0: no limit. Needs a rate.", "s", 0, 10**6),
+    Parameter("loop", True, "File: repeat its frame. The simulator never ends; bags have `bag_loop`."),
+    Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
+    Parameter("duration_s", 0.0, "Exit after this time, in a bag its recorded time; 0: no limit. Needs a rate.", "s", 0,
+              10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
     Parameter("in_flight", 4, "When lossless: messages sent that `points` may still have to answer; at least twice the "
@@ -54,20 +55,20 @@ PARAMETERS = (
     Parameter("bag_rate", 1.0, "Bag: pace, 1 as recorded, 2 twice as fast; 0 with `lossless`: as fast as frames are "
               "answered.", low=0, high=1000),
     Parameter("bag_loop", False, "Bag: begin again at its end."),
-    Parameter("bag_start_s", 0.0, "Bag: where to begin, after its first message.", "s", 0, 10**6),
+    Parameter("bag_start_s", 0.0, "Bag: start this long after its first message.", "s", 0, 10**6),
     Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
               choices=("original", "now")),
-    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; found by itself where there is one.",
+    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; needed if there are several.",
               form="a topic's full name"),
-    Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; found by itself beside the photons.",
+    Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
               form="a topic's full name"),
     Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )
 
 SPEC = NodeSpec(
     "player",
-    purpose="Plays a photon file, a bag or the simulator's moving scene, as a sensor's driver would, and ends by "
-    "itself after the last frame.",
+    purpose="Plays a photon file, a bag or the simulator's moving scene as a sensor driver would, and exits after the "
+    "last frame.",
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
     outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons, or the bag has photons"),
              replace(topics.GATES, when="`output` is gates, or the bag has gates"),
@@ -77,7 +78,7 @@ SPEC = NodeSpec(
             "At a rate that the machine cannot keep, frames are late; none is skipped.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
-            "Of a bag, the photons and their sensor are played and nothing else."),
+            "Of a bag, only the photons and their sensor are played."),
 )
 
 

@@ -77,7 +77,7 @@ class SketcherNode(PipelineNode):
         precompile.sketching()
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
-            self.diagnostics.ask_for_contradictions(self._contradiction)
+            self.diagnostics.find_contradiction = self._contradiction
         self._sketches = self.advertise("sketch")
         self._sketch_sensor = self.advertise("sketch/sensor")
         self.serve("reset", self._reset)
@@ -172,7 +172,7 @@ class SketcherNode(PipelineNode):
 
     def _refuse_lens(self, problem: str) -> None:
         self.diagnostics.count(camera_info_refused=1)
-        self.diagnostics.note(problem)
+        self.diagnostics.error(problem, counted=False)
         self.get_logger().warning(f"sensor/camera_info is not used: {problem}")
 
     def _update_sensor(self) -> None:

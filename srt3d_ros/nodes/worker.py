@@ -31,7 +31,7 @@ class _Job:
     function: Callable
     args: tuple
     frames: int         # 1, or 0 if it is not for a frame
-    photons: int = 0
+    size: int = 0
     since_s: float = field(default_factory=lambda: time.monotonic())
 
 
@@ -44,9 +44,9 @@ class Worker:
     Args:
         limit: frames that may wait, times `messages_per_frame` where several messages make a frame. Each message is a
             frame to all else here.
-        failed: called with (exception, frames, photons) when a job raises, frames 1 or 0; the worker goes on.
-        dropped: called with (cause, frames, photons) for dropped frames; the cause is "queue" if newer ones push them
-            out.
+        failed: called with (exception, frames, size) when a job raises, frames 1 or 0; the worker goes on.
+        dropped: called with (cause, frames, size) for dropped frames; the cause is "queue" if newer ones push them
+            out. A frame's size is what its node counts beside frames, such as photons or bytes.
         done: called after each job, when none is running.
 
     Attributes:
@@ -59,7 +59,7 @@ class Worker:
         self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
         self._done = done
         self.messages_per_frame = 1
-        self.waiting = 0, 0         # frames in the queue, and their photons
+        self.waiting = 0, 0         # frames in the queue, and their sizes' sum
         self._recovered_from_s = 0.0
         self._jobs: deque[_Job] = deque()
         self._current: _Job | None = None
@@ -73,9 +73,9 @@ class Worker:
         """Run function(*args) after the jobs that wait."""
         self._put(_Job(function, args, frames=0))
 
-    def offer(self, function: Callable, *args, photons: int = 0) -> None:
-        """Run function(*args) for a frame of so many photons, unless newer frames push it out first."""
-        self._put(_Job(function, args, 1, photons))
+    def offer(self, function: Callable, *args, size: int = 0) -> None:
+        """Run function(*args) for a frame of a size, unless newer frames push it out first."""
+        self._put(_Job(function, args, 1, size))
 
     @property
     def busy(self) -> bool:
@@ -113,14 +113,14 @@ class Worker:
         with self._changed:
             self._drop("shutdown", [job for job in self._jobs if job.frames])
             if self._current is not None and self._current.frames:
-                self._dropped("shutdown", 1, self._current.photons)
+                self._dropped("shutdown", 1, self._current.size)
             self._current = None
 
     def _put(self, job: _Job) -> None:
         with self._changed:
             if self._closing:
                 if job.frames:
-                    self._dropped("shutdown", 1, job.photons)
+                    self._dropped("shutdown", 1, job.size)
                 return
             most = self.limit * self.messages_per_frame
             if job.frames and self.waiting[0] >= most:
@@ -142,15 +142,15 @@ class Worker:
         for job in frames:
             self._remove(job)
         if frames:
-            self._dropped(cause, len(frames), sum(job.photons for job in frames))
+            self._dropped(cause, len(frames), sum(job.size for job in frames))
 
     def _remove(self, job: _Job) -> None:
         self._jobs.remove(job)
         self._count_waiting(job, -1)
 
     def _count_waiting(self, job: _Job, sign: int) -> None:
-        frames, photons = self.waiting
-        self.waiting = frames + sign * job.frames, photons + sign * job.photons
+        frames, size = self.waiting
+        self.waiting = frames + sign * job.frames, size + sign * job.size
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""
@@ -169,6 +169,6 @@ class Worker:
             try:
                 job.function(*job.args)
             except Exception as error:      # whatever a frame does to a job, the next frame is served
-                self._failed(error, job.frames, job.photons)
+                self._failed(error, job.frames, job.size)
             self._current = None
             self._done()

@@ -73,9 +73,9 @@ def test_levels_follow_what_happened_since_the_last_report(counted):
     assert level() == DiagnosticStatus.ERROR
     diagnostics.received()
     diagnostics.received()
-    diagnostics.lost(2)
+    diagnostics.count(message_lost=2)
     assert level() == DiagnosticStatus.WARN
-    diagnostics.lost(3)
+    diagnostics.count(message_lost=3)
     assert level() == DiagnosticStatus.ERROR
     diagnostics.error("ZeroDivisionError: division by zero")
     assert level() == DiagnosticStatus.ERROR
@@ -145,7 +145,7 @@ def test_simulated_time_without_a_clock_is_a_warning(graph, counted):
 def test_a_contradiction_is_an_error_as_long_as_it_lasts(counted):
     diagnostics, latest, _ = counted
     found = ["rows is 3: expected 4"]
-    diagnostics.ask_for_contradictions(lambda: found[0])
+    diagnostics.find_contradiction = lambda: found[0]
     for _ in range(2):
         report = latest()
         assert (report["level"], report["message"]) == (DiagnosticStatus.ERROR, "rows is 3: expected 4")

@@ -3,6 +3,7 @@
 import logging
 import signal
 import sys
+from unittest.mock import Mock, call
 
 import pytest
 from rclpy.qos import ReliabilityPolicy
@@ -59,28 +60,15 @@ def start(graph, tmp_path):
     return start
 
 
-class Logger:
-    """Keeps what is logged."""
-
-    def __init__(self):
-        self.lines = []
-
-    def info(self, text):
-        self.lines.append(("info", text))
-
-    def warning(self, text):
-        self.lines.append(("warning", text))
-
-
 def test_the_node_logs_what_the_library_logs():
-    logger, library = Logger(), logging.getLogger("srt3d_ros.core.device")
+    logger, library = Mock(), logging.getLogger("srt3d_ros.core.device")
     forwarding = LogForwarding(logger)
     library.info("no %s", "device")
     library.warning("beware")
     library.debug("details")
     logging.getLogger("others").warning("not ours")
     LIBRARY.removeHandler(forwarding)
-    assert logger.lines == [("info", "no device"), ("warning", "beware")]
+    assert logger.mock_calls == [call.info("no device"), call.warning("beware")]
 
 
 def test_an_unexpected_failure_is_counted_and_logged_and_the_node_goes_on(graph, start):
@@ -112,32 +100,26 @@ def test_a_signal_lets_the_current_frame_finish_and_the_accounting_adds_up(graph
     assert "Traceback" not in probe.text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_interrupts_a_long_start(start, number):
-    probe = start(start="print('compiling', flush=True); time.sleep(600)").says("compiling")
-    assert probe.end(number) == 0
-    assert "Traceback" not in probe.text
-
-
-SWALLOW_AND_FAIL = """
-        print('compiling', flush=True)
+@pytest.mark.parametrize("compile, number", [
+    ("""
+        time.sleep(600)""", signal.SIGINT),
+    ("""
+        time.sleep(600)""", signal.SIGTERM),
+    ("""
         try:
             time.sleep(600)
         except KeyboardInterrupt:
-            raise RuntimeError('no compiled object yet')"""
-SWALLOW_AND_GO_ON = """
-        print('compiling', flush=True)
+            raise RuntimeError('no compiled object yet')""", signal.SIGINT),
+    ("""
         while True:
             try:
                 time.sleep(600)
             except KeyboardInterrupt:
-                pass"""
-
-
-@pytest.mark.parametrize("compile", [SWALLOW_AND_FAIL, SWALLOW_AND_GO_ON])
-def test_a_signal_that_a_compiler_swallows_ends_the_start_all_the_same(start, compile):
-    probe = start(start=compile).says("compiling")
-    assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
+                pass""", signal.SIGINT),
+], ids=["SIGINT", "SIGTERM", "swallowed, then it fails", "swallowed, then it goes on"])
+def test_a_signal_interrupts_a_long_start_also_if_a_compiler_swallows_it(start, compile, number):
+    probe = start(start=f"print('compiling', flush=True){compile}").says("compiling")
+    assert (probe.end(number), probe.lines) == (0, ["compiling"])
 
 
 def test_a_second_signal_does_not_disturb_the_end(start):
@@ -148,16 +130,28 @@ def test_a_second_signal_does_not_disturb_the_end(start):
     assert "Traceback" not in probe.text
 
 
-def test_bad_input_at_the_start_is_one_line_and_exit_code_2(start):
+QOS = "qos_overrides.{namespace}/in.subscription."
+
+
+@pytest.mark.parametrize("ros_args, line", [
+    (["-p", QOS + "reliability:=nonsense"], QOS + "reliability is nonsense: expected system_default or reliable"),
+    (["-p", QOS + "depth:=-3"], QOS + "depth is -3: expected an integer from 1 to"),
+    (["-p", QOS + "durability:=1"], QOS + "durability is 1: expected system_default or transient_local or volatile"),
+    (["-r", "in:=/rosout"], "topic of in is /rosout: expected one without another type than sensor_msgs"),
+    (["-p", "nonsense"], "command line is "),
+    (["-p", "x:=[1, a"], "command line is "),
+])
+def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start, ros_args, line):
+    probe = start(*(arg.format(namespace=graph.namespace) for arg in ros_args))
+    assert probe.code() == 2
+    assert probe.lines[-1].startswith(line.format(namespace=graph.namespace)) and "Traceback" not in probe.text
+
+
+def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_ours_a_traceback_and_1(start):
     probe = start(start="raise InvalidInput('thing', 3, '4')")
     assert (probe.code(), probe.lines) == (2, ["thing is 3: expected 4"])
-
-
-@pytest.mark.parametrize("argument", ["nonsense", "x:=[1, a"])
-def test_arguments_that_ros_cannot_parse_are_exit_code_2(start, argument):
-    probe = start("-p", argument)
-    assert probe.code() == 2
-    assert probe.lines[-1].startswith("command line is ") and "Traceback" not in probe.text
+    probe = start(start="self.nothing")
+    assert probe.code() == 1 and "AttributeError" in probe.text
 
 
 def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
@@ -189,18 +183,6 @@ def test_arguments_without_ros_args_before_them_are_refused_and_not_ignored(grap
     assert process.lines[-1].startswith("command line is -p sketch_size:=5: expected nothing but --ros-args")
 
 
-@pytest.mark.parametrize("policy, value, line", [
-    ("reliability", "nonsense", "is nonsense: expected system_default or reliable or best_effort"),
-    ("depth", -3, "is -3: expected an integer from 1 to"),
-    ("durability", 1, "is 1: expected system_default or transient_local or volatile"),
-])
-def test_a_qos_that_is_none_is_one_line_and_exit_code_2(graph, start, policy, value, line):
-    name = f"qos_overrides.{graph.namespace}/in.subscription.{policy}"
-    probe = start("-p", f"{name}:={value}")
-    assert probe.code() == 2
-    assert len(probe.lines) == 1 and probe.lines[0].startswith(f"{name} {line}")
-
-
 def test_a_qos_of_no_topic_is_a_warning_and_capitals_pass(graph, start):
     name = f"qos_overrides.{graph.namespace}/in.subscription.reliability"
     start("-p", f"{name}:=BEST_EFFORT", "-p", "qos_overrides./in.subscription.depth:=3").ready().says(
@@ -208,19 +190,6 @@ def test_a_qos_of_no_topic_is_a_warning_and_capitals_pass(graph, start):
         f"qos_overrides.{graph.namespace}/in.subscription.depth?")
     (subscriber,) = graph.wait(lambda: graph.node.get_subscriptions_info_by_topic("in"), "the subscriber")
     assert subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-
-
-def test_two_types_on_one_topic_are_one_line_and_exit_code_2(graph, start):
-    probe = start("-r", "in:=/rosout")
-    assert probe.code() == 2
-    assert probe.lines[-1].startswith("topic of in is /rosout: expected one without another type than sensor_msgs")
-    assert "Traceback" not in probe.text
-
-
-def test_a_mistake_of_ours_is_a_traceback_and_exit_code_1(start):
-    probe = start(start="self.nothing")
-    assert probe.code() == 1
-    assert "AttributeError" in probe.text
 
 
 @pytest.mark.parametrize("module, number", [("numpy", signal.SIGINT), ("rclpy", signal.SIGTERM)])

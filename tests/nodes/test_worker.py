@@ -14,7 +14,7 @@ class Probe:
     def __init__(self, limit: int, catch_up_s: float = 0.0):
         self.done, self.failed, self.dropped = [], [], []
         self.worker = Worker(limit, lambda *failure: self.failed.append(failure), self._drop, catch_up_s)
-        self.photons_dropped = 0
+        self.size_dropped = 0
         self.busy, self.go = threading.Event(), threading.Event()
         self.block()
 
@@ -34,9 +34,9 @@ class Probe:
         self.worker.close(60)
         return self.done
 
-    def _drop(self, cause, frames, photons):
+    def _drop(self, cause, frames, size):
         self.dropped.extend([cause] * frames)
-        self.photons_dropped += photons
+        self.size_dropped += size
 
     def _wait(self):
         self.busy.set()
@@ -87,37 +87,37 @@ def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
 
 def test_a_job_that_fails_is_reported_and_the_next_one_runs(probe):
     failing = probe(limit=8)
-    failing.worker.offer(lambda: 1 / 0, photons=7)
+    failing.worker.offer(lambda: 1 / 0, size=7)
     failing.worker.call(lambda: {}["key"])
     failing.offer("next")
     assert failing.finish() == ["next"]
-    failures = [(type(error), frames, photons) for error, frames, photons in failing.failed]
+    failures = [(type(error), frames, size) for error, frames, size in failing.failed]
     assert failures == [(ZeroDivisionError, 1, 7), (KeyError, 0, 0)]
 
 
-def test_waiting_and_dropped_frames_are_counted_with_their_photons_and_other_jobs_stay(probe):
+def test_waiting_and_dropped_frames_are_counted_with_their_sizes_and_other_jobs_stay(probe):
     queue = probe(limit=2)
-    for photons in (1, 10, 100):
-        queue.worker.offer(queue.done.append, photons, photons=photons)
+    for size in (1, 10, 100):
+        queue.worker.offer(queue.done.append, size, size=size)
     queue.worker.call(queue.done.append, "sensor")
-    assert (queue.worker.waiting, queue.photons_dropped, queue.worker.busy) == ((2, 110), 1, True)
+    assert (queue.worker.waiting, queue.size_dropped, queue.worker.busy) == ((2, 110), 1, True)
     queue.worker.clear("inactive")
-    assert (queue.worker.waiting, queue.photons_dropped) == ((0, 0), 111)
+    assert (queue.worker.waiting, queue.size_dropped) == ((0, 0), 111)
     queue.finish()
-    queue.worker.offer(queue.done.append, 1000, photons=1000)
-    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.photons_dropped == 1111
+    queue.worker.offer(queue.done.append, 1000, size=1000)
+    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.size_dropped == 1111
     assert not queue.worker.busy and queue.done == ["sensor"]
 
 
 def test_the_current_frame_of_a_worker_that_does_not_end_is_dropped_with_those_that_wait(probe):
     stuck = probe(limit=8)
     begun, end = threading.Event(), threading.Event()
-    stuck.worker.offer(lambda: (begun.set(), end.wait()), photons=5)
-    stuck.worker.offer(stuck.done.append, "waits", photons=6)
+    stuck.worker.offer(lambda: (begun.set(), end.wait()), size=5)
+    stuck.worker.offer(stuck.done.append, "waits", size=6)
     stuck.go.set()
     assert begun.wait(60)
     stuck.worker.close(0.0)
-    assert (stuck.dropped, stuck.photons_dropped, stuck.done) == (["shutdown"] * 2, 11, [])
+    assert (stuck.dropped, stuck.size_dropped, stuck.done) == (["shutdown"] * 2, 11, [])
     end.set()
 
 
