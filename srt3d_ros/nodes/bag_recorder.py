@@ -24,7 +24,6 @@ from srt3d_ros.nodes.runtime import run
 MB = 10**6
 LEAP_NS = 10**9         # messages of several topics fall back in time by less
 HOLD_S = 1.0            # how long frames wait for a description
-CHECK_S = 0.1
 NO_LIMIT = 2**31        # messages that may wait: their bytes are bounded
 INPUTS = (topics.SENSOR, topics.SKETCH_SENSOR, topics.PHOTONS, topics.GATES, topics.SKETCH, topics.POINTS,
           *topics.IMAGES, topics.CAMERA_INFO)
@@ -96,7 +95,7 @@ class BagRecorderNode(PipelineNode):
         self._awaited = {name for name, topic in self._topics.items() if topic.latched}
         if self._awaited:
             self.hold_frames_for(f"a description on {self._awaited_names()}")
-            self._timer = self.create_timer(CHECK_S, self._end_hold, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self._timer = self.create_timer(HOLD_S / 10, self._end_hold, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name in self._topics:
             self._subscribe(name)
         self.diagnostics.show(path=path)
@@ -138,7 +137,7 @@ class BagRecorderNode(PipelineNode):
         line = (f"bag {writer.path}: {writer.duration_s:.1f} s, {counts}, {writer.bytes / MB:.1f} MB, "
                 f"{'; '.join(missing) or 'nothing lost'}")
         if self._ended_by:
-            line += f"; ended as {self._ended_by}"
+            line += f"; ended {self._ended_by}"
         (self.get_logger().warning if missing else self.get_logger().info)(line)
 
     def _silent(self, writer: BagWriter) -> list[str]:
@@ -203,7 +202,7 @@ class BagRecorderNode(PipelineNode):
                 self.worker.offer(self._write, name, time_ns, raw, size=len(raw))
             else:
                 self.diagnostics.drop("queue")
-                self._lost["for want of room in the queue"] += 1
+                self._lost["because the queue was full"] += 1
 
     def _leapt(self, time_ns: int) -> bool:
         """Whether time jumps back, or passes where it jumped. A bag is read in order of time: describe frames again."""
@@ -221,9 +220,9 @@ class BagRecorderNode(PipelineNode):
             self.release_frames()
 
     def _end_hold(self) -> None:
-        """In the executor's thread: record frames that nobody has described in time, too."""
+        """In the executor's thread: record frames without their description if it is late."""
         if self._awaited and self._first_ns is not None and time.monotonic() - self._first_at >= HOLD_S:
-            self.get_logger().warning(f"nobody has described {self._awaited_names()}: recording without")
+            self.get_logger().warning(f"no description on {self._awaited_names()} yet: recording without")
             self._awaited.clear()
             self.release_frames()
 
@@ -246,10 +245,7 @@ class BagRecorderNode(PipelineNode):
         self.diagnostics.show(bag_mb=round(writer.bytes / MB, 1))
 
     def _offers(self, name: str) -> list[Offer]:
-        """The QoS of the publishers of a topic, or that of the pipeline's if they have gone.
-
-        The middleware does not know their history and depth, which are taken to be the pipeline's.
-        """
+        """The QoS of a topic's publishers: history and depth, which DDS does not announce, are the pipeline's."""
         latched = self._topics[name].latched
         usual = Offer(durability="transient_local" if latched else "volatile", depth=1 if latched else PUBLISH_DEPTH)
         profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
@@ -263,11 +259,11 @@ class BagRecorderNode(PipelineNode):
         """Whether another message would exceed a limit."""
         seconds, megabytes = self.parameters["max_duration_s"], self.parameters["max_size_mb"]
         if writer.bytes and seconds and time_ns - writer.first_ns > seconds * 1e9:
-            self._ended_by = "max_duration_s says"
+            self._ended_by = "by max_duration_s"
         elif writer.bytes and megabytes and writer.bytes + size > megabytes * MB:
-            self._ended_by = "max_size_mb says"
+            self._ended_by = "by max_size_mb"
         elif not self._has_room(size):
-            self._ended_by = f"less than {self.parameters['min_free_mb']} MB are free on the disk"
+            self._ended_by = f"with less than {self.parameters['min_free_mb']} MB free on the disk"
             self.exit_code = 1
         else:
             return False
@@ -281,7 +277,7 @@ class BagRecorderNode(PipelineNode):
     def _give_up(self, writer: BagWriter, error: OSError) -> None:
         writer.abandon()
         text = (f"bag {writer.path} cannot be written ({error.strerror}): it was not completed, "
-                "docs/bags.md tells what is left")
+                "see docs/bags.md for what is left")
         self.get_logger().error(text)
         self.diagnostics.error(text)
         self.exit_code = 1

@@ -12,13 +12,13 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.sequence_loss import SequenceLoss
 from srt3d_ros.nodes.topics import qos_overrides
-from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, Worker
+from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, Refused, Worker
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
@@ -32,9 +32,7 @@ LOG_WAIT_S = 0.5        # a longer wait is logged
 class PipelineNode(ManagedNode):
     """A managed node whose callbacks only pass messages to its worker thread, which processes and publishes.
 
-    Every frame is either published or dropped for a named cause. The diagnostics count both (frame_accounting.py). A
-    subclass reads its parameters in the constructor, does what takes long or may fail in `configure`, subscribes in
-    `activate`, and overrides `forget`.
+    Every frame is either published or dropped for a named cause. The diagnostics count both (frame_accounting.py).
 
     Args:
         queue_limit: frames that may wait for the worker, unless lossless; by default the newest only.
@@ -96,10 +94,10 @@ class PipelineNode(ManagedNode):
 
     def subscribe(self, topic: str, handle: Callable[[bytes], None],
                   count: Callable[[bytes], int] = lambda raw: 0) -> None:
-        """Have the worker call `handle` with the CDR bytes of the frames on one of the spec's inputs.
+        """Have the worker call `handle` with the CDR bytes of the frames on an input.
 
         Args:
-            count: photons that a message announces, called in the executor's thread.
+            count: returns the photons that a message announces; called in the executor's thread.
         """
         def work(raw: bytes, sent_ns: int) -> None:
             if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
@@ -119,10 +117,10 @@ class PipelineNode(ManagedNode):
 
     def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
                lost: Callable[[int], None] = lambda messages: None) -> Subscription:
-        """Have the executor call `handle` with the CDR bytes on an input and what the middleware knows of the message.
+        """Have the executor call `handle` with the CDR bytes on an input and the middleware's facts about the message.
 
         Args:
-            lost: called with the number of messages that were sent and never arrived.
+            lost: called with the number of messages that never arrived.
         """
         sequence = SequenceLoss(lambda: subscription.get_publisher_count())
 
@@ -142,10 +140,10 @@ class PipelineNode(ManagedNode):
         self.diagnostics.count(message_lost=messages)
 
     def follow(self, topic: str, handle: Callable[[object], None], qos: QoSProfile | None = None) -> None:
-        """Have the worker call `handle` with the messages on an input that describes or reports; none is dropped.
+        """Have the worker call `handle` with every message on an input that describes or reports.
 
         Args:
-            qos: other than the topic's own; the user may override both.
+            qos: instead of the topic's own; the user may override both.
         """
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
@@ -167,11 +165,12 @@ class PipelineNode(ManagedNode):
         """Serve `~/name` (std_srvs/Trigger) while active: the worker does the job, whose result is the answer."""
         def work(answer: Future) -> None:
             try:
-                node = self.get_fully_qualified_name()
-                require(self.state == "active", node, self.state, f"an active node: ros2 lifecycle set {node} activate")
+                if self.state != "active":
+                    node = self.get_fully_qualified_name()
+                    raise Refused(f"{node} is {self.state}: ros2 lifecycle set {node} activate")
                 answer.set_result((True, job()))
             except Exception as error:
-                if not isinstance(error, InvalidInput):
+                if not isinstance(error, (InvalidInput, Refused)):
                     self._failed(error)
                 answer.set_result((False, _in_words(error)))
 
@@ -201,15 +200,11 @@ class PipelineNode(ManagedNode):
     def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
         """Publish the CDR bytes of the frame acquired at `stamp_ns`; when lossless, wait for a subscriber first.
 
-        Args:
-            amounts: totals to which the frame adds.
-
-        Raises:
-            Dropped: the node was stopped before a subscriber came.
+        `amounts` are totals to which the frame adds. Raises Dropped if the node is stopped before a subscriber comes.
         """
         if self.lossless and not self.wait_until(publisher.get_subscription_count,
                                                  f"a subscriber on {publisher.topic_name}"):
-            raise Dropped(self._stopped_for, f"nobody had subscribed to {publisher.topic_name}")
+            raise Dropped(self._stopped_for, f"no subscriber on {publisher.topic_name}")
         publisher.publish(data)
         self.sent(stamp_ns, **amounts)
 
@@ -235,8 +230,6 @@ class PipelineNode(ManagedNode):
         if logged:
             self.diagnostics.wait_for("")
         return met
-
-    # ---- The end
 
     def on_activate(self, state):
         """`ros2 lifecycle set … activate`: the worker may wait again."""
@@ -303,4 +296,5 @@ class PipelineNode(ManagedNode):
 
 def _in_words(error: Exception) -> str:
     """An exception in one line."""
-    return str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {' '.join(str(error).split())}"
+    known = isinstance(error, (InvalidInput, Refused))
+    return str(error) if known else f"{type(error).__name__}: {' '.join(str(error).split())}"

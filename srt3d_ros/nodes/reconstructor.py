@@ -16,7 +16,6 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -29,7 +28,7 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import in_words
-from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.nodes.worker import Dropped, Refused
 
 IN_FLIGHT = 2           # frames between reconstruction and publication, in the pipeline "throughput"
 
@@ -112,9 +111,9 @@ class ReconstructorNode(PipelineNode):
         return "the next frame begins without the last one's surfaces"
 
     def _save_cloud(self) -> str:
-        newest = self._newest
-        require(newest is not None, "cloud", "none yet", "a sketch to have come: does the sketcher publish `sketch`?")
-        cloud, frame = newest
+        if self._newest is None:
+            raise Refused(f"no cloud to save yet: no sketch has arrived on {self.resolve_topic_name('sketch')}")
+        cloud, frame = self._newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
         path = free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
         sensor = frame.sensor.replace(frame_id=frame.frame_id)
@@ -155,7 +154,7 @@ class ReconstructorNode(PipelineNode):
 
     def _on_sketch(self, raw: bytes) -> None:
         if self._described is None:
-            raise Dropped("no_sensor", "nobody has described the sketch on `sketch/sensor` yet")
+            raise Dropped("no_sensor", "no description has arrived on sketch/sensor yet")
         sensor, frequencies = self._described
         header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor)
         parallel = self._settings["pipeline"] == "throughput"

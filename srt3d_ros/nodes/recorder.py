@@ -16,7 +16,6 @@ from std_msgs.msg import String
 
 from srt3d_ros.children import started_again
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -29,7 +28,7 @@ from srt3d_ros.nodes.node_spec import NodeSpec, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.nodes.worker import Dropped, Refused
 from srt3d_ros.recording import live, schema
 from srt3d_ros.recording.parts import PartNames
 from srt3d_ros.recording.versions import versions
@@ -60,7 +59,7 @@ SPEC = NodeSpec(
             "again the recording goes on in a new file.",
             "Until a file is finished rerun keeps its index in memory, some 5 MB for each minute: where it records for "
             "hours, let `split_period_s` or `split_size_mb` begin new files.",
-            "Whoever can open a connection to the machine's loopback interface can watch `live_port`."),
+            "`live_port` is open to every user and process of the machine."),
 )
 
 
@@ -97,7 +96,7 @@ class RecorderNode(PipelineNode):
 
     def _start(self) -> str:
         if self._path is not None:
-            raise InvalidInput("recording", str(self._path), "none under way: call ~/stop_recording first")
+            raise Refused(f"already recording to {self._path}: call ~/stop_recording first")
         self._path = self._names.next()
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex(self.parameters["max_rate_hz"])
@@ -121,12 +120,12 @@ class RecorderNode(PipelineNode):
 
     def _stop(self) -> str:
         if self._path is None:
-            raise InvalidInput("recording", "none", "one under way: call ~/start_recording first")
+            raise Refused("not recording: call ~/start_recording first")
         path, begun = self._path, self._writer is not None
         self.unsubscribe()
         self.release_frames()
         self.forget()
-        return f"recorded {path}" if begun else f"{path} was not begun: no sketch/sensor came"
+        return f"recorded {path}" if begun else f"{path} was not begun: no description arrived on sketch/sensor"
 
     def forget(self) -> None:
         """Finish the recording."""
@@ -161,14 +160,12 @@ class RecorderNode(PipelineNode):
             self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
             style=self._settings.style, split=self._settings.split, live=self._settings.live,
             queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
-            on_error=self._on_writer_error, on_recovery=self._on_writer_recovery)
+            on_error=self._on_writer_error,
+            on_recovery=lambda path: self.get_logger().info(f"recording goes on in {path}"))
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)
         self.diagnostics.error(text)
-
-    def _on_writer_recovery(self, path: Path) -> None:
-        self.get_logger().info(f"recording goes on in {path}")
 
     # ---- Frames
 

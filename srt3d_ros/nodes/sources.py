@@ -154,7 +154,7 @@ class BagSource:
                 f"a time after which {topics.frames.name} has messages")
         self.sensor = self._sensor_in_force(topics.sensor)
         self.notes = () if self.sensor else (
-            f"no sensor is described beside {topics.frames.name}: somebody else has to publish it",)
+            f"no sensor is described beside {topics.frames.name}: another node has to publish it",)
 
     def items(self) -> Iterator[Item]:
         """The messages, each turn from the start; raises InvalidInput where the bag is broken."""

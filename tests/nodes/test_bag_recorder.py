@@ -165,7 +165,7 @@ def test_frames_that_nobody_describes_are_recorded_and_topics_without_messages_a
         assert recorder.end(signal.SIGTERM) == 0
         names = " and ".join(f"{graph.namespace}/{topic}" for topic in missing)     # by default gates need not come
         assert recorder.lines[-1].endswith(f" MB, no message came on {names}") and "WARN" in recorder.lines[-1]
-        assert ("nobody has described sensor: recording without" in recorder.text) == (name == "by_default")
+        assert ("no description on sensor yet: recording without" in recorder.text) == (name == "by_default")
         assert [message.raw for message in read(tmp_path / name)] == [on_the_wire(frames[0])]
 
 
@@ -200,9 +200,9 @@ def record_gates(graph, sensor, tmp_path):
 
 
 @pytest.mark.parametrize("line, limit, code, messages, words", [
-    ("", {"max_size_mb": 1}, 0, 2, "ended as max_size_mb says"),
-    ("", {"max_duration_s": 1e-9}, 0, 1, "ended as max_duration_s says"),
-    (FILLS_UP, {}, 1, 2, "ended as less than 256 MB are free on the disk"),
+    ("", {"max_size_mb": 1}, 0, 2, "ended by max_size_mb"),
+    ("", {"max_duration_s": 1e-9}, 0, 1, "ended by max_duration_s"),
+    (FILLS_UP, {}, 1, 2, "ended with less than 256 MB free on the disk"),
 ])
 def test_a_bag_that_reaches_a_limit_is_complete(record_gates, tmp_path, line, limit, code, messages, words):
     recorder = record_gates(line, **limit)
@@ -219,7 +219,7 @@ def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(
     describe(sensor)
     graph.reports("bag_recorder", "frames_out", 3)
     assert recorder.end(signal.SIGINT) == 0
-    assert recorder.lines[-1].endswith("lost: 2 for want of room in the queue")
+    assert recorder.lines[-1].endswith("lost: 2 because the queue was full")
     messages = read(tmp_path / "bag")
     assert [message.topic.rsplit("/", 1)[1] for message in messages] == ["sensor", "gates", "gates"]
     assert messages[0].time_ns == messages[1].time_ns < messages[2].time_ns

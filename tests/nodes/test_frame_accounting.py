@@ -76,8 +76,8 @@ def test_a_node_that_loses_a_frame_says_so_and_fails_the_test_in_which_it_does(r
             publisher.publish(write_cloud(Cloud(Header(0, "x"), 1, width, (), False, 0, 0, memoryview(b""), True)))
         report = graph.reports("loser", "frames_out", 2)
         assert (report["frames_in"], report["under_way"], report["unaccounted_frames"]) == ("3", "0", "1")
-        told = [report for report in graph.all_reports("loser") if report["level"] == DiagnosticStatus.ERROR]
-        assert [report["message"] for report in told] == ["frame accounting does not add up: unaccounted_frames 1"]
+        errors = [report for report in graph.all_reports("loser") if report["level"] == DiagnosticStatus.ERROR]
+        assert [report["message"] for report in errors] == ["frame accounting does not add up: unaccounted_frames 1"]
     finally:
         with pytest.raises(AssertionError, match="accounting of loser does not add up: {'unaccounted_frames': '1'}"):
             graph.close()
@@ -85,7 +85,7 @@ def test_a_node_that_loses_a_frame_says_so_and_fails_the_test_in_which_it_does(r
         check_balance("loser", graph.report("loser"))
 
 
-def test_a_lossless_node_stopped_before_anybody_listens_has_dropped_what_it_could_not_send(graph, sensor, events):
+def test_a_lossless_node_stopped_without_a_subscriber_has_dropped_its_frames(graph, sensor, events):
     node = graph.start("sketcher", lossless=True, packets_per_frame=2).ready()
     graph.introduce(sensor)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
@@ -103,7 +103,7 @@ def test_a_lossless_node_stopped_before_anybody_listens_has_dropped_what_it_coul
 
 def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph, sensor, events):
     n, sent = events.photons, 0
-    sketches, told = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
+    sketches, described_as = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
     node = graph.start("sketcher", frame_period_s=0.1, use_sim_time=True, sketch_size=20).ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     gates = graph.matched(graph.publisher(Image, "gates"))
@@ -148,7 +148,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
         assert tick()
         time.sleep(0.02)
     described.publish(sensor_message.encode(sensor))
-    graph.wait(lambda: len(told) == 2, "the sketch of the sensor")
+    graph.wait(lambda: len(described_as) == 2, "the sketch of the sensor")
     send_gates(1000)
     graph.reports("sketcher", "packets_open", 1)
     graph.wait(lambda: tick() and len(sketches) == 3, "the frame that silence ends")

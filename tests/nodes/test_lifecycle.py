@@ -45,7 +45,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_then_works(graph, se
     assert photons.get_subscription_count() == 0
     name, refused = f"{graph.namespace}/sketcher", graph.call(Trigger, "sketcher/reset", Trigger.Request())
     assert (refused.success, refused.message) == (
-        False, f"{name} is inactive: expected an active node: ros2 lifecycle set {name} activate")
+        False, f"{name} is inactive: ros2 lifecycle set {name} activate")
     assert change("sketcher", "activate")
     node.says("]: ready")
     graph.reports("sketcher", "rows", sensor.rows)
@@ -98,7 +98,7 @@ def test_impossible_transitions_and_services_are_refused_and_a_node_that_is_shut
     assert state(graph, "recorder") == "active" and node.running
     answer = graph.call(Trigger, "recorder/stop_recording", Trigger.Request())
     assert not answer.success
-    assert answer.message == "recording is none: expected one under way: call ~/start_recording first"
+    assert answer.message == "not recording: call ~/start_recording first"
     assert change("recorder", "shutdown") and state(graph, "recorder") == "finalized"
     assert node.end(signal.SIGTERM) == 0
     assert node.text.count("]: finalized") == 1
