@@ -232,7 +232,6 @@ class PipelineNode(ManagedNode):
         return met
 
     def on_activate(self, state):
-        """`ros2 lifecycle set … activate`: the worker may wait again."""
         self.halted.clear()
         return super().on_activate(state)
 

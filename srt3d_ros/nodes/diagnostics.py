@@ -43,7 +43,6 @@ class Diagnostics:
     """Counts what a node does and reports it. Every method may be called from any thread.
 
     Args:
-        node: whose frames are counted, and whose name and lifecycle state are reported.
         balances: the equations that the totals keep.
 
     Attributes:

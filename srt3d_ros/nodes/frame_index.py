@@ -30,11 +30,7 @@ class RecordedFrame:
 
 
 class FrameIndex:
-    """The frames of a recording.
-
-    Args:
-        max_rate_hz: of frames that are kept; 0 = all are kept.
-    """
+    """The frames of a recording, of which at most `max_rate_hz` a second are kept; 0 = all."""
 
     def __init__(self, max_rate_hz: float = 0.0):
         self._period_ns = 0.99e9 / max_rate_hz if max_rate_hz else 0.0     # stamps jitter

@@ -19,8 +19,7 @@ PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for
 class ManagedNode(LifecycleNode):
     """A lifecycle node whose steps raise when they fail; the node then stays in its state.
 
-    A subclass overrides `configure` and `activate`, and what it needs of `deactivate` and `cleanup`. Each is called in
-    the executor's thread. `state` is the label that `ros2 lifecycle get` shows.
+    The steps run in the executor's thread. `state` is the label that `ros2 lifecycle get` shows.
     """
 
     spec: NodeSpec
@@ -92,7 +91,7 @@ class ManagedNode(LifecycleNode):
             raise InvalidInput(f"topic of {topic.name}", self.resolve_topic_name(topic.name),
                                f"one without another type than {topic.type_name} in this process") from None
 
-    # ---- Transitions
+    # ---- Transitions, as `ros2 lifecycle set` asks for them
 
     def start(self) -> None:
         """Configure and activate; raises what they raise."""
@@ -103,23 +102,19 @@ class ManagedNode(LifecycleNode):
         self._starting = False
 
     def on_configure(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … configure`."""
         return self._step(self.configure, "inactive", "configured", self.cleanup)
 
     def on_activate(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … activate`."""
         return self._step(self.activate, "active", "ready", self.deactivate)
 
     def on_deactivate(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … deactivate`."""
         return self._step(self.deactivate, "inactive", "deactivated")
 
     def on_cleanup(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … cleanup`."""
         return self._step(self.cleanup, "unconfigured", "cleaned up")
 
     def on_shutdown(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … shutdown`: the node cannot be used again; its process ends with a signal."""
+        """The node cannot be used again; its process ends with a signal."""
         if self.state == "active":
             self.deactivate()
         return self._step(self.cleanup, "finalized", "finalized")

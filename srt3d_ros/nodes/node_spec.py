@@ -22,14 +22,10 @@ class Service:
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """Everything that is public about a node.
+    """Everything that is public about a node, but for what every node has.
 
     Args:
         name: of the node and of its executable.
-        purpose: one paragraph.
-        inputs, outputs: topics, without /diagnostics, which every node publishes.
-        services: without those of every managed node.
-        parameters: without those of every node, which `table` adds.
         limits: what a user has to know before relying on it, a sentence each.
         balances: the equations that its totals keep.
     """
@@ -49,5 +45,5 @@ class NodeSpec:
         return (*self.parameters, AUTOSTART)
 
     def topic(self, name: str) -> Topic:
-        """The input or output of this name; KeyError if there is none."""
+        """The input or output of this name."""
         return {topic.name: topic for topic in (*self.inputs, *self.outputs)}[name]

@@ -26,9 +26,7 @@ class Parameter:
     """One line of a node's table.
 
     Args:
-        name: as in `-p name:=value`.
         default: its type is the parameter's type.
-        description: for `ros2 param describe`, the configuration file and the documentation.
         low, high: range of a number, both ends allowed; None = no limit.
         choices: all allowed values of a text.
         form: what a text may be, in words.
@@ -156,14 +154,10 @@ class Parameters:
 
 
 def file_warnings(arguments: Sequence[str], node: str) -> list[str]:
-    """A line for each parameter file that reaches nobody: rcl ignores sections for other nodes silently.
+    """A line for each parameter file on a command line that by mistake has nothing for a node, such as "/a/sketcher".
 
-    One file may serve many nodes. Only a section whose name is nearly that of `node` is a mistake, where none has it,
-    and a file that names no node of this package.
-
-    Args:
-        arguments: the node's command line.
-        node: its full name, such as "/left/sketcher".
+    rcl ignores sections for other nodes silently, since one file may serve many. A mistake is a section that nearly has
+    the node's name, where none has it, and a file that names no node of this package.
     """
     paths = [Path(value) for flag, value in zip(arguments, arguments[1:]) if flag == "--params-file"]
     return [f"{path}: {problem}" for path in paths if (problem := _section_problem(path, node))]

@@ -37,11 +37,7 @@ class Arrival:
 class PipelineProbe:
     """Subscribes to `points` and /diagnostics; a context manager, inside which `spin_until` receives.
 
-    Args:
-        keep_every: of so many clouds, the bytes of one are kept in `kept`.
-
-    Attributes:
-        malformed: number of messages on `points` that are no clouds.
+    `kept` has the bytes of every `keep_every`-th cloud, `malformed` counts the messages on `points` that are no clouds.
     """
 
     def __init__(self, keep_every: int):

@@ -74,10 +74,8 @@ class FrameSource:
     """Frames of the simulator, or that of a photon file: frame k is due k / rate_hz after the first.
 
     Args:
-        sensor: that saw them.
         frame: returns frame k.
         frames: their number; None: there is no end.
-        parameters: of the player.
 
     Raises:
         InvalidInput: the first frame cannot be sent.
@@ -128,9 +126,6 @@ class FrameSource:
 
 class BagSource:
     """The photons of a bag and the descriptions of their sensor, as and when they were recorded.
-
-    Args:
-        parameters: of the player.
 
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.

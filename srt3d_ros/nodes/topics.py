@@ -25,7 +25,6 @@ class Topic:
 
     Args:
         name: relative, so that namespaces and remappings apply.
-        type: the message's class.
         about: what is in it, in a few words.
         latched: reliable and transient local: a late subscriber still gets the last message.
         when: the condition under which it exists; always if empty.

@@ -14,12 +14,7 @@ LOSSLESS = 256          # frames that may wait where none may be dropped: bounds
 
 
 class Dropped(Exception):
-    """Raised by a job for a frame that it cannot use through nobody's mistake.
-
-    Args:
-        cause: under which it is counted.
-        why: for the log.
-    """
+    """Raised by a job for a frame that it cannot use through nobody's mistake; `cause` is counted, `why` is logged."""
 
     def __init__(self, cause: str, why: str):
         super().__init__(why)
