@@ -12,15 +12,13 @@ import json
 import time
 from pathlib import Path
 
-from srt3d_ros.nodes import transport  # first: it prepares the process for big messages
-
-# isort: split
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.messages import cdr
+from srt3d_ros.nodes import transport
 
 TYPES = {"gates": Image, "photons": PointCloud2}
 PATIENCE_S = 60.0
@@ -29,7 +27,7 @@ DEPTH = 10
 
 
 def main() -> None:
-    assert transport
+    transport.prepare_process()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("topic", choices=TYPES)

@@ -10,9 +10,6 @@ import struct
 import sys
 import time
 
-import srt3d_ros.nodes  # noqa: F401  (first: it prepares the process for big messages)
-
-# isort: split
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException
@@ -20,11 +17,13 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import CDR_HEADER_BYTES
+from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import SUBSCRIBE_DEPTH
 
 
 def main() -> None:
     topic, = sys.argv[1:]
+    transport.prepare_process()
     rclpy.init(args=[])
     node = rclpy.create_node("watch")
     node.create_subscription(DiagnosticArray, "/diagnostics", _on_diagnostics, QoSProfile(depth=100))

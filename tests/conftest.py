@@ -40,6 +40,9 @@ def ros():
     """rclpy, initialised once for all tests of a process."""
     import rclpy
 
+    from srt3d_ros.nodes import transport
+
+    transport.prepare_process()
     rclpy.init()
     yield
     rclpy.try_shutdown()

@@ -5,10 +5,9 @@
 
 from pathlib import Path
 
-from srt3d_ros.nodes.parameters import as_yaml
 from srt3d_ros.nodes.specs import SPECS
 from tools.graph import draw
-from tools.node_reference import page
+from tools.node_reference import as_yaml, page
 from tools.policy import policy
 from tools.schema_tables import readme
 

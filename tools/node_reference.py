@@ -3,9 +3,9 @@
 import textwrap
 from collections.abc import Iterable
 
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
-from srt3d_ros.nodes.parameters import Parameter, yaml_value
-from srt3d_ros.nodes.topics import DIAGNOSTICS
+from srt3d_ros.nodes.node_spec import NodeSpec
+from srt3d_ros.nodes.parameters import Parameter, Value
+from srt3d_ros.nodes.topics import DIAGNOSTICS, Topic
 
 WIDTH = 120
 FROM_DRIVER = ("sensor", "sensor/camera_info", "photons", "gates")
@@ -94,7 +94,7 @@ def _publishers(topic: Topic, specs: list[NodeSpec]) -> list[str]:
 
 def _parameters(table: Iterable[Parameter], specs: Iterable[NodeSpec] = ()) -> str:
     """A table of parameters; with `specs`, also of the nodes that have each."""
-    rows = [(f"`{parameter.name}`", *_owners(parameter, specs), f"`{yaml_value(parameter.default)}`",
+    rows = [(f"`{parameter.name}`", *_owners(parameter, specs), f"`{_yaml_value(parameter.default)}`",
              parameter.expected, "live" if parameter.live else "at start", parameter.description)
             for parameter in table]
     return _table(("parameter", *(("nodes",) if specs else ()), "default", "value", "changes", "what it does"), rows)
@@ -110,6 +110,27 @@ def _equations(specs: list[NodeSpec]) -> str:
     balances = dict.fromkeys(balance for spec in specs for balance in spec.balances)
     return "\n".join(f"    {balance}    ({', '.join(spec.name for spec in specs if balance in spec.balances)})"
                      for balance in balances)
+
+
+def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
+    """A parameter file with every default, commented, for nodes of these names in any namespace."""
+    lines = []
+    for node, table in tables.items():
+        lines += ["", f"/**/{node}:", "  ros__parameters:"]
+        for parameter in table:
+            text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
+            lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
+            lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
+    return "\n".join(lines[1:]) + "\n"
+
+
+def _yaml_value(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # YAML's floats need the dot
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -20,9 +20,6 @@ import time
 from collections import Counter, deque
 from pathlib import Path
 
-from srt3d_ros.nodes import transport  # first: it prepares the process for big messages
-
-# isort: split
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +27,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.messages import cdr
+from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 
 FRAME_S = 0.1
@@ -110,7 +108,7 @@ class Driver:
 
 
 def main() -> None:
-    assert transport
+    transport.prepare_process()
     folder, = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_DFL)        # any signal ends it, there and then
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

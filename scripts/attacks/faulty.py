@@ -25,7 +25,7 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.qos import LATCHED
+from srt3d_ros.nodes.topics import LATCHED
 
 HERE = Path(__file__).resolve().parent
 PLANE_M, PPP, SBR, PACKETS = 3.0, 20.0, 4.0, 4

@@ -24,14 +24,9 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from mutations import Mutator
-
-from srt3d_ros.cli.processes import join_private_network
-from srt3d_ros.nodes import transport  # before rclpy: it prepares the process for big messages
-
-# isort: split
 import numpy as np
 import rclpy
+from mutations import Mutator
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -41,12 +36,14 @@ from stack import Stack
 from std_msgs.msg import String
 from tqdm import tqdm
 
+from srt3d_ros.cli.processes import join_private_network
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.messages import cdr, gates, images, photons, sensor, sketch
 from srt3d_ros.messages.camera import camera_info
+from srt3d_ros.nodes import transport
 
 EVERY = 40                  # messages between good frames
 OUTSTANDING = 3             # good frames whose clouds may still have to come: bounds what waits in a node
@@ -207,7 +204,7 @@ class Attack:
 
 
 def main() -> int:
-    assert transport
+    transport.prepare_process()
     arguments = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     arguments.add_argument("--messages", type=int, default=1_000_000, help="mutated messages (%(default)s)")
     arguments.add_argument("--seed", type=int, default=1, help="of all choices (%(default)s)")

@@ -16,7 +16,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from scripts.attacks.process import Process
-from srt3d_ros.nodes.base import LATCHED
+from srt3d_ros.nodes.topics import LATCHED
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 

@@ -21,9 +21,9 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes import base
 from srt3d_ros.nodes.frame_accounting import FRAMES
 from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes.topics import LATCHED
 
 ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
@@ -76,7 +76,7 @@ class Graph:
 
     def collect_latched(self, message_type: type, topic: str) -> list:
         messages: list = []
-        self.node.create_subscription(message_type, topic, messages.append, base.LATCHED)
+        self.node.create_subscription(message_type, topic, messages.append, LATCHED)
         return messages
 
     def publisher(self, message_type: type, topic: str):
@@ -99,7 +99,7 @@ class Graph:
     def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
         """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
         described = self.collect_latched(String, "sketch/sensor")
-        self.node.create_publisher(String, "sensor", base.LATCHED).publish(sensor_message.encode(sensor))
+        self.node.create_publisher(String, "sensor", LATCHED).publish(sensor_message.encode(sensor))
 
         def answer():
             said = map(sketch_message.decode_sensor, described)
