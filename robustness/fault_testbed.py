@@ -8,12 +8,10 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
 
 from robustness.testbed import Testbed
 from srt3d_ros.core.projection import Pinhole
@@ -23,8 +21,6 @@ from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.qos import LATCHED
 from srt3d_ros.processes import Process
 
 OWN_MOUNTS = "SRT3D_ROBUSTNESS_MOUNTS"      # in the environment of a process that has a mount namespace
@@ -39,16 +35,6 @@ USUAL = SensorModel(24, 32, 300, 1e-10, IRF, frame_id="spad", projection=Pinhole
 SENSORS = {"usual": USUAL, "size": USUAL.replace(rows=33, cols=20, projection=Pinhole.from_fov(33, 20, 20.0)),
            "T": USUAL.replace(num_bins=170, bin_width_s=2e-10),
            "IRF": USUAL.replace(irf=np.array([0.5, 1.0, 0.8, 0.4, 0.2, 0.1]), irf_ref=1)}
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """A cloud that arrived, `at` this time.monotonic()."""
-
-    stamp_ns: int
-    at: float
-    points: int
-    median_m: float
 
 
 class Disk:
@@ -97,8 +83,8 @@ class FaultTestbed(Testbed):
         own_mounts: whether recordings and shared memory may have disks of their own.
 
     Attributes:
-        clouds: that came since somebody began to wait for one.
-        misplaced: clouds that show a surface where there is none.
+        clouds: stamp and number of points of those that came since somebody began to wait for one.
+        misplaced: median ranges of clouds that show a surface where there is none.
         recorded: finished recordings and bags to check: of which node, where, whether it ended in order.
     """
 
@@ -107,10 +93,9 @@ class FaultTestbed(Testbed):
         self._recorded = {"recorder": folder / "disk", "bag_recorder": folder}
         super().__init__({name: self._path(name, 0) for name in SUFFIX} | {
             "reconstructor": {}, "sketcher": {"frame_period_s": 0.1, "gap_s": 1.0}})
-        self.clouds: list[Cloud] = []
-        self.misplaced: list[Cloud] = []
+        self.clouds: list[tuple[int, int]] = []
+        self.misplaced: list[float] = []
         self.recorded: list[tuple[str, Path, bool]] = []
-        self._described: list[SensorModel] = []
         shutil.rmtree(folder, ignore_errors=True)
         (folder / "disk").mkdir(parents=True)
         self.disk = Disk(folder / "disk", DISK_MB) if own_mounts else None
@@ -122,7 +107,6 @@ class FaultTestbed(Testbed):
         super().__enter__()
         try:
             self.probe.node.create_subscription(PointCloud2, "points", self._on_cloud, 100, raw=True)
-            self.probe.node.create_subscription(String, "sketch/sensor", self._on_description, LATCHED)
             self.start("driver")
         except BaseException:
             self.__exit__()
@@ -133,11 +117,6 @@ class FaultTestbed(Testbed):
         super().__exit__()
         for name in SUFFIX.keys() & self.keys():
             self._note_recorded(name)
-
-    def unmount(self) -> None:
-        """Give the disks back."""
-        for disk in filter(None, (self.disk, self.shared_memory)):
-            subprocess.run(["umount", "--lazy", disk.folder], check=True)
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
         """Start a node or the driver; a recorder begins another file, the driver sends."""
@@ -163,25 +142,18 @@ class FaultTestbed(Testbed):
         self.wait(lambda: len(driver.lines) > before or not driver.running, "an answer of the driver")
         return Counter(json.loads(driver.lines[-1]))
 
-    def wait_for_description(self) -> None:
-        """Wait until the sketcher describes the sensor that the driver is."""
-        self.wait(lambda: self._described and self._described[-1].same_as(SENSORS[self.sensor]), "sketch/sensor")
-
     def stamp_ns(self) -> int:
         """Of a frame that the driver begins now."""
         return time.time_ns() + round(self._shift_s * 1e9)
 
     def wait_for_cloud(self, timeout_s: float) -> float:
         """Seconds until a cloud of photons from now on comes, with as many points as it should have."""
-        at, since_ns, enough = time.monotonic(), self.stamp_ns(), ENOUGH * SENSORS[self.sensor].pixels
+        began_s, since_ns, enough = time.monotonic(), self.stamp_ns(), ENOUGH * SENSORS[self.sensor].pixels
         self.clouds.clear()
-
-        def new() -> list[Cloud]:       # those far ahead are of a time that has been taken back
-            return [cloud for cloud in self.clouds if 0 <= cloud.stamp_ns - since_ns < AHEAD_NS
-                    and cloud.points > enough]
-
-        self.wait(new, "a cloud", timeout_s)
-        return new()[0].at - at
+        # Those far ahead are of a time that has been taken back.
+        self.wait(lambda: any(0 <= stamp_ns - since_ns < AHEAD_NS and points > enough
+                              for stamp_ns, points in self.clouds), "a cloud", timeout_s)
+        return time.monotonic() - began_s
 
     def _number(self, name: str) -> int:
         """How many processes a node had before this one."""
@@ -199,12 +171,9 @@ class FaultTestbed(Testbed):
         header, columns = points_message.decode_cdr(raw)
         ranges = np.linalg.norm(columns["xyz"], axis=1)
         median_m = float(np.median(ranges)) if len(ranges) else PLANE_M
-        self.clouds.append(Cloud(header.stamp_ns, time.monotonic(), len(ranges), median_m))
+        self.clouds.append((header.stamp_ns, len(ranges)))
         if abs(median_m - PLANE_M) > NEAR_M:
-            self.misplaced.append(self.clouds[-1])
-
-    def _on_description(self, message: String) -> None:
-        self._described.append(sketch_message.decode_sensor(message)[0])
+            self.misplaced.append(median_m)
 
 
 def _write_packets(folder: Path, sensor: SensorModel) -> None:

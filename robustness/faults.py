@@ -1,7 +1,7 @@
 """Harm a running pipeline, round after round: it recovers, its frame counts add up, and nothing is broken.
 
-Sketcher, reconstructor, recorder and bag recorder run as processes, fed by a driver of raw packets, four a frame. A
-round picks a fault, does it, takes it back, and passes if
+Sketcher, reconstructor, recorder and bag recorder run as processes, fed by a driver of raw packets, four a frame. Each
+round does the next fault, takes it back, and passes if
 
 - clouds of photons that came after the fault are back within 3 s, with a point in nine of ten pixels;
 - no cloud at any time shows the scene where it is not;
@@ -9,8 +9,8 @@ round picks a fault, does it, takes it back, and passes if
 - the frame counts of every node add up, and where driver and sketcher are not harmed, all packets sent are counted;
 - recordings and bags that were finished open, and those that were cut off are repaired or refused in one line.
 
-A round that fails leaves its logs beside the summary, and the pipeline is started anew. Faults of the disk and of
-shared memory need root or user namespaces: they get disks of their own, which nobody else sees.
+The first round that fails is the last, and leaves its logs beside the summary. Faults of the disk and of shared memory
+need root or user namespaces: they get disks of their own, which nobody else sees.
 """
 
 import argparse
@@ -32,109 +32,15 @@ from srt3d_ros.processes import Process, join_private_network
 BACK_S = 3.0
 MAX_BACK_S = 30.0           # for which clouds are waited that have to be back earlier
 OPEN_S = 300.0
-LOOK = {"recorder": ("review", "--no-report", "--json"), "bag_recorder": ("reconstruct", "--json")}
 
 
 @dataclass
 class Round:
-    number: int
     fault: str
     did: str = ""
     recovery_s: float | None = None
     lost: Counter = field(default_factory=Counter)
     problems: list[str] = field(default_factory=list)
-
-
-class Campaign:
-    """Rounds on the same pipeline until one fails, then on another."""
-
-    def __init__(self, seed: int, faults: list[str], folder: Path, own_mounts: bool, back_s: float):
-        self._seed, self._faults, self._folder, self._own_mounts = seed, faults, folder, own_mounts
-        self._back_s = back_s
-        self._testbed: FaultTestbed | None = None
-
-    def play(self, number: int) -> Round:
-        """One round; the same number is the same fault."""
-        choice = random.Random(f"{self._seed}/{number}")
-        played = Round(number, self._faults[number % len(self._faults)])
-        try:
-            if self._testbed is None:
-                self._testbed = FaultTestbed(self._folder / "run", self._own_mounts)
-                self._testbed.__enter__()
-                self._testbed.wait_for_cloud(MAX_BACK_S)
-            self._harm(played, choice)
-        except (AssertionError, TimeoutError) as problem:
-            played.problems.append(str(problem))
-        if self._testbed is not None:
-            played.problems += self._unreadable()
-        if played.problems:
-            self.end(played)
-        return played
-
-    def _harm(self, played: Round, choice: random.Random) -> None:
-        testbed, fault = self._testbed, FAULTS[played.fault]
-        testbed.drive(sensor="")
-        testbed.settle(NODES)
-        testbed.replaced_before = len(testbed.replaced)
-        testbed.misplaced.clear()
-        lost, sent, came = testbed.losses(), testbed.drive(sensor=testbed.sensor), self._came()
-        testbed.wait_for_cloud(CLOUD_S)
-        played.did = fault.do(testbed, choice)
-        played.recovery_s = round(testbed.wait_for_cloud(max(MAX_BACK_S, self._back_s)), 3)
-        if played.recovery_s > self._back_s:
-            played.problems.append(f"clouds were back after {played.recovery_s:.1f} s")
-        for name in SUFFIX:
-            testbed.wait(lambda: testbed.probe.total(name, "frames_out"), f"{name} to record")
-        now = testbed.drive(sensor="")
-        played.problems += [f"{name}: {amount} frames are not accounted for: {testbed.latest.get(name)}"
-                            for name, amount in testbed.settle(NODES).items()]
-        if fault.counted and (gone := (now - sent)["sent"] - (self._came() - came)):
-            played.problems.append(f"{gone} of {(now - sent)['sent']} packets are not accounted for")
-        played.lost = testbed.losses() - lost
-        played.problems += [f"a cloud at {cloud.median_m:.2f} m" for cloud in testbed.misplaced[:3]]
-        played.problems += testbed.failed()
-        played.problems += [f"{name} wrote a traceback" for name, process in self._processes() if
-                            "Traceback" in process.text]
-
-    def _came(self) -> int:
-        """Packets that the sketcher had, or knows that it missed."""
-        counted = self._testbed.totals("sketcher")
-        return counted["frames_in"] + counted["message_lost"]
-
-    def _processes(self) -> list[tuple[str, Process]]:
-        testbed = self._testbed
-        return [*testbed.replaced[testbed.replaced_before:], *testbed.items()]
-
-    def _unreadable(self) -> list[str]:
-        """Try to open what was recorded, as its user would; returns what is wrong with it."""
-        problems = []
-        for name, path, whole in self._testbed.recorded:
-            command, *options = LOOK[name]
-            out = ["-o", f"{path}.npz"] if command == "reconstruct" else []
-            process = Process([sys.executable, "-m", "srt3d_ros.cli.main", command, str(path), *options, *out])
-            code = process.code(OPEN_S)
-            refused = code == 2 and len(process.lines) == 1 and name == "bag_recorder" and not whole
-            if "Traceback" in process.text or not (code == 0 or refused):
-                problems.append(f"{path} does not open: {process.text}")
-            for repaired in path.parent.glob(f"{path.stem}_repaired*"):
-                repaired.unlink()
-        self._testbed.recorded.clear()
-        return problems
-
-    def end(self, failed: Round | None = None) -> list[str]:
-        """End the pipeline; returns what is wrong with what it recorded. Keeps the logs of a round that failed."""
-        if self._testbed is None:
-            return []
-        self._testbed.__exit__()
-        if failed is not None:
-            folder = self._folder / f"round_{failed.number:03}"
-            folder.mkdir(parents=True, exist_ok=True)
-            for k, (name, process) in enumerate(self._processes()):
-                (folder / f"{k}_{name}.log").write_text(f"{' '.join(process.command)}\n{process.text}\n")
-        problems = self._unreadable()
-        self._testbed.unmount()
-        self._testbed = None
-        return problems
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -153,28 +59,78 @@ def run(args: argparse.Namespace) -> tuple[list, dict]:
     left_out = [] if own_mounts else [name for name in args.only if FAULTS[name].on_own_disks]
     if left_out:
         print(f"left out: {', '.join(left_out)}: they need root, or user namespaces", file=sys.stderr)
-    campaign = Campaign(args.seed, [name for name in args.only if name not in left_out], args.out.parent / "faults",
-                        own_mounts, args.back_s)
-    rounds, at_the_end, end_s = [], [], time.monotonic() + args.seconds
-    try:
+    faults = [name for name in args.only if name not in left_out]
+    rounds, end_s, folder = [], time.monotonic() + args.seconds, args.out.parent / "faults"
+    with FaultTestbed(folder, own_mounts) as testbed:
         for number in tqdm(range(args.first, args.first + args.rounds), unit="round"):
-            if time.monotonic() > end_s:
+            rounds.append(played := Round(faults[number % len(faults)]))
+            play(testbed, played, random.Random(f"{args.seed}/{number}"), args.back_s)
+            tqdm.write(f"round {number}, {played.fault}: {played.did or 'not done'}", file=sys.stderr)
+            if played.problems or time.monotonic() > end_s:
                 break
-            rounds.append(campaign.play(number))
-            tqdm.write(f"round {number}, {rounds[-1].fault}: {rounds[-1].did}", file=sys.stderr)
-    finally:
-        at_the_end = campaign.end()
-    summary = {name: _summary([played for played in rounds if played.fault == name])
-               for name in FAULTS if any(played.fault == name for played in rounds)}
+    unreadable = open_recorded(testbed.recorded)
+    for k, (name, process) in enumerate([*testbed.replaced, *testbed.items()] if played.problems else ()):
+        (folder / f"{k}_{name}.log").write_text(f"{' '.join(process.command)}\n{process.text}\n")
+    summary = {name: summarise([played for played in rounds if played.fault == name])
+               for name in faults if any(played.fault == name for played in rounds)}
     verdicts = [(name, one["failed"] == 0, ", ".join(f"{key} {value}" for key, value in one.items()))
                 for name, one in summary.items()]
-    verdicts += [(f"round {played.number}, {played.fault} (--first {played.number} --rounds 1)", False, problem)
-                 for played in rounds for problem in played.problems]
-    verdicts.append(("what was recorded opens", not at_the_end, "; ".join(at_the_end) or "all"))
+    verdicts += [(f"round {number}, {played.fault} (--first {number} --rounds 1)", False, problem)
+                 for problem in played.problems]
+    verdicts.append(("what was recorded opens", not unreadable, "; ".join(unreadable) or "all"))
     return verdicts, {"seed": args.seed, "rounds": len(rounds), "left_out": left_out, "faults": summary}
 
 
-def _summary(rounds: list[Round]) -> dict:
+def play(testbed: FaultTestbed, played: Round, choice: random.Random, back_s: float) -> None:
+    """Do the round's fault and note what came of it."""
+    fault, replaced = FAULTS[played.fault], len(testbed.replaced)
+    testbed.misplaced.clear()
+    try:
+        testbed.drive(sensor="")
+        testbed.settle(NODES)
+        lost, came, sent = testbed.losses(), packets_counted(testbed), testbed.drive(sensor=testbed.sensor)
+        testbed.wait_for_cloud(MAX_BACK_S)
+        played.did = fault.do(testbed, choice)
+        played.recovery_s = round(testbed.wait_for_cloud(max(MAX_BACK_S, back_s)), 3)
+        if played.recovery_s > back_s:
+            played.problems.append(f"clouds were back after {played.recovery_s:.1f} s")
+        for name in SUFFIX:
+            testbed.wait(lambda: testbed.probe.total(name, "frames_out"), f"{name} to record", CLOUD_S)
+        sent = testbed.drive(sensor="") - sent
+        played.problems += [f"{name}: {amount} frames are not accounted for: {testbed.latest.get(name)}"
+                            for name, amount in testbed.settle(NODES).items()]
+        if fault.counted and (gone := sent["sent"] - (packets_counted(testbed) - came)):
+            played.problems.append(f"{gone} of {sent['sent']} packets are not accounted for")
+        played.lost = testbed.losses() - lost
+    except (AssertionError, TimeoutError) as problem:
+        played.problems.append(str(problem))
+    played.problems += [f"a cloud at {median_m:.2f} m" for median_m in testbed.misplaced[:3]] + testbed.failed()
+    played.problems += [f"{name} wrote a traceback" for name, process in
+                        (*testbed.replaced[replaced:], *testbed.items()) if "Traceback" in process.text]
+
+
+def packets_counted(testbed: FaultTestbed) -> int:
+    """Packets that the sketcher had, or knows that it missed."""
+    counted = testbed.totals("sketcher")
+    return counted["frames_in"] + counted["message_lost"]
+
+
+def open_recorded(recorded: list[tuple[str, Path, bool]]) -> list[str]:
+    """Open what was recorded, as its user would; returns what is wrong with it."""
+    problems = []
+    for name, path, whole in tqdm(recorded, unit="recording"):
+        command = ["review", "--no-report"] if name == "recorder" else ["reconstruct", "-o", f"{path}.npz"]
+        process = Process([sys.executable, "-m", "srt3d_ros.cli.main", *command, "--json", str(path)])
+        code = process.code(OPEN_S)
+        refused = code == 2 and len(process.lines) == 1 and name == "bag_recorder" and not whole
+        if "Traceback" in process.text or not (code == 0 or refused):
+            problems.append(f"{path} does not open: {process.text}")
+        for repaired in path.parent.glob(f"{path.stem}_repaired*"):     # there may be no room for all of them
+            repaired.unlink()
+    return problems
+
+
+def summarise(rounds: list[Round]) -> dict:
     times = [played.recovery_s for played in rounds if played.recovery_s is not None]
     lost = sum((played.lost for played in rounds), Counter())
     return {"rounds": len(rounds), "failed": sum(bool(played.problems) for played in rounds),
