@@ -11,6 +11,7 @@ Exit code 0 if all checks hold, 1 if not. `python -m robustness COMMAND --help` 
 import argparse
 import importlib
 import json
+import signal
 import sys
 import time
 from pathlib import Path
@@ -18,6 +19,7 @@ from pathlib import Path
 from srt3d_ros.evaluation.machine import machine
 
 COMMANDS = ("fuzz", "frames", "faults", "soak")
+INTERRUPTED = 130
 
 
 def main() -> int:
@@ -35,8 +37,12 @@ def main() -> int:
         own.add_argument("--out", type=Path, default=Path("build/robustness") / f"{name}.json",
                          help="the summary to write, logs beside it; default: %(default)s")
     args = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)       # as Ctrl-C: the processes it started are ended
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    return finish(args, *module.run(args))
+    try:
+        return finish(args, *module.run(args))
+    except KeyboardInterrupt:
+        return INTERRUPTED
 
 
 def finish(args: argparse.Namespace, verdicts: list[tuple[str, bool, str]], summary: dict) -> int:
