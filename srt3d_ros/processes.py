@@ -23,7 +23,7 @@ HAND_OVER_S = 0.3                       # for a node's last messages to reach th
 READY_TIMEOUT_S = 900.0                 # the reconstructor compiles: on a slow machine with other work, minutes
 LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
 POLL_S = 0.01
-PACKAGE_HOME = str(Path(__file__).resolve().parents[1])
+SOURCE_TREE = Path(__file__).resolve().parents[1]       # or site-packages
 
 
 def join_private_network() -> None:
@@ -79,7 +79,7 @@ class Process:
     """A program that runs. Ctrl-C in the terminal does not reach it: whoever started it ends it.
 
     Args:
-        command: program and arguments. Python finds the same srt3d_ros as this process.
+        command: program and arguments. Python finds the srt3d_ros of this process, if that is a source tree, too.
         say: called in a thread with each line that it writes; `lines` then holds only the last one.
         environment: variables beside those of this process.
         is_node: it is a node of this package, which reports its start and ends when this process does.
@@ -96,8 +96,10 @@ class Process:
         self._report: dict | None = None
         self._connection, childs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._connection.setblocking(False)
-        path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), PACKAGE_HOME]))
-        variables = os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"} | (environment or {})
+        variables = os.environ | {"PYTHONUNBUFFERED": "1"} | (environment or {})
+        if (SOURCE_TREE / "setup.py").exists():     # site-packages in PYTHONPATH would come before the standard library
+            paths = [variables.get("PYTHONPATH"), str(SOURCE_TREE)]
+            variables["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
         if is_node:
             variables[PARENT] = str(childs.fileno())
         with childs:
