@@ -41,7 +41,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     if absent:
         note(f"left out: {' and '.join(absent)} not installed")
         return
-    from srt3d_ros.cli.processes import Processes, join_private_network
+    from srt3d_ros.processes import Processes, join_private_network
     join_private_network()
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))
@@ -53,7 +53,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
               "sketch_size": SKETCH_SIZE, "device": plan.device}
     failed = False
     try:
-        with PipelineProbe(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
+        with PipelineProbe(keep_every=10**9) as monitor, Processes(monitor.spin_until, folder / "logs") as nodes:
             pipeline = Pipeline(monitor, nodes, str(folder / "frame.npz"), plan.rate_s, bar)
             pipeline.start(plan.device)
             tried: list[dict] = []

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from rclpy.clock import Clock, ClockType
 
-from srt3d_ros.children import started_again
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
 from srt3d_ros.new_files import free
@@ -20,6 +19,7 @@ from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH
 from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.parent import started_again
 
 MB = 10**6
 LEAP_NS = 10**9         # messages of several topics fall back in time by less

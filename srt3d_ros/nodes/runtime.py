@@ -14,11 +14,11 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from srt3d_ros.children import Parent
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.parameters import file_warnings
+from srt3d_ros.parent import Parent
 
 WAKE_S = 0.1            # longest time until a signal is seen
 SWALLOWED_S = 2.0       # a start that goes on for so long after an interrupt has swallowed it
@@ -70,7 +70,7 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
     """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
 
     rclpy's own signal handlers invalidate the context at once; these let the node finish its frames, its recording and
-    its last diagnostics first. A parent process (srt3d_ros.children) gets a report when the node has started; the node
+    its last diagnostics first. A parent process (srt3d_ros.processes) gets a report when the node has started; the node
     ends when its parent does.
 
     Args:

@@ -18,30 +18,7 @@ from tests.core.scenes import assert_finite
 
 T = 300
 IRF = np.exp(-np.linspace(-2, 4, 25)**2)
-ROUNDS = 100
 
-
-def test_every_method_gives_numbers_or_refuses_in_one_line(attack, monkeypatch):
-    odd_frames = attack("odd_frames")
-    monkeypatch.setattr(odd_frames, "PERIODS", [2, 3, 4, 5, 8, 33, 100, 586])
-    tally = odd_frames.run(range(ROUNDS), seed=3)
-    assert tally.failures == []
-    assert tally.clouds > ROUNDS / 4 and tally.points > 300 and len(tally.refused) > 5
-
-
-def test_a_cloud_is_the_same_to_the_bit_in_processes_of_any_number_of_threads(attack):
-    same_bits = attack("same_bits")
-    here = same_bits.clouds(methods=("pooled",))
-    assert same_bits.in_child(1, ("pooled",)) == same_bits.in_child(2, ("pooled",)) == here
-
-
-def test_order_packets_and_form_of_the_photons_change_no_bit_of_the_cloud(attack):
-    same_bits = attack("same_bits")
-    found = [same_bits.clouds(form, ("pooled",)) for form in same_bits.FORMS]
-    assert all(one == found[0] for one in found)
-
-
-# ---- Numbers at the edge
 
 def made(rows=9, cols=12, **changes) -> tuple[SensorModel, tuple[int, ...]]:
     sensor = SensorModel(rows, cols, T, 50e-12, **({"irf": IRF} | changes))

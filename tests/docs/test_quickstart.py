@@ -13,10 +13,10 @@ import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from scripts.attacks.process import Process
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.messages import points as points_message
+from srt3d_ros.processes import Process
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 
