@@ -62,4 +62,4 @@ def test_the_table_has_the_rates_in_order():
 
 def test_without_ros_the_part_is_left_out_and_says_so(tiny, bar, notes, monkeypatch):
     monkeypatch.setattr(ros.importlib.util, "find_spec", lambda name: None if name == "rclpy" else name)
-    assert list(ros.measure(tiny, bar, notes.append)) == [] and notes == ["left out: rclpy not installed"]
+    assert list(ros.measure(tiny, bar, notes.append)) == [] and notes == ["left out: rclpy is not installed"]
