@@ -15,8 +15,8 @@ import numpy as np
 from live import Pipeline, accounting, percentiles, tell
 
 from srt3d_ros.benchmark.frames import gates_of, gates_sensor, photons_of, sensor_of
-from srt3d_ros.cli.processes import join_private_network
 from srt3d_ros.core.photons import PhotonGates
+from srt3d_ros.processes import join_private_network
 
 CYCLES, DETECTED = 1504, 0.1        # of a message; share of the words that are photons
 VARIANTS = 4                        # different messages, sent in turn

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from link import ROBOT, Link
 
-from srt3d_ros.cli.node import parameter_arguments
+from srt3d_ros.processes import parameter_arguments
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"

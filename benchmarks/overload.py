@@ -20,8 +20,8 @@ from live import Pipeline, accounting, percentiles, tell
 from matplotlib.figure import Figure
 
 from srt3d_ros.benchmark.frames import photons_of, sensor_of
-from srt3d_ros.cli.processes import join_private_network
 from srt3d_ros.pictures.png import save_png
+from srt3d_ros.processes import join_private_network
 
 SIDE, PPP, TIMES = 141, 10.0, 5
 PROBE_HZ, PROBE_S, CALM_S = 60, 5, 6

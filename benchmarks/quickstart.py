@@ -21,7 +21,7 @@ from pathlib import Path
 from live import accounting, cpu_s, percentiles, tell
 
 from srt3d_ros import shared_files
-from srt3d_ros.cli.processes import join_private_network
+from srt3d_ros.processes import join_private_network
 
 ROOT = Path(__file__).resolve().parent.parent
 SRT3D = (sys.executable, "-m", "srt3d_ros.cli.main")

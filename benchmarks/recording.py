@@ -27,9 +27,8 @@ from live import tell, write_messages
 from tqdm import trange
 
 from srt3d_ros.benchmark.frames import sensor_of
-from srt3d_ros.cli.node import parameter_arguments
-from srt3d_ros.cli.processes import join_private_network
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.processes import join_private_network, parameter_arguments
 
 PPP = 15.0
 CASES = {"small": (141, 30.0), "large": (708, 5.0)}         # side of a cloud, Hz

@@ -16,8 +16,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from srt3d_ros.children import wait_or_kill
 from srt3d_ros.errors import InvalidInput, printable
+from srt3d_ros.processes import wait_or_kill
 
 LONGEST_REASON = 300        # characters of what a library says: a line, with room for the name of the file
 GRACE_S = 1.0               # after Ctrl-C, for the child, which gets it too, to remove what it has half written

@@ -35,9 +35,8 @@ import machine
 from faulty import RECORDERS, FaultyStack, inspect
 from process import REPOSITORY, Process
 from result import write_result
-from tqdm import tqdm
-
 from srt3d_ros.cli.processes import join_private_network
+from tqdm import tqdm
 
 OF_NODES = (faults_nodes.kill, faults_nodes.stop, faults_nodes.restart, faults_nodes.twins, faults_nodes.reader,
             faults_nodes.lifecycle, faults_nodes.parameters)

@@ -25,8 +25,8 @@ from collections import Counter
 from pathlib import Path
 
 from mutations import Mutator
-
 from srt3d_ros.cli.processes import join_private_network
+
 from srt3d_ros.nodes import transport  # before rclpy: it prepares the process for big messages
 
 # isort: split

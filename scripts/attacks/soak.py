@@ -26,10 +26,10 @@ from pathlib import Path
 import numpy as np
 from result import write_result
 from soak_samples import Samples
+from srt3d_ros.cli.processes import join_private_network
 from stack import Stack
 from tqdm import tqdm
 
-from srt3d_ros.cli.processes import join_private_network
 from srt3d_ros.recording.reader import RecordingReader
 
 LISTENERS = ("recorder", "reconstructor", "sketcher")       # started before the player

@@ -40,7 +40,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     if importlib.util.find_spec("rclpy") is None:
         note("left out: rclpy is not installed")
         return
-    from srt3d_ros.cli.processes import Processes, join_private_network
+    from srt3d_ros.processes import Processes, join_private_network
     join_private_network()
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))      # left there, with the nodes' logs, if they fail
@@ -50,7 +50,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     npz.save(folder / "frame.npz", sensor, photons)
     common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons,
               "sketch_size": SKETCH_SIZE, "device": plan.device}
-    with PipelineProbe(keep_every=10**9) as probe, Processes(folder / "logs", probe.spin_until) as nodes:
+    with PipelineProbe(keep_every=10**9) as probe, Processes(probe.spin_until, folder / "logs") as nodes:
         def play_at(rate_hz: float) -> dict:
             bar.show(f"{rate_hz:.1f} Hz")
             line = play(probe, nodes, str(folder / "frame.npz"), rate_hz, plan.rate_s)

@@ -3,6 +3,7 @@
 import argparse
 
 from srt3d_ros.cli import node
+from srt3d_ros.processes import parameter_arguments
 
 PARAMETERS = ("path", "topics", "format", "max_duration_s", "max_size_mb")
 
@@ -30,4 +31,4 @@ def run(args: argparse.Namespace) -> int:
     if args.topics:
         given["topics"] = ",".join(args.topics)
     place = node.namespace_arguments(args.namespace) if args.namespace else []
-    return node.start("bag_recorder", [*node.parameter_arguments(given), *place, *args.ros_args])
+    return node.start("bag_recorder", [*parameter_arguments(given), *place, *args.ros_args])

@@ -13,7 +13,6 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.cli.processes import Processes, join_private_network
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents
@@ -21,6 +20,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import require
+from srt3d_ros.processes import Processes, join_private_network
 
 PPP, SBR, SEED = 15.0, 1.0, 1           # of the simulated scene
 SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head
@@ -104,7 +104,7 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     """Play all frames through the nodes; returns the summary and what went wrong, in words."""
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     keep_every = -(-frames // JUDGED_FRAMES)
-    with PipelineProbe(keep_every) as monitor, Processes(out / "logs", monitor.spin_until) as nodes:
+    with PipelineProbe(keep_every) as monitor, Processes(monitor.spin_until, out / "logs") as nodes:
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True)

@@ -2,7 +2,6 @@
 
 import argparse
 import importlib
-import json
 import os
 import re
 import signal
@@ -42,11 +41,3 @@ def namespace_arguments(namespace: str) -> list[str]:
     require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", plain, re.ASCII), "--namespace", namespace,
             "letters, digits and _, beginning with a letter, with / between")
     return ["-r", f"__ns:=/{plain}"]
-
-
-def parameter_arguments(parameters: dict[str, object]) -> list[str]:
-    """Parameters as command-line arguments of a node. Values are YAML there, of which JSON is a part."""
-    arguments = ["--ros-args"]
-    for name, value in parameters.items():
-        arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
-    return arguments

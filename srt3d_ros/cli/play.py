@@ -3,6 +3,7 @@
 import argparse
 
 from srt3d_ros.cli import node
+from srt3d_ros.processes import parameter_arguments
 
 PARAMETERS = ("input", "rate_hz", "duration_s", "frames", "loop", "lossless", "output", "bag_rate", "bag_loop",
               "bag_start_s", "bag_stamps", "bag_photons_topic", "clock")
@@ -45,4 +46,4 @@ def run(args: argparse.Namespace) -> int:
     args.bag_loop = args.loop       # one of the two is the input's
     given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
     namespace = node.namespace_arguments(args.namespace) if args.namespace else []
-    return node.start("player", [*node.parameter_arguments(given), *namespace, *args.ros_args])
+    return node.start("player", [*parameter_arguments(given), *namespace, *args.ros_args])

@@ -1,12 +1,13 @@
 """Several nodes as one program: started together, watched, started again when they die, ended in order."""
 
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
 
-from srt3d_ros.cli.processes import Processes
 from srt3d_ros.node_names import PLAYER
+from srt3d_ros.processes import Processes
 
 POLL_S = 0.05           # how long a signal or the end of a node may go unnoticed
 BAD_INPUT = 2           # a node's exit code for what will not become right by another try
@@ -44,7 +45,9 @@ class _Supervisor:
             signal.signal(number, self._on_signal)
 
     def run(self) -> int:
-        with Processes(None, _wait_until) as self._nodes:
+        if sys.stderr.isatty():
+            os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "1")
+        with Processes(say=_print_line) as self._nodes:
             self._start(name for name in self._names if name != PLAYER)
             while not self._ending:
                 for name in list(self._started):
@@ -62,7 +65,7 @@ class _Supervisor:
 
     def _start(self, names: Iterable[str]) -> None:
         for name in names:
-            self._nodes.start_with(name, self._arguments)
+            self._nodes.start(name, *self._arguments)
             self._started.add(name)
 
     def _look_who_is_ready(self) -> None:
@@ -82,37 +85,37 @@ class _Supervisor:
                 del self._again_at[name]
                 self._start([name])
             return
-        if node.code is None:
+        if node.running:
             return
-        node.wait()         # for its last lines
+        node.stop()         # reads its last lines
         self._deaths[name] = [time_s for time_s in self._deaths[name] if now_s - time_s < CALM_S] + [now_s]
         died = len(self._deaths[name])
-        if node.code == 0:
+        if node.returncode == 0:
             self._end(f"{name} is done")
-        elif node.code == BAD_INPUT or node.report is None and died == 1:
-            self._end(f"{name} did not start: it {node.how_it_ended()}")
+        elif node.returncode == BAD_INPUT or node.report is None and died == 1:
+            self._end(f"{name} did not start: it {node.ending}")
         elif died > MOST_RESTARTS:
-            self._end(f"{name} {node.how_it_ended()}; it died {died} times within {CALM_S:.0f} s")
+            self._end(f"{name} {node.ending}; it died {died} times within {CALM_S:.0f} s")
         else:
             delay_s = FIRST_DELAY_S * 2 ** (died - 1)
             self._again_at[name] = now_s + delay_s
-            _say(f"{name} {node.how_it_ended()}: it is started again in {delay_s:.0f} s ({died} of {MOST_RESTARTS})")
+            _say(f"{name} {node.ending}: it is started again in {delay_s:.0f} s ({died} of {MOST_RESTARTS})")
 
     def _end(self, why: str) -> None:
         self._ending = True
         _say(f"{why}: ending all nodes")
 
     def _count_failure(self, name: str) -> None:
-        code = self._nodes[name].code
+        code = self._nodes[name].returncode
         self._code = max(self._code, SIGNALLED - code if code < 0 else code)
-
-
-def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
-    deadline_s = time.monotonic() + timeout_s
-    while not (met := condition()) and time.monotonic() < deadline_s:
-        time.sleep(POLL_S)
-    return met
 
 
 def _say(text: str) -> None:
     print(f"srt3d up: {text}", file=sys.stderr, flush=True)
+
+
+def _print_line(name: str, line: str) -> None:
+    try:
+        print(f"[{name}] {line}", file=sys.stderr, flush=True)
+    except OSError:         # the terminal was closed
+        pass

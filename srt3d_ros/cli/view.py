@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from srt3d_ros.children import wait_or_kill
 from srt3d_ros.errors import require
+from srt3d_ros.processes import wait_or_kill
 
 PORT = 9876             # rerun's own
 LOOPBACK = "127.0.0.1"

@@ -12,7 +12,6 @@ from pathlib import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import HistoryPolicy, QoSProfile
 
-from srt3d_ros.children import started_again
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
 from srt3d_ros.new_files import free
@@ -21,6 +20,7 @@ from srt3d_ros.nodes.base import LOG_EVERY_S, PUBLISH_DEPTH, QUEUE_DEPTH, Pipeli
 from srt3d_ros.nodes.node_spec import NodeSpec, Topic
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.parent import started_again
 
 MB = 10**6
 LEAP_NS = 10**9         # that time may not fall back by, between messages of several topics

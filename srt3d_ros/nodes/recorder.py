@@ -14,7 +14,6 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from srt3d_ros.children import started_again
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images as image_message
@@ -30,6 +29,7 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.parent import started_again
 from srt3d_ros.recording import live, schema
 from srt3d_ros.recording.parts import PartNames
 from srt3d_ros.recording.versions import versions

@@ -13,10 +13,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from srt3d_ros.children import Parent
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.parameter_files import given_files, passed_over
+from srt3d_ros.parent import Parent
 
 WAKE_S = 0.1            # how long a signal may go unnoticed
 SWALLOWED_S = 2.0       # after an interrupt of the start, from which on it is taken for swallowed
@@ -50,7 +50,7 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
     """Make the node, start it unless somebody else is to do that, spin until it is done or a signal comes, close it.
 
     rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the node
-    finish its frames, its recording and its last diagnostics first. A parent that waits for it (srt3d_ros.children) is
+    finish its frames, its recording and its last diagnostics first. A parent that waits for it (srt3d_ros.processes) is
     told when the node has started, and the node ends if the parent does.
 
     Args:

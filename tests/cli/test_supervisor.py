@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rerun.chunk import RrdReader
 
-from scripts.attacks.process import Process, wait
+from srt3d_ros.processes import Process, wait
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
 IMPATIENT = [sys.executable, "-c", """if True:

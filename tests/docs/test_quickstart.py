@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from scripts.attacks.process import Process
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.sensor_file import open_sensor
 from srt3d_ros.messages import points as points_message
+from srt3d_ros.processes import Process
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 

@@ -15,8 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from scripts.attacks.process import Process
 from srt3d_ros.nodes.base import LATCHED
+from srt3d_ros.processes import Process
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 

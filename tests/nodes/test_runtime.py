@@ -7,9 +7,9 @@ import pytest
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
-from scripts.attacks.process import Process
 from srt3d_ros.messages.cdr import Cloud, write_cloud
 from srt3d_ros.messages.header import Header
+from srt3d_ros.processes import Process
 
 SCRIPT = """
 import sys, time

@@ -11,7 +11,6 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scripts.attacks.process import DEADLINE_S
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching import sketch_photons
@@ -20,6 +19,7 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import base
+from srt3d_ros.processes import DEADLINE_S
 from tests.nodes.conftest import check_outdated_are_dropped
 
 STAMP_NS = 1_700_000_000_123_456_789
