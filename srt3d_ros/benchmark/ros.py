@@ -9,6 +9,7 @@ import importlib.util
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,6 @@ PPP, SKETCH_SIZE = 10.0, 10
 FIRST_HZ, LEAST_HZ, MOST_HZ = 10.0, 1.0, 5120.0
 TRIES = 2               # of a rate: one lost frame may be the machine's fault
 KEEPS_UP = 0.95         # of the rate asked for: less, and the player itself is too slow
-PIPELINE = ("reconstructor", "sketcher")
 PLAYER_TIMEOUT_S = 30.0     # beyond the time that it plays
 LAST_CLOUD_S = 1.0      # of silence after the player is done: no more will come
 HEADINGS = ("Hz asked for", "clouds/s", "frames", "lost", "latency, ms: median", "95 %", "max", "")
@@ -40,44 +40,62 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     if importlib.util.find_spec("rclpy") is None:
         note("left out: rclpy is not installed")
         return
-    from srt3d_ros.processes import Processes, join_private_network
-    join_private_network()
-    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
-    folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))      # left there, with the nodes' logs, if they fail
     bar.show("starting the nodes")
     sensor = frames.sensor_of(plan.side)
     photons = frames.photons_of(sensor, PPP)
-    npz.save(folder / "frame.npz", sensor, photons)
     common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons,
               "sketch_size": SKETCH_SIZE, "device": plan.device}
-    with PipelineProbe(keep_every=10**9) as probe, Processes(probe.spin_until, folder / "logs") as nodes:
+    nodes = {"reconstructor": {"device": plan.device}, "sketcher": {"sketch_size": SKETCH_SIZE}}
+    with running(nodes) as (probe, processes, folder):
         def play_at(rate_hz: float) -> dict:
             bar.show(f"{rate_hz:.1f} Hz")
-            line = play(probe, nodes, str(folder / "frame.npz"), rate_hz, plan.rate_s)
+            line = play(probe, processes, str(folder / "frame.npz"), rate_hz, plan.rate_s)
             bar.update()
             return line
 
-        nodes.start("reconstructor", device=plan.device)
-        nodes.start("sketcher", sketch_size=SKETCH_SIZE)
-        problems = nodes.not_ready(PIPELINE, probe.statuses)
-        if problems:
-            raise PartFailed(problems)
+        npz.save(folder / "frame.npz", sensor, photons)
         play_at(FIRST_HZ)           # the nodes learn of the sensor, for which they compile once more
         tried: list[dict] = []
         for line in search(play_at, plan.rate_steps):
             tried.append(line)
             yield {"what": "rate", **common, **line}
         yield {"what": "highest rate", **common, **highest(tried)}
-    shutil.rmtree(folder)
 
 
-def play(probe, nodes, path: str, rate_hz: float, seconds: float) -> dict:
+@contextmanager
+def running(nodes: dict[str, dict]) -> Iterator[tuple]:
+    """Run these nodes with their parameters, once they are ready; a PipelineProbe, their Processes and a folder.
+
+    The folder is removed at the end, unless a node failed (PartFailed): the logs are in it.
+    """
+    from srt3d_ros.processes import Processes, join_private_network
+    join_private_network()
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe
+    folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))
+    failed = False
+    try:
+        with PipelineProbe(keep_every=10**9) as probe, Processes(probe.spin_until, folder / "logs") as processes:
+            for name, parameters in nodes.items():
+                processes.start(name, **parameters)
+            problems = processes.not_ready(nodes, probe.statuses)
+            if problems:
+                raise PartFailed(problems)
+            yield probe, processes, folder
+    except PartFailed:
+        failed = True
+        raise
+    finally:
+        if not failed:
+            shutil.rmtree(folder)
+
+
+def play(probe, processes, path: str, rate_hz: float, seconds: float) -> dict:
     """Have a player play a photon file to the running nodes, for at least so long; the figures of this rate."""
     sent, first = int(np.ceil(rate_hz * seconds)), len(probe.arrivals)
-    nodes.start("player", input=path, rate_hz=float(rate_hz), frames=sent)
-    probe.spin_until(lambda: nodes.ended("player") or nodes.failed(), seconds + PLAYER_TIMEOUT_S)
-    if nodes.failed() or not nodes.ended("player"):
-        raise PartFailed(nodes.failed() or ["the player did not end"])
+    processes.start("player", input=path, rate_hz=float(rate_hz), frames=sent)
+    probe.spin_until(lambda: processes.ended("player") or processes.failed(), seconds + PLAYER_TIMEOUT_S)
+    if processes.failed() or not processes.ended("player"):
+        raise PartFailed(processes.failed() or ["the player did not end"])
     before = -1
     while len(probe.arrivals) - first < sent and before < len(probe.arrivals):
         before = len(probe.arrivals)
