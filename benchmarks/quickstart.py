@@ -1,10 +1,8 @@
 """Step 4 of docs/quickstart-driver.md, measured: how many of the 50 clouds a second come, and when the first one does.
 
-The page's driver sends 100 messages of 3 MB a second. `up` is `srt3d up --config spad_32x32_gates`; `processes` starts
-the same nodes by hand, each with the arguments that `ros2 launch` gives it. Both run without and with a recording, in
-turn, so that a load from elsewhere affects both. One line each: clouds a second as they arrive here after SETTLE_S,
-seconds from the start of the command to the first cloud, CPU time of the command in % of a core, and the drops that the
-nodes report.
+The page's driver sends 100 messages of 3 MB a second to `srt3d up --config spad_32x32_gates`, without and with a
+recording in turn. One line each: clouds a second as they arrive here after SETTLE_S, seconds from the start of the
+command to the first cloud, CPU time of the command in % of a core, and the drops that the nodes report.
 """
 
 import argparse
@@ -16,51 +14,37 @@ from benchmarks.pipeline import cpu_s, losses, percentiles
 from srt3d_ros import shared_files
 from srt3d_ros.benchmark.ros import running
 
-CONFIG = "spad_32x32_gates"
-WAYS = ("up", "processes")
+UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--config", "spad_32x32_gates"]
 START_S, SETTLE_S = 60.0, 3.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="that are counted (%(default)g)")
     parser.add_argument("--rounds", type=int, default=1, help="(%(default)d)")
-    parser.add_argument("--way", choices=WAYS, nargs="+", default=WAYS)
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     for _ in range(args.rounds):
         for record in (False, True):
-            for way in args.way:
-                yield {"way": way, "record": record, **measure(way, record, args.seconds)}
+            yield {"record": record, **measure(record, args.seconds)}
 
 
-def measure(way: str, record: bool, seconds: float) -> dict:
-    """The figures of one way of starting the pipeline."""
+def measure(record: bool, seconds: float) -> dict:
+    """The figures with or without a recording."""
     with running({}) as (probe, processes, folder):
         profile = str(shared_files.find("config/fastdds_64mb.xml"))
         processes.run("driver", [sys.executable, str(shared_files.find("examples/spad_driver.py"))],
                       environment={"FASTRTPS_DEFAULT_PROFILES_FILE": profile})
-        started_ns, recording = time.time_ns(), str(folder / "run.rrd")
-        if way == "up":
-            processes.run("up", [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--config", CONFIG,
-                                 *(["--record", recording] if record else [])])
-        else:
-            if record:
-                processes.start("recorder", path=recording)
-            for name in ("reconstructor", "sketcher"):
-                processes.start(name, "--params-file", str(shared_files.find(f"config/{CONFIG}.yaml")))
-        started = [process for name, process in processes.items() if name != "driver"]
-        probe.wait(lambda: probe.arrivals, f"a cloud of {way}", START_S)
+        started_ns = time.time_ns()
+        up = processes.run("up", [*UP, *(["--record", str(folder / "run.rrd")] if record else [])])
+        probe.wait(lambda: probe.arrivals, "a cloud", START_S)
         probe.spin_until(lambda: False, SETTLE_S)
-        first, used_s, began = len(probe.arrivals), sum(cpu_s(process.pid) for process in started), time.monotonic()
+        first, used_s, began = len(probe.arrivals), cpu_s(up.pid), time.monotonic()
         probe.spin_until(lambda: False, seconds)
-        lasted_s = time.monotonic() - began
-        used_s = sum(cpu_s(process.pid) for process in started) - used_s
-        arrivals, lost = probe.arrivals[first:], {key: count for key, count in losses(probe).items() if count}
+        lasted_s, used_s = time.monotonic() - began, cpu_s(up.pid) - used_s
+        arrivals, dropped = probe.arrivals[first:], {key: count for key, count in losses(probe).items() if count}
         processes.stop()
         return {"clouds_per_s": round(len(arrivals) / lasted_s, 1),
                 "first_cloud_s": round((probe.arrivals[0].received_ns - started_ns) * 1e-9, 2),
                 "latency_ms": percentiles([arrival.latency_ms for arrival in arrivals]),
-                "cpu_percent": round(100 * used_s / lasted_s),
-                "exit_codes": [process.returncode for process in started],
-                "dropped_in_all": lost}
+                "cpu_percent": round(100 * used_s / lasted_s), "exit_code": up.returncode, "dropped_in_all": dropped}
