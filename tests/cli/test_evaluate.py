@@ -149,13 +149,6 @@ def test_a_mistake_is_one_line_and_exit_code_2(folder, tmp_path, monkeypatch, ca
     assert not (tmp_path / "out").exists()
 
 
-def test_results_of_something_else_are_refused(run, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "results.csv").write_text("a,b\n1,2\n")
-    code, printed, _ = run("layers.npz")
-    assert code == 2 and printed.err.count("\n") == 1 and "results.csv is a table with other columns" in printed.err
-
-
 def test_the_page_about_it_names_options_that_exist_and_figures_that_are_there(repository):
     text = (repository / "docs" / "evaluation.md").read_text(encoding="utf-8")
     known = {word for action in evaluate_parser()._actions for word in action.option_strings}

@@ -49,12 +49,6 @@ def test_a_measured_scene_is_not_drawn_finer_than_it_is_known(scene_file):
         simulated(str(scene_file), [1], [4], upsampling=2)
 
 
-def test_a_scene_that_is_none_is_refused():
-    for scene in ("head", "absent.npz"):
-        with pytest.raises(InvalidInput, match="^scene is "):
-            simulated(scene, [1], [1])
-
-
 def test_a_file_has_as_many_surfaces_as_references(layers):
     case, = of_files([str(layers)])
     assert (case.source, case.sbr, case.surfaces, case.tolerance_bins) == ("layers", None, 2, 10)
