@@ -97,7 +97,7 @@ def write_small(folder: Path) -> None:
 
 
 def write_large(folder: Path) -> None:
-    """A large cloud and its images, and a sketch of a quarter of its pixels, which it could be upsampled from."""
+    """A large cloud with its images, and a sketch of a quarter of its pixels."""
     half, large = sensor_of(LARGE // 2), sensor_of(LARGE)
     frequencies = choose("auto", large, SKETCH_SIZE)
     sketch = sketch_photons(photons_of(half, 4 * PPP), half, frequencies)
