@@ -1,36 +1,34 @@
-"""The cases of ablation.py: frames as sketches, and what judges their clouds.
+"""The cases of ablation.py: frames as sketches, and what judges their clouds: a reference, or photons kept from them.
 
 Photon files by their names, and simulated scenes named like `bust_1_10`: SBR 1, 10 photons per pixel.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path
 
-import held_out
 import numpy as np
 from tqdm import tqdm
 
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.methods import METHODS
+# What reads the method's constants is imported in functions: ablation.measure changes one before.
 from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets.scene import NetScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.evaluation.cases import Case, Observation, of_files, simulated
-from srt3d_ros.evaluation.run import judge
-from srt3d_ros.evaluation.tolerance import Tolerance
 
 SIMULATED = {f"{scene}_{sbr:g}_{ppp:g}": (scene, sbr, ppp, surfaces) for scene, sbr, ppp, surfaces in (
     ("bust", 10, 1, 1), ("bust", 1, 1, 1), ("bust", 1, 10, 1), ("bust", 0.1, 10, 1), ("bust", 1, 100, 1),
     ("net", 1, 10, 2))}                 # scene, SBR, photons per pixel, K; K of a file is its number of references
 FRAMES = 3                              # of a simulated scene, which moves: the last is judged, warm_start sees all
 SKETCH_SIZE = 10
-TOLERANCE_BINS = {"room_64_*": 3, "*_72x88_*": 3, "mannequin_face_340": 40, "two_layer_100": 40, "*": 10}
+TOLERANCE_BINS = {"room_64_*": "3", "*_72x88_*": "3", "mannequin_face_340": "40", "two_layer_100": "40", "*": "10"}
 ALIGNED = {"two_layer_100": (1,)}       # references, from 0, to be shifted by their median offset from the cloud
+SHARE = 0.6                 # of the photons that are reconstructed, where the others judge the cloud
+SEED = 7
+LEAST_BACKGROUND = 0.02     # photons of a pixel
+WINDOW = 5                  # pixels along the side of the square over which the background is averaged
 
 
 @dataclass(frozen=True)
@@ -57,11 +55,28 @@ def names_of(data: Path, patterns: list[str]) -> list[str]:
 
 
 def open_trial(name: str, data: Path) -> Trial:
-    return _simulated(*SIMULATED[name]) if name in SIMULATED else _of_file(data / f"{name}.npz")
+    """The case of a name; SHARE of the photons of a file without a reference are to be reconstructed."""
+    if name in SIMULATED:
+        scene, sbr, ppp, surfaces = SIMULATED[name]
+        case, = simulated(scene, [sbr], [ppp], surfaces=surfaces)
+        simulator = Simulator(NetScene(case.sensor) if scene == "net" else None, case.sensor, sbr, ppp, seed=1)
+        return Trial(case, lambda: [simulator.frame(k)[0] for k in range(FRAMES)],
+                     Observation(None, *simulator.expected(FRAMES - 1), complete=True))
+    bins = next(bins for pattern, bins in TOLERANCE_BINS.items() if fnmatch(name, pattern))
+    case, = of_files([str(data / f"{name}.npz")], bins, aligned=ALIGNED.get(name, ()))
+    observation = case.observe()
+    if observation.depth_bins is not None:
+        return Trial(case, lambda: [observation.frame], observation)
+    photons = observation.frame
+    chosen = np.random.default_rng(SEED).random(len(photons.pixel)) < SHARE
+    kept = tuple(replace(photons, pixel=photons.pixel[part], toa=photons.toa[part]) for part in (chosen, ~chosen))
+    return Trial(case, lambda: [kept[0]], observation, kept)
 
 
 def save_sketches(names: list[str], data: Path, folder: Path) -> None:
     """Sketch the frames of the cases, into a file for each."""
+    from srt3d_ros.core.frequencies import choose
+    from srt3d_ros.core.sketching import sketch_photons
     for name in tqdm(names, unit="case", desc="sketching", leave=False):
         trial = open_trial(name, data)
         frequencies = choose("auto", trial.case.sensor, SKETCH_SIZE)
@@ -70,14 +85,17 @@ def save_sketches(names: list[str], data: Path, folder: Path) -> None:
                  photons=[sketch.photons for sketch in sketches])
 
 
-def load_sketches(name: str, folder: Path) -> list[Sketch]:
+def load_sketches(name: str, folder: Path) -> list:
+    """The sketches of a case."""
+    from srt3d_ros.core.sketch import Sketch
     with np.load(folder / f"{name}.npz", allow_pickle=False) as file:
         frequencies = tuple(map(int, file["frequencies"]))
         return [Sketch(frequencies, *maps) for maps in zip(file["sums"], file["photons"])]
 
 
-def reconstruct(trial: Trial, sketches: list[Sketch], options: dict, repeats: int) -> dict:
-    """The columns of the results for one case: quality, CPU time of a frame (median of so many), number of points."""
+def reconstruct(trial: Trial, sketches: list, options: dict, repeats: int) -> dict:
+    """The metrics of one case: quality, CPU time of a frame (median of so many), number of points."""
+    from srt3d_ros.core.methods import METHODS
     method = METHODS["pooled"].build(trial.case.sensor, sketches[-1].frequencies, surfaces=trial.case.surfaces,
                                      device="cpu", **options)
     before = sketches[:-1] if "warm_start" in options else []
@@ -92,23 +110,46 @@ def reconstruct(trial: Trial, sketches: list[Sketch], options: dict, repeats: in
 
 
 def _quality(cloud, trial: Trial) -> dict:
+    from srt3d_ros.evaluation.run import judge
     if trial.kept:
-        return {"held_out_nats": held_out.gain(cloud, trial.case.sensor, *trial.kept)}
+        return {"held_out_nats": held_out_gain(cloud, trial.case.sensor, *trial.kept)}
     found = judge(cloud, trial.case, trial.observation)
     return {"td_percent": found["true_detections_percent"], "fd_percent": found["false_detections_percent"],
             **{name: found[name] for name in ("dae_bins", "iae", "within_1_std_percent")}}
 
 
-def _of_file(file: Path) -> Trial:
-    bins = next(bins for pattern, bins in TOLERANCE_BINS.items() if fnmatch(file.stem, pattern))
-    case, = of_files([str(file)], Tolerance(bins=bins), aligned=ALIGNED.get(file.stem, ()))
-    observation = case.observe()
-    kept = held_out.split(observation.frame) if observation.depth_bins is None else ()
-    return Trial(case, lambda: [kept[0] if kept else observation.frame], observation, kept)
+def held_out_gain(cloud, sensor, seen: PhotonEvents, kept: PhotonEvents) -> float:
+    """Poisson log-likelihood of the kept photons under the cloud, over that under "background only"; nats / 100 pixels.
+
+    A pixel with points (t_k, r_k) expects λ(x) = (1 − s) / s · (Σ_k r_k h(x − t_k) + B / T) of them in bin x. s is
+    SHARE, h the IRF (one for all pixels), B what the cloud leaves of the seen photons, averaged over WINDOW × WINDOW
+    pixels.
+    """
+    bins, pixels, shape = sensor.num_bins, sensor.pixels, (sensor.rows, sensor.cols)
+    pixel, intensity = cloud.row.astype(int) * sensor.cols + cloud.col, np.maximum(cloud.intensity.astype(float), 0)
+    photons, signal = np.bincount(seen.pixel, minlength=pixels), np.bincount(pixel, intensity, minlength=pixels)
+    explained = np.minimum(signal, photons.max() + 1)
+    background = _background(np.maximum(photons - explained, 0).reshape(shape))
+    without = _background(photons.reshape(shape))
+
+    irf = np.zeros(bins)
+    irf[:len(sensor.irf)] = sensor.irf / sensor.irf.sum(dtype=float)
+    at = kept.pixel.astype(int)
+    density = background[at] / bins
+    for rank in np.unique(cloud.surface):
+        points = cloud.surface == rank
+        depth, strength = np.zeros(pixels), np.zeros(pixels)
+        depth[pixel[points]], strength[pixel[points]] = cloud.depth_bins[points], intensity[points]
+        low, between = np.divmod((sensor.toa_positions(kept.toa) - depth[at] + sensor.irf_ref) % bins, 1)
+        low = low.astype(int)
+        density += strength[at] * ((1 - between) * irf[low % bins] + between * irf[(low + 1) % bins])
+    photon_terms = np.log(density * bins / without[at]).sum()
+    expected = (1 - SHARE) / SHARE * (background + signal - without).sum()
+    return float(100 * (photon_terms - expected) / pixels)
 
 
-def _simulated(scene: str, sbr: float, ppp: float, surfaces: int) -> Trial:
-    case, = simulated(scene, [sbr], [ppp], surfaces=surfaces)
-    simulator = Simulator(NetScene(case.sensor) if scene == "net" else None, case.sensor, sbr, ppp, seed=1)
-    observation = Observation(None, *simulator.expected(FRAMES - 1), complete=True)
-    return Trial(case, lambda: [simulator.frame(k)[0] for k in range(FRAMES)], observation)
+def _background(photons: np.ndarray) -> np.ndarray:
+    """Mean photons of the pixels around each, at least LEAST_BACKGROUND; float [pixels]."""
+    padded = np.pad(photons.astype(float), WINDOW // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))
+    return np.maximum(windows.mean(axis=(2, 3)).ravel(), LEAST_BACKGROUND)

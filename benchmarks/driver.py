@@ -1,61 +1,69 @@
 """A sensor driver for benchmarks: sends prebuilt messages at given rates, restamped, whoever keeps up with them.
 
-    PYTHONPATH=. python benchmarks/driver.py FOLDER gates 100:60,500:10,100:10
+    python benchmarks/driver.py FOLDER 100:60,500:10,100:10
 
-FOLDER holds `sensor.json` and the messages as CDR bytes, *.cdr, which are sent in turn. Each `rate:seconds` is a phase.
-A stamp is where the packet's acquisition begins, one interval of the first rate before it is sent. What could not be
-sent in time is skipped, as by a sensor whose buffer is full. Ends with one JSON line.
+FOLDER holds TOPIC.json, latched text, and NUMBER/TOPIC.cdr, messages as bytes: those of a number are sent together, the
+numbers in turn. Each `rate:seconds` is a phase. A stamp is where acquisition begins, one interval of the first rate
+before its messages are sent. What could not be sent in time is skipped, as by a sensor whose buffer is full. Ends with
+a line of JSON.
 """
 
-import argparse
 import json
+import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-from srt3d_ros.nodes import transport  # first: it prepares the process for big messages
-
-# isort: split
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.messages import cdr
+from srt3d_ros.nodes import transport
 
-TYPES = {"gates": Image, "photons": PointCloud2}
-PATIENCE_S = 60.0
+CLOUDS = ("photons", "sketch", "points")        # the other topics have images
+SUBSCRIBER_TIMEOUT_S = 60.0
 BEHIND_S = 0.05         # further behind than this, and messages are skipped
 DEPTH = 10
 
 
 def main() -> None:
-    assert transport
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("topic", choices=TYPES)
-    parser.add_argument("phases", type=lambda text: [tuple(map(float, part.split(":"))) for part in text.split(",")])
-    args = parser.parse_args()
+    folder, phases = Path(sys.argv[1]), [tuple(map(float, phase.split(":"))) for phase in sys.argv[2].split(",")]
+    transport.prepare_process()
     rclpy.init()
     node = rclpy.create_node("driver")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    sensor = node.create_publisher(String, "sensor", latched)
-    sensor.publish(String(data=(args.folder / "sensor.json").read_text()))
-    publisher = node.create_publisher(TYPES[args.topic], args.topic, QoSProfile(depth=DEPTH))
-    messages = [path.read_bytes() for path in sorted(args.folder.glob("*.cdr"))]
-    deadline = time.monotonic() + PATIENCE_S
-    while publisher.get_subscription_count() < 1 and time.monotonic() < deadline:
+    texts = []
+    for path in folder.rglob("*.json"):
+        texts.append(node.create_publisher(String, str(path.relative_to(folder).with_suffix("")), latched))
+        texts[-1].publish(String(data=path.read_text()))
+    packets = [{path.stem: path.read_bytes() for path in number.glob("*.cdr")}
+               for number in sorted(folder.iterdir()) if number.name.isdecimal()]
+    publishers = {topic: node.create_publisher(PointCloud2 if topic in CLOUDS else Image, topic,
+                                               QoSProfile(depth=DEPTH)) for topic in packets[0]}
+    deadline = time.monotonic() + SUBSCRIBER_TIMEOUT_S
+    while not any(one.get_subscription_count() for one in publishers.values()) and time.monotonic() < deadline:
         time.sleep(0.01)
-    time.sleep(1.0)         # the sensor's description is on its way; a camera, too, warms up
-    print(json.dumps({"phases": send(publisher, messages, args.phases), **cpu()}), flush=True)
+    time.sleep(1.0)         # the sensor's description is being delivered; a camera, too, warms up
+
+    def publish(number: int, stamp_ns: int) -> int:
+        packet = packets[number % len(packets)]
+        for topic, message in packet.items():
+            publishers[topic].publish(cdr.restamp(message, stamp_ns))
+        return sum(map(len, packet.values()))
+
+    sent = send(publish, phases)
     time.sleep(1.0)         # let what was sent be read
+    print(json.dumps({"phases": sent, "cpu_s": round(time.process_time(), 2)}), flush=True)
     node.destroy_node()
     rclpy.try_shutdown()
 
 
-def send(publisher, messages: list[bytes], phases: list[tuple[float, float]]) -> list[dict]:
-    """Send all phases; what each of them was."""
+def send(publish: Callable[[int, int], int], phases: list[tuple[float, float]]) -> list[dict]:
+    """Send all phases by publish(number, stamp_ns) → bytes; what was sent in each of them."""
     interval_ns = round(1e9 / phases[0][0])
-    due_ns, number, told = time.time_ns(), 0, []
+    due_ns, number, done = time.time_ns(), 0, []
     for rate_hz, seconds in phases:
         phase = {"rate_hz": rate_hz, "began_ns": due_ns, "sent": 0, "skipped": 0, "bytes": 0}
         end_ns = due_ns + round(seconds * 1e9)
@@ -65,20 +73,12 @@ def send(publisher, messages: list[bytes], phases: list[tuple[float, float]]) ->
                 phase["skipped"] += 1
             else:
                 time.sleep(max(-late_s, 0))
-                message = messages[number % len(messages)]
-                publisher.publish(cdr.restamp(message, due_ns - interval_ns))
-                number += 1
+                phase["bytes"] += publish(number, due_ns - interval_ns)
                 phase["sent"] += 1
-                phase["bytes"] += len(message)
+                number += 1
             due_ns += round(1e9 / rate_hz)
-        phase["ended_ns"] = due_ns
-        told.append(phase)
-    return told
-
-
-def cpu() -> dict:
-    """CPU time of this process, seconds."""
-    return {"cpu_s": round(time.process_time(), 2)}
+        done.append(phase | {"ended_ns": due_ns})
+    return done
 
 
 if __name__ == "__main__":

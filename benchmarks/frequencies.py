@@ -1,7 +1,5 @@
 """Expected depth error of a single pixel against the size of its sketch, for each rule that chooses frequencies.
 
-    PYTHONPATH=. python benchmarks/frequencies.py [--out docs/images/frequencies.png]
-
 Lines: the bound by which `design` chooses; what the best estimator on the designed sketch, and on all times of arrival,
 could reach (Cramér and Rao). Dots: the matched filter's error on simulated photons of pixels with random depths.
 """
@@ -15,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, ScalarFormatter
 from tqdm import tqdm
 
-from srt3d_ros.core.baselines.fisher import DepthInformation
+from srt3d_ros.core.baselines.toa import DepthInformation
 from srt3d_ros.core.frequencies import RULES
 from srt3d_ros.core.frequency_design import expected_error_bins
 from srt3d_ros.core.matched_frame import Matcher
@@ -36,10 +34,12 @@ DRAWN = {"consecutive": ("#d55e00", "o", "consecutive"), "spread": ("#0072b2", "
 MEAN_OF_STD = np.sqrt(2 / np.pi)                                            # mean |error| of a normal one
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("docs/images/frequencies.png"))
-    args = parser.parse_args()
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--picture", type=Path, default=Path("docs/images/frequencies.png"), help="(%(default)s)")
+
+
+def run(args: argparse.Namespace) -> tuple:
+    """Draw the picture; there are no lines."""
     figure = Figure(figsize=(10, 7.4), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharex=True, sharey="row")
@@ -54,7 +54,8 @@ def main() -> None:
     for panel in panels[1]:
         panel.set_xlabel("m, complex numbers in a sketch")
     panels[0, 1].legend(frameon=False, fontsize=9, loc="upper right")
-    figure.savefig(args.out)
+    figure.savefig(args.picture)
+    return ()
 
 
 def draw(panel, sensor: SensorModel, sbr: float, ppp: float, progress: tqdm) -> None:
@@ -94,7 +95,3 @@ def measured_error(sensor: SensorModel, frequencies, frame, truth: np.ndarray, p
     progress.update()
     depth = ((top + shift) * NUM_BINS / cells).reshape(SIZE, SIZE)
     return float(np.abs(circular_difference(depth, truth, NUM_BINS)).mean())
-
-
-if __name__ == "__main__":
-    main()

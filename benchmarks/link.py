@@ -8,13 +8,14 @@ import json
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from srt3d_ros.processes import wait
+
 SENSOR, ROBOT = "sensor", "robot"           # the machine beside the camera, and the one that reconstructs
 ADDRESSES = {SENSOR: "10.77.0.1", ROBOT: "10.77.0.2"}
-SPEC = "eth0"
+INTERFACE = "eth0"
 QUEUE = "50ms"                              # how long a packet may wait to be sent; longer, and it is dropped
 PREFIX = "srt3d_"
 SHARED_MEMORY = Path("/dev/shm")
@@ -42,12 +43,14 @@ class Link:
         try:
             self._make()
         except BaseException:
-            self._remove()
+            self.__exit__()
             raise
         return self
 
     def __exit__(self, *exc) -> None:
-        self._remove()
+        for name in self.names.values():
+            _run("ip", "netns", "delete", name, check=False)
+        shutil.rmtree(self.shared_memory, ignore_errors=True)
 
     def command(self, machine: str, command: Sequence[str]) -> list[str]:
         """What runs `command` on that machine, in a process of the same number."""
@@ -55,66 +58,52 @@ class Link:
         return ["ip", "netns", "exec", self.names[machine], "sh", "-c", enter, str(self.shared_memory / machine),
                 *command]
 
-    def shape(self, rate_mbit: float) -> None:
-        """Have the cable carry so many Mbit/s each way."""
-        burst = max(int(rate_mbit * 1e6 / 8 * 1e-3), 4000)      # what a millisecond carries, at least two packets
-        for name in self.names.values():
-            _run("tc", "-n", name, "qdisc", "replace", "dev", SPEC, "root", "tbf", "rate", f"{rate_mbit}mbit",
-                 "burst", str(burst), "latency", QUEUE)
-
     def lose(self, share: float) -> None:
         """Lose this share of the packets each way, each by its own chance: netem's loss, which not every kernel has."""
         keep_below = round((1 - share) * (2**32 - 1))
         program = f"4,32 0 0 {RANDOM},37 0 1 {keep_below},6 0 0 2,6 0 0 0"     # above it: drop (2), else pass (0)
         for name in self.names.values():
-            _run("tc", "-n", name, "qdisc", "replace", "dev", SPEC, "clsact")
-            _run("tc", "-n", name, "filter", "replace", "dev", SPEC, "ingress", "prio", "1", "handle", "1",
+            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "clsact")
+            _run("tc", "-n", name, "filter", "replace", "dev", INTERFACE, "ingress", "prio", "1", "handle", "1",
                  "bpf", "da", "bytecode", program)
 
-    def unplug(self, machine: str = ROBOT) -> None:
-        """Pull the cable out of a machine."""
-        _run("ip", "-n", self.names[machine], "link", "set", SPEC, "down")
+    def unplug(self) -> None:
+        """Pull the cable out of the robot."""
+        _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "down")
 
-    def plug(self, machine: str = ROBOT) -> None:
+    def plug(self) -> None:
         """Put it in again, and wait until the network is up."""
-        _run("ip", "-n", self.names[machine], "link", "set", SPEC, "up")
-        self._wait_until_up(machine)
+        _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "up")
+        self._wait_until_up(ROBOT)
 
-    def wire_bytes(self, machine: str = SENSOR) -> int:
-        """What a machine has sent, in bytes of Ethernet frames (without preamble, checksum and gap: 24 bytes each)."""
-        return self._interface(machine)["stats64"]["tx"]["bytes"]
+    def wire_bytes(self) -> int:
+        """What the sensor's machine has sent, bytes of Ethernet frames (without preamble, checksum, gap: 24 each)."""
+        return self._interface(SENSOR)["stats64"]["tx"]["bytes"]
 
     def _interface(self, machine: str) -> dict:
         """What `ip` says about a machine's interface."""
-        return json.loads(_run("ip", "-n", self.names[machine], "-s", "-json", "link", "show", "dev", SPEC))[0]
+        return json.loads(_run("ip", "-n", self.names[machine], "-s", "-json", "link", "show", "dev", INTERFACE))[0]
 
     def _wait_until_up(self, machine: str) -> None:
-        end = time.monotonic() + TIMEOUT_S
-        while self._interface(machine)["operstate"] != "UP":
-            if time.monotonic() > end:
-                raise RuntimeError(f"{SPEC} of {machine} is not up after {TIMEOUT_S} s")
-            time.sleep(0.01)
+        wait(lambda: self._interface(machine)["operstate"] == "UP", f"{INTERFACE} of {machine}", deadline_s=TIMEOUT_S)
 
     def _make(self) -> None:
         for machine, name in self.names.items():
             (self.shared_memory / machine).mkdir(parents=True)
             _run("ip", "netns", "add", name)
         one, other = self.names.values()
-        _run("ip", "link", "add", SPEC, "netns", one, "type", "veth", "peer", "name", SPEC, "netns", other)
+        _run("ip", "link", "add", INTERFACE, "netns", one, "type", "veth", "peer", "name", INTERFACE, "netns", other)
+        burst = max(int(self._rate_mbit * 1e6 / 8 * 1e-3), 4000)    # what a millisecond carries, at least two packets
         for machine, name in self.names.items():
-            _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", SPEC)
+            _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", INTERFACE)
             _run("ip", "-n", name, "link", "set", "lo", "up")
             # packets of at most 1500 bytes leave, as from a network card, also where TCP would hand over 64 kB at once
-            _run("ip", "-n", name, "link", "set", SPEC, "gso_max_segs", "1", "up")
-        self.shape(self._rate_mbit)
+            _run("ip", "-n", name, "link", "set", INTERFACE, "gso_max_segs", "1", "up")
+            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate",
+                 f"{self._rate_mbit}mbit", "burst", str(burst), "latency", QUEUE)
         for machine in ADDRESSES:       # DDS never uses an interface that was not up when a node started
             self._wait_until_up(machine)
             _run(*self.command(machine, ["true"]))
-
-    def _remove(self) -> None:
-        for name in self.names.values():
-            _run("ip", "netns", "delete", name, check=False)
-        shutil.rmtree(self.shared_memory, ignore_errors=True)
 
 
 def why_not() -> str:

@@ -1,4 +1,4 @@
-"""Says in lines of JSON what a machine sees of the graph: the diagnostics of all nodes, and what arrives on one topic.
+"""Prints as JSON what a machine sees of the graph: the diagnostics of all nodes, and what arrives on one topic.
 
     PYTHONPATH=. python benchmarks/watch.py sketch
 
@@ -6,25 +6,23 @@ It reads the topic as the nodes do: reliable, and only the newest messages wait.
 """
 
 import json
-import struct
 import sys
 import time
 
-import srt3d_ros.nodes  # noqa: F401  (first: it prepares the process for big messages)
-
-# isort: split
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.messages.cdr import CDR_HEADER_BYTES
+from srt3d_ros.messages import cdr
+from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import SUBSCRIBE_DEPTH
 
 
 def main() -> None:
     topic, = sys.argv[1:]
+    transport.prepare_process()
     rclpy.init(args=[])
     node = rclpy.create_node("watch")
     node.create_subscription(DiagnosticArray, "/diagnostics", _on_diagnostics, QoSProfile(depth=100))
@@ -36,18 +34,16 @@ def main() -> None:
 
 
 def _on_message(raw: bytes) -> None:
-    received_ns = time.time_ns()
-    seconds, nanoseconds = struct.unpack_from("<iI", raw, CDR_HEADER_BYTES)
-    _say(stamp_ns=seconds * 10**9 + nanoseconds, received_ns=received_ns, bytes=len(raw))
+    _print(received_ns=time.time_ns(), stamp_ns=cdr.stamp_ns(raw), bytes=len(raw))
 
 
 def _on_diagnostics(message: DiagnosticArray) -> None:
     for status in message.status:
         values = {pair.key: pair.value for pair in status.values}
-        _say(node=status.name, level=status.level[0], message=status.message, values=values)
+        _print(node=status.name, level=status.level[0], message=status.message, values=values)
 
 
-def _say(**facts) -> None:
+def _print(**facts) -> None:
     print(json.dumps(facts), flush=True)
 
 

@@ -1,8 +1,4 @@
-"""Call a function in a child process: for libraries that may crash, hang or take all memory.
-
-Readers written in C, C++ or Rust end the process at some files. `call` has one read in a child process: what ends the
-child is an exception here.
-"""
+"""Call a function in a child process: readers written in C, C++ or Rust may crash, hang or take all memory."""
 
 import importlib
 import json
@@ -16,10 +12,10 @@ from typing import NoReturn
 
 import numpy as np
 
-from srt3d_ros.children import wait_or_kill
 from srt3d_ros.errors import InvalidInput, printable
+from srt3d_ros.processes import wait_or_kill
 
-LONGEST_REASON = 300        # characters of what a library says: a line, with room for the name of the file
+MAX_REASON = 300            # characters of a library's message: a line, with room for the name of the file
 GRACE_S = 1.0               # after Ctrl-C, for the child, which gets it too, to remove what it has half written
 # Exit codes of the child. Not 0: a library may end the process as if all were well.
 _DONE, _REFUSED, _FAILED, _MISSING, _NO_MEMORY, _INTERRUPTED = 10, 11, 12, 13, 14, 130
@@ -36,8 +32,7 @@ def call(function: Callable[..., dict[str, np.ndarray]], *arguments, memory_byte
          timeout_s: float | None = None) -> dict[str, np.ndarray]:
     """What a function returns for these arguments when a child process calls it.
 
-    The child writes to this process's stdout and sys.stderr; what its libraries print on stderr by themselves is left
-    out.
+    The function writes to this process's stdout and sys.stderr; what its libraries write to stderr is discarded.
 
     Args:
         function: of a module, found by its name; returns arrays by name, none of Python objects.
@@ -58,8 +53,13 @@ def call(function: Callable[..., dict[str, np.ndarray]], *arguments, memory_byte
         if code == _DONE:
             with np.load(result, allow_pickle=False) as arrays:
                 return dict(arrays)
-        if code in (_REFUSED, _FAILED, _MISSING):
-            _raise(code, json.load(result))
+        if code == _REFUSED:
+            raise InvalidInput(*json.load(result))
+        if code == _MISSING:
+            text, name = json.load(result)
+            raise ModuleNotFoundError(text, name=name)
+        if code == _FAILED:
+            raise ChildFailed(json.load(result))
     if code == _INTERRUPTED:
         raise KeyboardInterrupt
     if code == _NO_MEMORY:
@@ -68,7 +68,7 @@ def call(function: Callable[..., dict[str, np.ndarray]], *arguments, memory_byte
 
 
 def answer(request: str, result_fd: int) -> NoReturn:
-    """In the child: call the function that `call` names, leave what comes of it in the file, and end."""
+    """In the child: call the function that `call` names, write its result or error to the file, and end."""
     sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     asked = json.loads(request)
@@ -87,7 +87,7 @@ def answer(request: str, result_fd: int) -> NoReturn:
         except KeyboardInterrupt:
             code, reason = _INTERRUPTED, None
         except Exception as error:      # of a library: whatever it likes
-            code, reason = _FAILED, printable(f"failed: {type(error).__name__}: {str(error)[:LONGEST_REASON]}")
+            code, reason = _FAILED, printable(f"failed: {type(error).__name__}: {str(error)[:MAX_REASON]}")
         if reason is not None:
             result.seek(0)
             result.truncate()
@@ -107,16 +107,8 @@ def _exit_code(command: list[str], result_fd: int, timeout_s: float | None) -> i
             raise
 
 
-def _raise(code: int, reason) -> NoReturn:
-    if code == _REFUSED:
-        raise InvalidInput(*reason)
-    if code == _MISSING:
-        raise ModuleNotFoundError(reason[0], name=reason[1])
-    raise ChildFailed(reason)
-
-
 def _bound(memory_bytes: int | None, timeout_s: float | None) -> None:
-    """Have the kernel hold this process to its bounds, even if its parent is gone; and leave no core file."""
+    """Have the kernel enforce the bounds, even after the parent has ended, and leave no core file."""
     _limit(resource.RLIMIT_CORE, 0)
     if timeout_s is not None:
         _limit(resource.RLIMIT_CPU, int(timeout_s) + 1)
@@ -127,7 +119,7 @@ def _bound(memory_bytes: int | None, timeout_s: float | None) -> None:
 
 
 def _limit(which: int, most: int) -> None:
-    """No more than so much, nor than what this process was allowed already."""
+    """Lower a limit, never raise it."""
     _, hard = resource.getrlimit(which)
     most = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(which, (most, most))

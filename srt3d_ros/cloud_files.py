@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.colours import CLOUD_MAP, colour_table, intensity_levels, percentile_range
+from srt3d_ros.colours import CLOUD_MAP, levels, percentile_range, visible_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, printable, require
@@ -39,7 +39,7 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
 
 
 def check(path) -> Path:
-    """The path if a cloud could be saved there, as far as can be told before; InvalidInput if not."""
+    """The path if a cloud could be saved there, as far as can be known before it is written; InvalidInput if not."""
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
     require(not os.path.isdir(path), "output", str(path), "a file, not a directory")
@@ -57,8 +57,8 @@ def _save_npz(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], senso
 
 def _save_ply(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
     points = _records(cloud, _FLOATS + _BYTES)
-    level = intensity_levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1))
-    points["red"], points["green"], points["blue"] = colour_table(CLOUD_MAP)[level].T
+    level = levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1), root=True)
+    points["red"], points["green"], points["blue"] = visible_table(CLOUD_MAP)[level].T
     header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {printable(sensor.frame_id)}",
               f"element vertex {len(points)}"]
     header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]

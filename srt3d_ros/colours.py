@@ -22,8 +22,9 @@ _ANCHORS = {
 }
 COLOUR_MAPS = tuple(_ANCHORS)
 CLOUD_MAP = "inferno"
-_DARKEST = 60
+_LEAST_BRIGHT = 108     # of 255: the brightest channel of the darkest colour that is visible on a dark background
 _RANGE_SAMPLES = 4096
+_RANGE_RATE = 0.1       # share of the way towards a frame's own range that AdaptiveRange takes per frame
 
 
 @cache
@@ -39,12 +40,18 @@ def colour_table(name: str) -> np.ndarray:
 
 
 @cache
-def packed_colour_table(name: str) -> np.ndarray:
-    """The same as uint32 [256], 0xRRGGBBAA, opaque; read-only."""
-    red, green, blue = colour_table(name).astype(np.uint32).T
-    packed = red << 24 | green << 16 | blue << 8 | 255
-    packed.flags.writeable = False
-    return packed
+def visible_table(name: str, steps: int = 256) -> np.ndarray:
+    """A map's colours that are visible on a dark background, in so many steps; uint8 [256, 3]."""
+    table = colour_table(name)
+    first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
+    step = np.arange(256) * steps // 256
+    return table[np.rint(first + step * (255 - first) / (steps - 1)).astype(int)]
+
+
+def packed(colours: np.ndarray) -> np.ndarray:
+    """uint8 [N, 3] as uint32 [N], 0xRRGGBBAA, opaque."""
+    red, green, blue = colours.astype(np.uint32).T
+    return red << 24 | green << 16 | blue << 8 | 255
 
 
 def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> np.ndarray:
@@ -58,12 +65,6 @@ def levels(values: np.ndarray, low: float, high: float, root: bool = False) -> n
     span = max(float(ends[1] - ends[0]), 1e-12)
     scaled = (values - ends[0]) * np.float32(255 / span)
     return np.nan_to_num(np.clip(scaled, 0, 255), nan=0.0).astype(np.uint8)
-
-
-def intensity_levels(intensity: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Indices into the table CLOUD_MAP, uint8 [N], for intensities in photons: none too dark for a dark background."""
-    level = levels(intensity, low, high, root=True).astype(np.uint16)
-    return (_DARKEST + level * (255 - _DARKEST) // 255).astype(np.uint8)
 
 
 def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tuple[float, float] | None:
@@ -81,17 +82,16 @@ class AdaptiveRange:
     """The range a colour map is spread over: follows the data slowly, so that a film does not flicker.
 
     Args:
-        rate: share of the way towards a frame's own range taken per frame.
         fixed: (low, high) to keep whatever the data.
     """
 
-    def __init__(self, rate: float = 0.1, fixed: tuple[float, float] | None = None):
-        self._rate, self._fixed, self._range = rate, fixed, fixed
+    def __init__(self, fixed: tuple[float, float] | None = None):
+        self._fixed, self._range = fixed, fixed
 
     def update(self, values: np.ndarray) -> tuple[float, float]:
         """Take a frame's values in; the (low, high) to use for it. (0, 1) until a finite value was seen."""
         seen = None if self._fixed else percentile_range(values)
         if seen is not None:
             old = self._range or seen
-            self._range = tuple(a + self._rate * (b - a) for a, b in zip(old, seen))
+            self._range = tuple(a + _RANGE_RATE * (b - a) for a, b in zip(old, seen))
         return self._range or (0.0, 1.0)

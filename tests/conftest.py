@@ -1,11 +1,9 @@
 """What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
 
-import importlib
 import os
 import random
 import resource
 import signal
-import sys
 import threading
 from pathlib import Path
 
@@ -40,18 +38,12 @@ def ros():
     """rclpy, initialised once for all tests of a process."""
     import rclpy
 
+    from srt3d_ros.nodes import transport
+
+    transport.prepare_process()
     rclpy.init()
     yield
     rclpy.try_shutdown()
-
-
-@pytest.fixture(scope="session")
-def attack(repository):
-    """A function that imports a script of scripts/attacks by its name."""
-    folder = str(repository / "scripts" / "attacks")
-    sys.path.insert(0, folder)      # where the scripts find each other
-    yield importlib.import_module
-    sys.path.remove(folder)
 
 
 @pytest.fixture(scope="session")

@@ -24,15 +24,6 @@ def saved(tmp_path, ball):
     return save
 
 
-@pytest.fixture(scope="session")
-def no_points(ball):
-    from dataclasses import replace
-
-    cloud = ball[0]
-    return replace(cloud, **{name: getattr(cloud, name)[:0] for name in ("row", "col", "depth_bins", "intensity",
-                                                                         "depth_std_bins", "xyz", "surface")})
-
-
 def read_ply(path):
     head, _, body = path.read_bytes().partition(b"\nend_header\n")
     lines = head.decode("ascii").splitlines()
@@ -64,7 +55,7 @@ def test_npz_holds_every_field_with_its_type(saved, ball):
         assert (file["toa_offset_bins"], file["stamp_ns"], file["toa_reference"]) == (100, 1_234_567_890, "bin_center")
 
 
-@pytest.mark.parametrize("frame_id", ["rig\nelement vertex 1\nend_header", "rig\rend_header\n", "rig\ud800"])
+@pytest.mark.parametrize("frame_id", ["rig\nelement vertex 1\nend_header", "rig\rend_header\n\x1b", "rig\ud800"])
 def test_a_frame_that_a_message_names_cannot_end_the_header(ball, tmp_path, frame_id):
     cloud, sensor = ball
     cloud_files.save(cloud, tmp_path / "cloud.ply", frequencies=FREQUENCIES, sensor=sensor.replace(frame_id=frame_id))
@@ -101,8 +92,8 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd", ".rrd"])
-def test_an_empty_cloud_is_a_valid_file(saved, no_points, suffix):
-    path = saved("empty" + suffix, no_points)
+def test_an_empty_cloud_is_a_valid_file(saved, ball, suffix):
+    path = saved("empty" + suffix, ball[0].within(max_m=0))
     count = {".npz": lambda: len(np.load(path)["row"]), ".ply": lambda: len(read_ply(path)),
              ".pcd": lambda: len(read_pcd(path)), ".rrd": lambda: len(next(RecordingReader(path).clouds()).xyz)}
     assert count[suffix]() == 0
@@ -136,10 +127,3 @@ def test_rerun_and_matplotlib_are_not_imported_for_the_other_formats(tmp_path):
     script = "import sys, srt3d_ros.cloud_files; print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])"
     root = Path(__file__).resolve().parent.parent
     assert subprocess.run([sys.executable, "-c", script], cwd=root, text=True, capture_output=True).stdout == "[]\n"
-
-
-def test_a_frame_of_several_lines_stays_a_comment_of_one(tmp_path, ball):
-    cloud, sensor = ball
-    path = tmp_path / "cloud.ply"
-    cloud_files.save(cloud, path, frequencies=FREQUENCIES, sensor=sensor.replace(frame_id="a\nend_header\nb\x1b"))
-    assert len(read_ply(path)) == len(cloud)

@@ -7,10 +7,10 @@ from srt3d_ros.colours import (
     COLOUR_MAPS,
     AdaptiveRange,
     colour_table,
-    intensity_levels,
     levels,
-    packed_colour_table,
+    packed,
     percentile_range,
+    visible_table,
 )
 from srt3d_ros.errors import InvalidInput
 
@@ -25,11 +25,11 @@ def test_tables_are_the_published_maps_and_get_steadily_lighter(name):
     assert (np.diff(table @ [0.2126, 0.7152, 0.0722]) > -1).all()
 
 
-def test_packed_table_holds_the_same_colours_opaque():
-    packed = packed_colour_table("viridis")
-    assert packed.dtype == np.uint32 and packed[0] == 0x440154FF
-    channels = np.stack([packed >> 24, packed >> 16 & 255, packed >> 8 & 255], axis=1)
-    assert np.array_equal(channels, colour_table("viridis")) and (packed & 255 == 255).all()
+def test_packed_colours_are_the_same_and_opaque():
+    table = colour_table("viridis")
+    assert packed(table).dtype == np.uint32 and packed(table)[0] == 0x440154FF
+    channels = np.stack([packed(table) >> 24, packed(table) >> 16 & 255, packed(table) >> 8 & 255], axis=1)
+    assert np.array_equal(channels, table) and (packed(table) & 255 == 255).all()
 
 
 def test_unknown_map_is_refused_with_the_names_there_are():
@@ -44,9 +44,10 @@ def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():
     assert set(levels(np.full(4, 3.0), 3, 3).tolist()) <= {0, 255}
 
 
-def test_no_point_is_drawn_too_dark_to_be_seen():
-    dimmest = colour_table("inferno")[intensity_levels(np.array([0.0]), 1, 10)[0]]
-    assert dimmest.max() > 90
+def test_no_visible_colour_is_too_dark_to_be_seen():
+    table = visible_table("inferno")
+    assert table.max(axis=1).min() >= 108 and np.array_equal(table[255], colour_table("inferno")[255])
+    assert len(np.unique(visible_table("inferno", steps=16), axis=0)) == 16
 
 
 def test_percentile_range_ignores_outliers_and_gaps():
@@ -57,7 +58,7 @@ def test_percentile_range_ignores_outliers_and_gaps():
 
 
 def test_adaptive_range_starts_at_the_data_and_follows_slowly():
-    adaptive = AdaptiveRange(rate=0.1)
+    adaptive = AdaptiveRange()
     assert adaptive.update(np.empty(0)) == (0.0, 1.0)
     first = adaptive.update(np.linspace(0, 10, 1000))
     assert first == pytest.approx((0.2, 9.8), abs=0.02)

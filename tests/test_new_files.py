@@ -1,26 +1,22 @@
 """New files appear whole or not at all, and those that must not replace others get a name of their own."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from srt3d_ros.new_files import appearing_whole, free, next_free
 
 
-def test_a_file_takes_its_place_at_the_end(tmp_path):
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_file_takes_its_place_at_the_end_or_not_at_all(tmp_path, fails):
     path = tmp_path / "cloud.ply"
     path.write_text("old")
-    with appearing_whole(path) as part:
+    with pytest.raises(OSError, match="full") if fails else nullcontext(), appearing_whole(path) as part:
         part.write_text("new")
         assert part.suffix == ".ply" and path.read_text() == "old"
-    assert path.read_text() == "new" and list(tmp_path.iterdir()) == [path]
-
-
-def test_after_a_failure_all_is_as_before(tmp_path):
-    path = tmp_path / "cloud.ply"
-    path.write_text("old")
-    with pytest.raises(OSError, match="full"), appearing_whole(path) as part:
-        part.write_text("half")
-        raise OSError("full")
-    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+        if fails:
+            raise OSError("full")
+    assert path.read_text() == ("old" if fails else "new") and list(tmp_path.iterdir()) == [path]
 
 
 def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, monkeypatch):
@@ -39,18 +35,11 @@ def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, mon
     assert not treasure.exists()
 
 
-def test_a_free_name_is_kept_and_that_of_a_broken_link_is_not(tmp_path):
-    assert free(tmp_path / "a.ply") == tmp_path / "a.ply"
-    (tmp_path / "a.ply").symlink_to(tmp_path / "nothing")
-    assert free(tmp_path / "a.ply") == tmp_path / "a_2.ply"
-
-
-def test_the_next_free_name_is_not_that_of_a_broken_link(tmp_path):
-    (tmp_path / "a_2.rrd").symlink_to(tmp_path / "treasure")
-    assert next_free(tmp_path / "a.rrd") == tmp_path / "a_3.rrd"
-
-
-def test_the_next_free_name_is_the_first_where_nothing_is(tmp_path):
-    for name in ("a.rrd", "a_2.rrd", "a_4.rrd"):
-        (tmp_path / name).touch()
-    assert next_free(tmp_path / "a.rrd") == tmp_path / "a_3.rrd"
+def test_a_free_name_is_the_first_where_nothing_is_not_even_a_broken_link(tmp_path):
+    path = tmp_path / "a.rrd"
+    assert free(path) == path
+    path.symlink_to(tmp_path / "nothing")
+    assert free(path) == next_free(path) == tmp_path / "a_2.rrd"
+    (tmp_path / "a_2.rrd").symlink_to(tmp_path / "nothing")
+    (tmp_path / "a_4.rrd").touch()
+    assert free(path) == next_free(path) == tmp_path / "a_3.rrd"

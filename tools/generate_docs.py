@@ -1,16 +1,15 @@
-"""Write what is made from the specs of the nodes: config/srt3d.yaml, config/srt3d.policy.xml, docs/nodes/*.md and
-docs/images/graph.svg.
+"""Write what is made from the nodes' specs and the message schemas: docs, default parameters, the SROS 2 policy.
 
-    python -m tools.generate_docs           # in the source tree, after every change of a spec
+    python -m tools.generate_docs           # in the source tree, after every change of a spec or a schema
 """
 
 from pathlib import Path
 
-from srt3d_ros.nodes.parameters import as_yaml
 from srt3d_ros.nodes.specs import SPECS
 from tools.graph import draw
-from tools.node_reference import page
+from tools.node_reference import as_yaml, page
 from tools.policy import policy
+from tools.schema_tables import readme
 
 HEADING = """\
 # Every parameter of the nodes with its default: a start for your own file. Made by python -m tools.generate_docs.
@@ -22,15 +21,15 @@ HEADING = """\
 
 def generated() -> dict[str, str]:
     """The text of every generated file, by its path in the source tree."""
-    parameters = as_yaml({name: spec.table for name, spec in SPECS.items()})
-    return {"config/srt3d.yaml": HEADING + parameters,
-            **{f"docs/nodes/{name}.md": page(spec) for name, spec in SPECS.items()},
-            "config/srt3d.policy.xml": policy(SPECS.values()),
-            "docs/images/graph.svg": draw(SPECS.values())}
+    specs = SPECS.values()
+    return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
+            "config/srt3d.policy.xml": policy(specs),
+            "docs/nodes.md": page(specs),
+            "docs/images/graph.svg": draw(specs),
+            "msg_schemas/README.md": readme()}
 
 
 if __name__ == "__main__":
     for path, text in generated().items():
-        Path(path).parent.mkdir(exist_ok=True)
-        Path(path).write_text(text)
+        Path(path).write_text(text, encoding="utf-8")
         print(path)

@@ -17,7 +17,7 @@ MONO = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace'"
 INK, DIM = "#1d2733", "#5c6b7a"
 NODE_FILL, PILL_FILL, OUTSIDE = "#1f5b8f", "#e8f1f9", "#f1efe9"
 ROBOT = "your robot: Nav2, RViz, octomap, …"
-LEGEND = ("dashed: only at times (docs/nodes says when)     latched: late subscribers get it, too     "
+LEGEND = ("dashed: only at times (docs/nodes.md says when)     latched: late subscribers get it too     "
           "every node: /diagnostics, once a second")
 
 

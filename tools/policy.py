@@ -1,4 +1,4 @@
-"""Who may say what to whom: the policy for SROS 2 (DDS security), made from the nodes' specs.
+"""The policy for SROS 2 (DDS security): which node may use which topics and services, from the nodes' specs.
 
 `ros2 security` makes the signed permissions of each enclave from it: docs/security.md.
 """
@@ -13,8 +13,8 @@ READ_PARAMETERS = ("get_parameters", "list_parameters")
 PARAMETERS = ("describe_parameters", "get_parameter_types", *READ_PARAMETERS, "set_parameters",
               "set_parameters_atomically")
 SERVED = (*LIFECYCLE, *PARAMETERS, "get_type_description")
-TOLD = ("/diagnostics", "/rosout", "/parameter_events", "~/transition_event")
-HEARD = ("/clock", "/parameter_events")
+PUBLISHED = ("/diagnostics", "/rosout", "/parameter_events", "~/transition_event")
+SUBSCRIBED = ("/clock", "/parameter_events")
 WATCHES_OTHERS = "recorder"     # asks the others for their parameters
 EVERYONE, OPERATOR = "all", "operator"
 
@@ -44,8 +44,8 @@ def _profile(spec: NodeSpec, specs: list[NodeSpec]) -> list[str]:
     asked = [f"{other.name}/{service}" for other in specs for service in READ_PARAMETERS
              if spec.name == WATCHES_OTHERS]
     return _in_profile(spec.name, [
-        *_rules("topic", "subscribe", [*(topic.name for topic in spec.inputs), *HEARD]),
-        *_rules("topic", "publish", [*(topic.name for topic in spec.outputs), *TOLD]),
+        *_rules("topic", "subscribe", [*(topic.name for topic in spec.inputs), *SUBSCRIBED]),
+        *_rules("topic", "publish", [*(topic.name for topic in spec.outputs), *PUBLISHED]),
         *_rules("service", "reply", [f"~/{service}" for service in _services(spec)]),
         *_rules("service", "request", asked)])
 
@@ -55,7 +55,7 @@ def _operator(specs: list[NodeSpec]) -> list[str]:
     heard = [topic.name for spec in specs for topic in (*spec.inputs, *spec.outputs)]
     events = [f"{spec.name}/transition_event" for spec in specs]
     return _in_profile("*", [
-        *_rules("topic", "subscribe", [*heard, *events, *HEARD, "/diagnostics", "/rosout"]),
+        *_rules("topic", "subscribe", [*heard, *events, *SUBSCRIBED, "/diagnostics", "/rosout"]),
         *_rules("topic", "publish", ["/rosout", "/parameter_events"]),
         *_rules("service", "reply", [f"*/{service}" for service in (*PARAMETERS, "get_type_description")]),
         *_rules("service", "request",

@@ -1,4 +1,4 @@
-"""Write the tables of msg_schemas/README.md from the schemas: `python -m tools.schema_tables`, after each change."""
+"""The tables of msg_schemas/README.md, from the schemas; tools/generate_docs.py writes them."""
 
 import json
 import re
@@ -9,20 +9,34 @@ MARKED = re.compile(r"(<!-- tables of (\w+)\.json -->\n).*?(<!-- end -->)", re.D
 PIPE = "\\|"              # in a cell
 
 
-def table(head: list[str], rows: list[list]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(str(cell).replace('|', PIPE) for cell in line)} |\n" for line in lines) + "\n"
+def readme() -> str:
+    """msg_schemas/README.md with its tables as the schemas say."""
+    text = (SCHEMAS / "README.md").read_text(encoding="utf-8")
+    return MARKED.sub(lambda found: found[1] + tables(found[2]) + found[3], text)
+
+
+def tables(name: str) -> str:
+    """All tables of one schema."""
+    schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
+    make = {"sensor_msgs/msg/PointCloud2": cloud_tables, "sensor_msgs/msg/Image": image_tables,
+            "std_msgs/msg/String": json_tables}[schema["type"]]
+    return f"{schema['purpose']}\n\n`{schema['type']}`, schema version {schema['schema_version']}; {make(schema)}"
 
 
 def cloud_tables(schema: dict) -> str:
-    """The byte table of every layout of a PointCloud2 topic."""
-    return f"`height` {schema['height']}; `width` {schema['width']}.\n\n" + "".join(
-        f"**{name}**: {layout['purpose']} `point_step` {layout['point_step']}.\n\n" + table(
-            ["byte", "size", "field", "datatype", "count", "unit", "meaning"],
-            [[field["offset"], _size(field), f"`{field['name']}`", f"{field['datatype']}", field["count"],
-              field["unit"], field["meaning"]] for field in layout["fields"]])
-        for name, layout in schema["layouts"].items())
+    """The layouts of a PointCloud2 topic and one byte table of all, in which a field that several share is one row."""
+    layouts = schema["layouts"]
+    purposes = "".join(f"* **{name}**, `point_step` {layout['point_step']}: {layout['purpose']}\n"
+                       for name, layout in layouts.items())
+    shared: dict[tuple, list[str]] = {}
+    for name, layout in layouts.items():
+        for field in layout["fields"]:
+            row = (field["offset"], _size(field), f"`{field['name']}`", field["datatype"], field["count"],
+                   field["unit"], field["meaning"])
+            shared.setdefault(row, []).append(name)
+    rows = [[", ".join(names), *row] for row, names in shared.items()]
+    return f"`height` {schema['height']}; `width` {schema['width']}.\n\n{purposes}\n" + table(
+        ["layout", "byte", "size", "field", "datatype", "count", "unit", "meaning"], rows)
 
 
 def _size(field: dict) -> int | str:
@@ -44,39 +58,28 @@ def image_tables(schema: dict) -> str:
                     [[f"`{name}`", topic["unit"], topic["meaning"]] for name, topic in topics.items()]))
 
 
-def object_table(fields: list[dict]) -> str:
-    """The keys of a JSON object."""
-    return table(["key", "type", "required", "unit", "meaning"],
-                 [[f"`{field['name']}`", f"array of {field['dtype']}" if "dtype" in field else field["type"],
-                   "yes" if field["required"] else "no", field["unit"], field["meaning"]] for field in fields])
-
-
 def json_tables(schema: dict) -> str:
-    """The keys of a JSON topic and of the objects in it."""
-    text = f"QoS: {schema['qos']}.\n\n" + object_table(schema["fields"])
+    """The keys of a JSON topic, those of the objects in it, and what these objects are."""
+    rows, notes = _keys(schema["fields"]), []
     for kind, projection in schema.get("projection", {}).items():
-        text += f"`projection` of the kind `{kind}`: {projection['purpose']}\n\n" + object_table(projection["fields"])
+        rows += _keys(projection["fields"], "projection.", f" ({kind})")
+        notes.append(f"* `projection` of the kind `{kind}`: {projection['purpose']}\n")
+    for name, prefix in (("distortion", "projection."), ("gates", "")):
+        if name in schema:
+            rows += _keys(schema[name]["fields"], f"{prefix}{name}.")
     if "distortion" in schema:
-        text += f"`projection.distortion`: {schema['distortion']['purpose']}\n\n" + object_table(
-            schema["distortion"]["fields"])
-    if "gates" in schema:
-        text += "`gates`:\n\n" + object_table(schema["gates"]["fields"])
-    return text
+        notes.append(f"* `projection.distortion`: {schema['distortion']['purpose']}\n")
+    return (f"QoS: {schema['qos']}.\n\n" + table(["key", "type", "required", "unit", "meaning"], rows)
+            + "".join(notes) + "\n" * bool(notes))
 
 
-def tables(name: str) -> str:
-    """All tables of one schema."""
-    schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
-    make = {"sensor_msgs/msg/PointCloud2": cloud_tables, "sensor_msgs/msg/Image": image_tables,
-            "std_msgs/msg/String": json_tables}[schema["type"]]
-    return f"{schema['purpose']}\n\n`{schema['type']}`, schema version {schema['schema_version']}.\n\n{make(schema)}"
+def _keys(fields: list[dict], prefix: str = "", where: str = "") -> list[list]:
+    """A row for each key of a JSON object."""
+    return [[f"`{prefix}{field['name']}`", f"array of {field['dtype']}" if "dtype" in field else field["type"],
+             ("yes" if field["required"] else "no") + where, field["unit"], field["meaning"]] for field in fields]
 
 
-def readme(text: str) -> str:
-    """README.md with its tables as the schemas say."""
-    return MARKED.sub(lambda found: found[1] + tables(found[2]) + found[3], text)
-
-
-if __name__ == "__main__":
-    path = SCHEMAS / "README.md"
-    path.write_text(readme(path.read_text(encoding="utf-8")), encoding="utf-8")
+def table(head: list[str], rows: list[list]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(str(cell).replace('|', PIPE) for cell in line)} |\n" for line in lines) + "\n"

@@ -6,20 +6,18 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from srt3d_ros.benchmark.plan import FULL, PARTS, QUICK, PartFailed, Plan
-from srt3d_ros.benchmark.progress import Progress
 from srt3d_ros.benchmark.results import Results, machine_slug
-from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.benchmark.timing import Progress
+from srt3d_ros.core.device import kernels_for
 
 FAILED, INTERRUPTED = 1, 130
 
 
 def benchmark(args: argparse.Namespace) -> int:
     """Run `srt3d benchmark`; returns the exit code."""
-    plan = replace(QUICK if args.quick else FULL, device=device_of(args.device))
+    device, _ = kernels_for(args.device)
+    plan = replace(QUICK if args.quick else FULL, device=device)
     if args.repeats is not None:
         plan = replace(plan, repeats=args.repeats)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -43,31 +41,21 @@ def benchmark(args: argparse.Namespace) -> int:
     return code
 
 
-def device_of(wanted: str) -> str:
-    """The device that is meant, or InvalidInput if it cannot be had."""
-    smallest = SensorModel(rows=4, cols=4, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
-    return METHODS["pooled"].build(smallest, (1, 2), device=wanted).device
-
-
 def measure(part: str, plan: Plan, results: Results, title: str) -> None:
     """Measure a part, each line of it to the results at once."""
-    module = importlib.import_module(f"srt3d_ros.benchmark.{part}")
-    notes: list[str] = []
-
     def note(text: str) -> None:
-        if text not in notes:
-            notes.append(text)
-            Progress.write(f"srt3d: {part}: {text}", file=sys.stderr)
+        Progress.write(f"srt3d: {part}: {text}", file=sys.stderr)
 
+    module = importlib.import_module(f"srt3d_ros.benchmark.{part}")
     with Progress(title, module.steps(plan)) as bar:
         for line in module.measure(plan, bar, note):
             results.append(part, line)
-        bar.says("done")
+        bar.show("done")
         bar.update(bar.total)
 
 
 def show(part: str, results: Results, picture: Path) -> None:
-    """The part's table, its picture if it has one, and where the results are."""
+    """Print the part's table and where the results are; draw its picture if it has one."""
     module, lines = importlib.import_module(f"srt3d_ros.benchmark.{part}"), results.lines.get(part)
     if not lines:
         return

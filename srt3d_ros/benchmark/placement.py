@@ -1,26 +1,22 @@
-"""Where a frame lies when its clock starts: in the host's memory, or already on the device.
+"""Works by where a frame lies when its clock starts: in the host's memory or, where there is a GPU, already on it too.
 
-The one place that knows how a backend is handed data on its device:
-- A reconstructor with `submit` begins a frame while others are under way, which on the CPU gains nothing.
-- A Sketcher on "cuda" gives sketches whose arrays are tensors there; a reconstructor there takes them as they are.
-- A Sketcher that can sketch photons which are already there has `resident(frame)`, which copies a frame to the device
-  and returns a function without arguments that sketches it.
-What can be is measured both ways.
+On a GPU a Sketcher gives sketches whose arrays are tensors, which a reconstructor there takes as they are; the
+sketcher's `resident(frame)` copies photons there before they are sketched; and a reconstructor with `submit` begins a
+frame while others are in progress.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 
+from srt3d_ros.benchmark.timing import Work
 from srt3d_ros.core.methods import Method
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
 
 HOST, DEVICE, PIPELINED = "host", "device", "host, pipelined"
-FRAMES = {PIPELINED: 16}    # in a call; of the others one
+PIPELINED_FRAMES = 16       # in a call
 
 
 def built(method: Method, sensor: SensorModel, frequencies, device: str):
@@ -42,34 +38,39 @@ def sketched(photons: PhotonEvents, sensor: SensorModel, frequencies, device: st
     return sketcher.sketch()
 
 
-def reconstructions(reconstructor, sketch: Sketch) -> dict[str, Callable[[], object]]:
-    """What to time, by where the sketch lies: on the host and, if the reconstructor is where `sketch` is, there.
+def reconstructions(reconstructor, sketch: Sketch, title: str, facts: dict) -> list[Work]:
+    """The reconstruction of a sketch, from each place where the sketch can lie.
 
-    A pipelined call is of FRAMES[PIPELINED] frames, each cloud awaited when the next frame has been submitted.
+    A pipelined call is of PIPELINED_FRAMES frames, each cloud awaited when the next frame has been submitted.
     """
-    held = sketch.on_host()
-    calls = {HOST: lambda: reconstructor(held)}
-    if reconstructor.device == "cpu":
-        return calls
-    if not isinstance(sketch.sums, np.ndarray):
-        calls[DEVICE] = lambda: reconstructor(sketch)
-    if hasattr(reconstructor, "submit"):
-        calls[PIPELINED] = lambda: _stream(reconstructor, held)
-    return calls
+    held, facts = sketch.on_host(), facts | {"device": reconstructor.device}
+    works = [Work(lambda: reconstructor(held), title, facts | {"frame_from": HOST})]
+    if reconstructor.device != "cpu":
+        if not isinstance(sketch.sums, np.ndarray):
+            works.append(Work(lambda: reconstructor(sketch), title, facts | {"frame_from": DEVICE}))
+        if hasattr(reconstructor, "submit"):
+            works.append(Work(lambda: _stream(reconstructor, held), title, facts | {"frame_from": PIPELINED},
+                              PIPELINED_FRAMES))
+    return works
 
 
 def _stream(reconstructor, sketch: Sketch) -> None:
     wait = reconstructor.submit(sketch)
-    for _ in range(FRAMES[PIPELINED] - 1):
+    for _ in range(PIPELINED_FRAMES - 1):
         following = reconstructor.submit(sketch)
         wait()
         wait = following
     wait()
 
 
-def sketchings(sketcher: Sketcher, frame: PhotonFrame,
-               anew: Callable[[PhotonFrame], PhotonFrame]) -> dict[str, Callable[[], object]]:
-    """What to time, as for `reconstructions`; `anew` makes the frame one of which nothing is known yet."""
-    calls = {HOST: lambda: sketcher.add(anew(frame))}
-    resident = getattr(sketcher, "resident", None)
-    return calls if resident is None else calls | {DEVICE: resident(frame)}
+def sketchings(sketcher: Sketcher, frame: PhotonFrame, title: str, facts: dict) -> list[Work]:
+    """The sketching of a frame, from each place where the frame can lie."""
+    works = [Work(lambda: sketcher.add(fresh_copy(frame)), title, facts | {"frame_from": HOST})]
+    if hasattr(sketcher, "resident"):
+        works.append(Work(sketcher.resident(frame), title, facts | {"frame_from": DEVICE}))
+    return works
+
+
+def fresh_copy(frame: PhotonFrame) -> PhotonFrame:
+    """The same photons as a frame that has just arrived: whether they are sorted is not known yet."""
+    return PhotonEvents(frame.pixel, frame.toa) if isinstance(frame, PhotonEvents) else PhotonGates(frame.words)

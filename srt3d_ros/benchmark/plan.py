@@ -11,20 +11,17 @@ class PartFailed(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """The settings of a run.
+    """The settings of a run; images have `side` × `side` pixels, in Table 1 each of `sides`.
 
     Args:
         device: "cpu" or "cuda", where methods compute; those that cannot stay on the CPU, and their lines say so.
         repeats: timed runs of each work.
-        sides: pixels along the side of Table 1's images.
         sketch_sizes: m of Table 1.
-        side: of all other images.
-        ppps: photons per pixel of Figure 1.
-        dense_ppps: photons per pixel of sketching.
+        ppps, dense_ppps: photons per pixel of Figure 1 and of sketching.
         cycles: laser cycles in a frame of gates.
         rate_s: how long each frame rate is tried through ROS, seconds.
         rate_steps: bisections in search of the highest rate.
-        patience_s: a work that has taken so long at a setting is not repeated there.
+        repeat_limit_s: a work whose runs have taken so long together is not repeated.
         limit_s: a method is not run on frames of so many photons that it would take longer than this for one.
     """
 
@@ -38,10 +35,10 @@ class Plan:
     cycles: int = 15_040
     rate_s: float = 3.0
     rate_steps: int = 4
-    patience_s: float = 10.0
+    repeat_limit_s: float = 10.0
     limit_s: float = 60.0
 
 
 FULL = Plan()
-QUICK = Plan(repeats=5, sides=(141, 282), ppps=(1, 10, 100, 1000), dense_ppps=(100,), rate_s=2.0, rate_steps=2,
-             patience_s=3.0)
+QUICK = Plan(sides=(141, 282), ppps=(1, 10, 100, 1000), dense_ppps=(100,), rate_s=2.0, rate_steps=2,
+             repeat_limit_s=3.0)

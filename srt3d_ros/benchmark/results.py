@@ -7,20 +7,16 @@ from pathlib import Path
 
 from srt3d_ros.core.methods import OLD_NAMES
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.evaluation.machine import cpu_name, gpu_name, machine
+from srt3d_ros.evaluation.machine import machine
 
-_CHATTER = r"\((r|tm)\)|\b(processor|cpu|\d+-core)\b|@.*"
+_LEFT_OUT = r"\((r|tm)\)|\b(processor|cpu|\d+-core)\b|@.*"     # of a processor's name
 
 
 def machine_slug(device: str) -> str:
-    """A file name for this machine: its GPU, or its processor and the number of its cores."""
-    name = gpu_name() if device == "cuda" else f"{re.sub(_CHATTER, ' ', cpu_name().lower())} {cores()} cores"
+    """A file name for this machine: its GPU, or its processor and the number of cores that this process may use."""
+    facts = machine(device)
+    name = facts.get("gpu") or f"{re.sub(_LEFT_OUT, ' ', facts['machine'].lower())} {facts['cpus']} cores"
     return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
-
-
-def cores() -> int:
-    """Those that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 class Results:
@@ -51,12 +47,23 @@ class Results:
 
 
 def _read(path: Path) -> list[dict]:
+    expected = "results of srt3d benchmark, or no such file"
     try:
         lines = [json.loads(text) for text in path.read_text(encoding="utf-8").splitlines()]
     except ValueError as error:
-        raise InvalidInput(str(path), f"unreadable ({error})", "results of srt3d benchmark, or no such file") from None
-    good = all(isinstance(line, dict) and "part" in line for line in lines)
-    require(good, str(path), "another kind of file", "results of srt3d benchmark, or no such file")
-    same = set(OLD_NAMES).isdisjoint(str(line.get("method")) for line in lines)
-    require(same, str(path), "of a version with other names of methods", "another --out, or no such file")
+        raise InvalidInput(str(path), f"unreadable ({error})", expected) from None
+    require(all(isinstance(line, dict) and "part" in line for line in lines), str(path), "another kind of file",
+            expected)
+    require(OLD_NAMES.keys().isdisjoint(str(line.get("method")) for line in lines), str(path),
+            "of a version with other names of methods", "another --out, or no such file")
     return lines
+
+
+def megabytes(count: int | None) -> str:
+    """Bytes in 10⁶ bytes, or a dash."""
+    return "–" if count is None else digits(count / 1e6)
+
+
+def digits(value: float) -> str:
+    """Three digits, or all of those before the point."""
+    return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"

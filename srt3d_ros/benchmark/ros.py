@@ -9,22 +9,22 @@ import importlib.util
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.benchmark import frames
 from srt3d_ros.benchmark.plan import PartFailed, Plan
-from srt3d_ros.benchmark.progress import Progress
+from srt3d_ros.benchmark.timing import Progress
 from srt3d_ros.datasets import npz
-from srt3d_ros.evaluation.table import aligned
+from srt3d_ros.evaluation.results import aligned
 
 TITLE = "Through ROS 2: player, sketcher and reconstructor in processes of their own, m = 10"
 PPP, SKETCH_SIZE = 10.0, 10
 FIRST_HZ, LEAST_HZ, MOST_HZ = 10.0, 1.0, 5120.0
 TRIES = 2               # of a rate: one lost frame may be the machine's fault
 KEEPS_UP = 0.95         # of the rate asked for: less, and the player itself is too slow
-PIPELINE = ("reconstructor", "sketcher")
 PLAYER_TIMEOUT_S = 30.0     # beyond the time that it plays
 LAST_CLOUD_S = 1.0      # of silence after the player is done: no more will come
 HEADINGS = ("Hz asked for", "clouds/s", "frames", "lost", "latency, ms: median", "95 %", "max", "")
@@ -37,75 +37,70 @@ def steps(plan: Plan) -> int:
 
 def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     """A line for each rate that was tried, then the highest without loss."""
-    absent = [name for name in ("rclpy", "numba") if importlib.util.find_spec(name) is None]
-    if absent:
-        note(f"left out: {' and '.join(absent)} not installed")
+    if importlib.util.find_spec("rclpy") is None:
+        note("left out: rclpy is not installed")
         return
-    from srt3d_ros.cli.processes import Processes, join_private_network
+    bar.show("starting the nodes")
+    sensor = frames.sensor_of(plan.side)
+    photons = frames.photons_of(sensor, PPP)
+    common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons,
+              "sketch_size": SKETCH_SIZE, "device": plan.device}
+    nodes = {"reconstructor": {"device": plan.device}, "sketcher": {"sketch_size": SKETCH_SIZE}}
+    with running(nodes) as (probe, processes, folder):
+        def play_at(rate_hz: float) -> dict:
+            bar.show(f"{rate_hz:.1f} Hz")
+            line = play(probe, processes, str(folder / "frame.npz"), rate_hz, plan.rate_s)
+            bar.update()
+            return line
+
+        npz.save(folder / "frame.npz", sensor, photons)
+        play_at(FIRST_HZ)           # the nodes learn of the sensor, for which they compile once more
+        tried: list[dict] = []
+        for line in search(play_at, plan.rate_steps):
+            tried.append(line)
+            yield {"what": "rate", **common, **line}
+        yield {"what": "highest rate", **common, **highest(tried)}
+
+
+@contextmanager
+def running(nodes: dict[str, dict]) -> Iterator[tuple]:
+    """Run these nodes with their parameters, once they are ready; a PipelineProbe, their Processes and a folder.
+
+    The folder is removed at the end, unless a node failed (PartFailed): the logs are in it.
+    """
+    from srt3d_ros.processes import Processes, join_private_network
     join_private_network()
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))
-    bar.says("starting the nodes")
-    sensor = frames.sensor_of(plan.side)
-    photons = frames.photons_of(sensor, PPP)
-    npz.save(folder / "frame.npz", sensor, photons)
-    common = {"rows": sensor.rows, "cols": sensor.cols, "ppp": PPP, "photons": photons.photons,
-              "sketch_size": SKETCH_SIZE, "device": plan.device}
     failed = False
     try:
-        with PipelineProbe(keep_every=10**9) as monitor, Processes(folder / "logs", monitor.spin_until) as nodes:
-            pipeline = Pipeline(monitor, nodes, str(folder / "frame.npz"), plan.rate_s, bar)
-            pipeline.start(plan.device)
-            tried: list[dict] = []
-            for line in search(pipeline.play, plan.rate_steps):
-                tried.append(line)
-                yield {"what": "rate", **common, **line}
-            yield {"what": "highest rate", **common, **highest(tried)}
+        with PipelineProbe(keep_every=10**9) as probe, Processes(probe.spin_until, folder / "logs") as processes:
+            for name, parameters in nodes.items():
+                processes.start(name, **parameters)
+            problems = processes.not_ready(nodes, probe.statuses)
+            if problems:
+                raise PartFailed(problems)
+            yield probe, processes, folder
     except PartFailed:
         failed = True
         raise
     finally:
-        if not failed:          # or their logs tell more
+        if not failed:
             shutil.rmtree(folder)
 
 
-class Pipeline:
-    """Running nodes, and what is seen of a player that plays to them.
-
-    Args:
-        monitor, nodes: what sees the clouds, and what starts the player.
-        path: the photon file to play.
-        seconds: to play for, at least.
-        bar: moves by one for each rate.
-    """
-
-    def __init__(self, monitor, nodes, path: str, seconds: float, bar: Progress):
-        self._monitor, self._nodes, self._path, self._seconds, self._bar = monitor, nodes, path, seconds, bar
-
-    def start(self, device: str) -> None:
-        """Start the nodes and let them learn of the sensor, for which they compile once more."""
-        self._nodes.start("reconstructor", device=device)
-        self._nodes.start("sketcher", sketch_size=SKETCH_SIZE)
-        problems = self._nodes.not_ready(PIPELINE, self._monitor.statuses)
-        if problems:
-            raise PartFailed(problems)
-        self.play(FIRST_HZ)
-
-    def play(self, rate_hz: float) -> dict:
-        """Play at a rate; what came of it."""
-        monitor, nodes = self._monitor, self._nodes
-        self._bar.says(f"{rate_hz:.1f} Hz")
-        sent, first = int(np.ceil(rate_hz * self._seconds)), len(monitor.arrivals)
-        nodes.start("player", input=self._path, rate_hz=float(rate_hz), frames=sent)
-        monitor.spin_until(lambda: nodes.ended("player") or nodes.failed(), self._seconds + PLAYER_TIMEOUT_S)
-        if nodes.failed() or not nodes.ended("player"):
-            raise PartFailed(nodes.failed() or ["the player did not end"])
-        before = -1
-        while len(monitor.arrivals) - first < sent and before < len(monitor.arrivals):
-            before = len(monitor.arrivals)
-            monitor.spin_until(lambda: len(monitor.arrivals) > before, LAST_CLOUD_S)
-        self._bar.update()
-        return outcome(rate_hz, sent, monitor.arrivals[first:])
+def play(probe, processes, path: str, rate_hz: float, seconds: float) -> dict:
+    """Have a player play a photon file to the running nodes, for at least so long; the figures of this rate."""
+    sent, first = int(np.ceil(rate_hz * seconds)), len(probe.arrivals)
+    processes.start("player", input=path, rate_hz=float(rate_hz), frames=sent)
+    probe.spin_until(lambda: processes.ended("player") or processes.failed(), seconds + PLAYER_TIMEOUT_S)
+    if processes.failed() or not processes.ended("player"):
+        raise PartFailed(processes.failed() or ["the player did not end"])
+    before = -1
+    while len(probe.arrivals) - first < sent and before < len(probe.arrivals):
+        before = len(probe.arrivals)
+        probe.spin_until(lambda: len(probe.arrivals) > before, LAST_CLOUD_S)
+    return outcome(rate_hz, sent, probe.arrivals[first:])
 
 
 def outcome(rate_hz: float, sent: int, arrivals: Sequence) -> dict:
@@ -115,10 +110,9 @@ def outcome(rate_hz: float, sent: int, arrivals: Sequence) -> dict:
     if len(arrivals) > 1:
         elapsed_s = (arrivals[-1].received_ns - arrivals[0].received_ns) * 1e-9
         line["clouds_per_s"] = round((len(arrivals) - 1) / max(elapsed_s, 1e-9), 2)
-        latencies_ms = [arrival.latency_ms for arrival in arrivals]
-        line["latency_ms"] = {"min": round(min(latencies_ms), 2), "median": round(float(np.median(latencies_ms)), 2),
-                              "p95": round(float(np.percentile(latencies_ms, 95)), 2),
-                              "max": round(max(latencies_ms), 2)}
+        least, median, p95, most = np.percentile([arrival.latency_ms for arrival in arrivals], [0, 50, 95, 100])
+        line["latency_ms"] = {"min": round(float(least), 2), "median": round(float(median), 2),
+                              "p95": round(float(p95), 2), "max": round(float(most), 2)}
     return line
 
 

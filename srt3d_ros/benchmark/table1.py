@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 
 from srt3d_ros.benchmark import frames, placement, timing
 from srt3d_ros.benchmark.plan import Plan
-from srt3d_ros.benchmark.progress import Progress
+from srt3d_ros.benchmark.results import digits, megabytes
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.evaluation.table import aligned
+from srt3d_ros.evaluation.results import aligned
 
 TITLE = "Table 1 of the paper: reconstruction of a frame"
 METHOD_NAMES = ("pooled", "srt3d")
@@ -24,34 +24,26 @@ def steps(plan: Plan) -> int:
     return len(plan.sides) * timing.runs(len(METHOD_NAMES) * len(plan.sketch_sizes), plan.repeats)
 
 
-def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
     """A line for each size, sketch size, method and place of the frame."""
     for side in plan.sides:
-        bar.says(f"{side}²: photons")
+        bar.show(f"{side}²: photons")
         sensor = frames.sensor_of(side)
         photons = frames.photons_of(sensor, PPP)
-        works, facts = {}, {}
+        works: list[timing.Work] = []
         for name in METHOD_NAMES:
             for m in plan.sketch_sizes:
+                bar.show(f"{side}²: {name} compiles")
                 frequencies = choose(METHODS[name].frequencies, sensor, m)
-                bar.says(f"{side}²: {name} compiles")
-                try:
-                    sketch = placement.sketched(photons, sensor, frequencies, plan.device)
-                    reconstructor = placement.built(METHODS[name], sensor, frequencies, plan.device)
-                except ModuleNotFoundError as error:
-                    note(f"{name} is left out: {error.name} is not installed")
-                    continue
-                for place, call in placement.reconstructions(reconstructor, sketch).items():
-                    key = name, m, place
-                    works[key] = timing.Work(call, reconstructor.device, f"{side}², m = {m}: {name}",
-                                             frames=placement.FRAMES.get(place, 1))
-                    facts[key] = {"what": "reconstruct", "method": name, "rows": side, "cols": side,
-                                  "num_bins": sensor.num_bins, "sketch_size": m, "ppp": PPP, "sbr": frames.SBR,
-                                  "device": reconstructor.device, "frame_from": place,
-                                  "paper_ms": PAPER_MS.get((side, m))}
+                sketch = placement.sketched(photons, sensor, frequencies, plan.device)
+                reconstructor = placement.built(METHODS[name], sensor, frequencies, plan.device)
+                facts = {"what": "reconstruct", "method": name, "rows": side, "cols": side, "num_bins": sensor.num_bins,
+                         "sketch_size": m, "ppp": PPP, "sbr": frames.SBR, "paper_ms": PAPER_MS.get((side, m))}
+                works += placement.reconstructions(reconstructor, sketch, f"{side}², m = {m}: {name}", facts)
         del photons
-        for key, result in timing.in_turns(works, plan.repeats, bar, plan.patience_s).items():
-            yield facts[key] | result.figures() | {"frames_per_s": round(1e3 / result.median_ms, 1)}
+        timing.in_turns(works, plan.repeats, bar, plan.repeat_limit_s)
+        for work in works:
+            yield work.line() | {"frames_per_s": round(1e3 / work.median_ms, 1)}
 
 
 def table(lines: Sequence[dict]) -> str:
@@ -61,18 +53,6 @@ def table(lines: Sequence[dict]) -> str:
 
 
 def _cells(line: dict) -> list[str]:
-    ms, paper_ms = line["ms"], line["paper_ms"]
     return [f"{line['rows']}²", str(line["sketch_size"]), line["method"], line["device"], line["frame_from"],
-            *(digits(ms[name]) for name in ("min", "median", "max")), f"{paper_ms}" if paper_ms else "–",
-            digits(line["frames_per_s"]),
-            *(megabytes(line.get(name)) for name in ("growth_bytes", "process_peak_bytes"))]
-
-
-def megabytes(count: int | None) -> str:
-    """Bytes in 10⁶ bytes, or a dash."""
-    return "–" if count is None else digits(count / 1e6)
-
-
-def digits(value: float) -> str:
-    """Three digits, or all of those before the point."""
-    return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"
+            *map(digits, line["ms"].values()), str(line["paper_ms"] or "–"), digits(line["frames_per_s"]),
+            megabytes(line.get("growth_bytes")), megabytes(line.get("process_peak_bytes"))]

@@ -2,7 +2,7 @@
 
 import argparse
 
-from srt3d_ros.cli import node
+from srt3d_ros.cli import common, node
 
 PARAMETERS = ("path", "topics", "format", "max_duration_s", "max_size_mb")
 
@@ -19,15 +19,10 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--format", choices=("mcap", "sqlite3"), help="how rosbag2 stores it (mcap)")
     parser.add_argument("--max-duration", dest="max_duration_s", type=float, metavar="S", help="end after this time")
     parser.add_argument("--max-size", dest="max_size_mb", type=int, metavar="MB", help="end at this size")
-    parser.add_argument("--namespace", metavar="NS", help="namespace of the topics")
-    parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-                        help="the rest goes to ROS 2: remapping, parameters, …")
+    common.add_ros_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
-    if args.topics:
-        given["topics"] = ",".join(args.topics)
-    place = node.namespace_arguments(args.namespace) if args.namespace else []
-    return node.start("bag_recorder", [*node.parameter_arguments(given), *place, *args.ros_args])
+    args.topics = args.topics and ",".join(args.topics)
+    return node.start_with_options("bag_recorder", args, PARAMETERS)

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from srt3d_ros.benchmark.plan import PARTS
+from srt3d_ros.cli.common import add_device
 from srt3d_ros.errors import require
 
 
@@ -15,10 +16,9 @@ def add_parser(subparsers) -> None:
                     "photons a second; ros, latency and highest frame rate through real nodes. Each measurement is a "
                     "line of DIR/<machine>.jsonl.")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; all of them unless given")
-    parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"),
-                        help="where to compute (auto: the GPU if there is one)")
+    add_device(parser)
     parser.add_argument("--repeats", type=int, metavar="N", help="timed runs of each, of which median, min and max "
-                        "are told (5)")
+                        "are reported (5)")
     parser.add_argument("--quick", action="store_true",
                         help="a first look: less of everything; to <machine>-quick.jsonl")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR",

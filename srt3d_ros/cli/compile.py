@@ -13,7 +13,9 @@ ABOUT = """\
 Compile the CPU kernels of the srt3d_ros that this command belongs to, for this processor, in two processes. Without it
 the first start of a node compiles what it needs. Again after an update of srt3d_ros, numba or Python; for each user
 who cannot write to the folder where srt3d_ros is installed. Graphics cards need none of this."""
-NOTE = "compiled_ahead"     # file beside the machine code: for what all of it has been compiled
+STAMP = "compiled_ahead"    # file beside the machine code: for what all of it has been compiled
+ALL, DEFAULT = "all", "default method"
+PACKAGE = Path(srt3d_ros.__file__).parent
 FAILED = 1
 
 
@@ -25,64 +27,54 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    started = time.perf_counter()
-    package = Path(srt3d_ros.__file__).parent
-    if _is_done(args.all):
-        print(f"already compiled: the CPU kernels of {package} are {_where(package)}")
+    from srt3d_ros.kernels.cpu import compiling
+
+    started, folder = time.perf_counter(), compiling.folder()
+    where = _where(folder, compiling.CANNOT_KEEP)
+    missing = {compiling.name_of(kernel) for kernel in compiling.missing(args.all)}
+    state = compiling.state_of(compiling.KERNELS[0])
+    if not missing and _stamp(folder) in {f"{state} {ALL}", f"{state} {ALL if args.all else DEFAULT}"}:
+        print(f"already compiled: the CPU kernels of {PACKAGE} are {where}")
         return 0
-    print(f"compiling the CPU kernels of {package}", flush=True)
-    compiled, codes = _compile(args.all, package.parent)
+    print(f"compiling the CPU kernels of {PACKAGE}", flush=True)
+    compiled, codes = _compile(args.all, missing)
     seconds = time.perf_counter() - started
     if any(codes):
         print(f"srt3d: error: a process that compiles ended with exit code {next(filter(None, codes))}",
               file=sys.stderr)
         return FAILED
-    _note_done(args.all)
+    if folder:
+        (folder / STAMP).write_text(f"{state} {ALL if args.all else DEFAULT}")
     what = f"compiled {len(compiled)} kernels" if compiled else "found all kernels compiled"
-    print(f"{what} in {seconds:.0f} s; they are {_where(package)}")
+    print(f"{what} in {seconds:.0f} s; they are {where}")
     return 0
 
 
-def _is_done(also_baselines: bool) -> bool:
-    """Whether this command has done it, and nothing has been removed since.
-
-    The files on the disk alone do not tell: they may lack some types of arguments.
-    """
-    from srt3d_ros.kernels.cpu import compiling
-
-    folder = compiling.folder()
-    if folder is None or compiling.missing(also_baselines):
-        return False
+def _stamp(folder: Path | None) -> str:
+    """For what this command has compiled; the machine code alone may lack some types of arguments."""
     try:
-        done = (folder / NOTE).read_text()
+        return (folder / STAMP).read_text() if folder else ""
     except OSError:
-        return False
-    return done in {_note(True), _note(also_baselines)}
+        return ""
 
 
-def _note_done(also_baselines: bool) -> None:
-    from srt3d_ros.kernels.cpu import compiling
-
-    if folder := compiling.folder():
-        (folder / NOTE).write_text(_note(also_baselines))
-
-
-def _note(also_baselines: bool) -> str:
-    from srt3d_ros.kernels.cpu import compiling
-
-    return f"{compiling.state_of(compiling.KERNELS[0])} {'all' if also_baselines else 'default method'}"
+def _where(folder: Path | None, why_not: str) -> str:
+    if folder is None:
+        return f"kept nowhere, so every start compiles them: {why_not}"
+    if PACKAGE in folder.parents:
+        return f"in {folder}"
+    why = "as NUMBA_CACHE_DIR says" if "NUMBA_CACHE_DIR" in os.environ else "for this user: the package is read-only"
+    return f"in {folder}, {why}"
 
 
-def _compile(also_baselines: bool, root: Path) -> tuple[set[str], list[int]]:
+def _compile(also_baselines: bool, missing: set[str]) -> tuple[set[str], list[int]]:
     """Compile in two processes; returns the names of the kernels that were compiled, and the exit codes."""
     from tqdm import tqdm
 
     from srt3d_ros.core.precompile import BASELINES, PARTS
-    from srt3d_ros.kernels.cpu import compiling
 
-    missing = {compiling.name_of(kernel) for kernel in compiling.missing(also_baselines)}
     # The copy of the package that this is: neither the working directory's nor another installation's.
-    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [str(PACKAGE.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
     names, write = os.pipe()
     processes, compiled = [], set()
@@ -101,18 +93,6 @@ def _compile(also_baselines: bool, root: Path) -> tuple[set[str], list[int]]:
     finally:
         for process in processes:
             process.kill()
-
-
-def _where(package: Path) -> str:
-    from srt3d_ros.kernels.cpu import compiling
-
-    folder = compiling.folder()
-    if folder is None:
-        return f"kept nowhere, so every start compiles them: {compiling.CANNOT_KEEP}"
-    if package in folder.parents:
-        return f"in {folder}"
-    why = "as NUMBA_CACHE_DIR says" if "NUMBA_CACHE_DIR" in os.environ else "for this user: the package is read-only"
-    return f"in {folder}, {why}"
 
 
 def _work(steps: list[str]) -> None:

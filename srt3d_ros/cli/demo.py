@@ -13,7 +13,6 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.cli.processes import Processes, join_private_network
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents
@@ -21,11 +20,12 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import require
+from srt3d_ros.processes import Processes, join_private_network
 
-PPP, SBR, SEED = 15.0, 1.0, 1           # of the simulated scene
+SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head
 FILE_TOLERANCE_BINS = 10.0
-JUDGED_FRAMES = 40                      # held against the truth, evenly spaced: all would outlast the streaming
+JUDGED_FRAMES = 40                      # compared with the truth, evenly spaced: all would outlast the streaming
 PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
 RESULTS = RECORDING, PICTURE, SUMMARY = "recording.rrd", "cloud.png", "summary.json"
 CLOUD_TIMEOUT_S = 60.0                  # between two clouds
@@ -34,16 +34,12 @@ LAST_CLOUD_TIMEOUT_S = 5.0              # after the player is done
 
 @dataclass(frozen=True)
 class Source:
-    """What is played.
+    """What is played: its title, the sensor that sees it, the photons of frame k and the notes for the user.
 
     Args:
-        title: for the reader.
-        sensor: that sees it.
-        photons: those of frame k.
         truth: the true depths of frame k, bins [S, rows, cols], or None.
         tolerance_bins: a point so near to the truth is a true detection.
         parameters: make the player play it.
-        notes: what the user should know about it.
     """
 
     title: str
@@ -70,7 +66,7 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
     require(1 <= args.duration_s * args.rate_hz < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
-    source = open_simulator() if args.photons is None else open_file(args.photons)
+    source = _simulated() if args.photons is None else _from_file(args.photons)
     for note in source.notes:
         _say(f"note: {note}")
     args.out.mkdir(parents=True, exist_ok=True)
@@ -83,18 +79,18 @@ def run(args: argparse.Namespace) -> int:
         print(_table(summary))
         print(f"\n{args.out}/  {PICTURE}  {RECORDING} (to open with `srt3d view`)  {SUMMARY}  logs/")
     for problem in problems:
-        print(f"srt3d demo: {problem}", flush=True)
+        _say(f"srt3d demo: {problem}")
     return 1 if problems else 0
 
 
-def open_simulator() -> Source:
-    simulator = Simulator(ppp=PPP, sbr=SBR, seed=SEED)
+def _simulated() -> Source:
+    simulator = Simulator(**SCENE)
     return Source("simulated moving scene", simulator.sensor, lambda k: simulator.frame(k)[0],
                   lambda k: simulator.expected(k)[0], SIMULATED_TOLERANCE_M / simulator.sensor.bin_width_m,
-                  {"input": "simulator", "ppp": PPP, "sbr": SBR, "seed": SEED})
+                  {"input": "simulator", **SCENE})
 
 
-def open_file(path: str) -> Source:
+def _from_file(path: str) -> Source:
     photons = open_photons(path)
     return Source(photons.name, photons.sensor, lambda k: photons.frame, lambda k: photons.reference_depth_bins,
                   FILE_TOLERANCE_BINS, {"input": os.path.abspath(path)}, photons.notes)
@@ -104,69 +100,68 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     """Play all frames through the nodes; returns the summary and what went wrong, in words."""
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     keep_every = -(-frames // JUDGED_FRAMES)
-    with PipelineProbe(keep_every) as monitor, Processes(out / "logs", monitor.spin_until) as nodes:
+    with PipelineProbe(keep_every) as probe, Processes(probe.spin_until, out / "logs") as nodes:
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True)
         _say("starting the nodes; the first time they compile their kernels, for about a minute")
-        problems = nodes.not_ready(PIPELINE, monitor.statuses)
+        problems = nodes.not_ready(PIPELINE, probe.statuses)
         if problems:
             return {}, problems
         _say(f"streaming the {source.title} at {rate_hz:g} Hz")
         nodes.start("player", rate_hz=rate_hz, frames=frames, lossless=True, **source.parameters)
-        _watch(monitor, nodes, frames)
+        _watch(probe, nodes, frames)
         problems = nodes.failed()
         nodes.stop()
         problems = problems or nodes.failed()
-    if not monitor.arrivals:
+    if not probe.arrivals:
         return {}, problems or ["no cloud came"]
     _say("comparing with the truth and drawing")
-    summary = _summarise(source, monitor, rate_hz)
+    summary = _summarise(source, probe, rate_hz)
     if summary["frames_lost"]:
-        problems.append(f"{summary['frames_lost']} of {summary['frames_sent']} frames were lost ({_drops(monitor)})")
-    _draw(out / PICTURE, source, monitor, summary)
+        problems.append(f"{summary['frames_lost']} of {summary['frames_sent']} frames were lost ({_drops(probe)})")
+    _draw(out / PICTURE, source, probe, summary)
     return summary, problems
 
 
-def _watch(monitor, nodes: Processes, frames: int) -> None:
+def _watch(probe, nodes: Processes, frames: int) -> None:
     """Show the clouds as they come, until all are here or no more will come."""
     def moved() -> bool:
-        return len(monitor.arrivals) > bar.n or bool(nodes.failed())
+        return len(probe.arrivals) > bar.n or bool(nodes.failed())
 
     with tqdm(total=frames, unit="cloud", mininterval=0.1 if sys.stderr.isatty() else 2.0) as bar:
         while bar.n < frames and not nodes.failed():
-            if not monitor.spin_until(lambda: moved() or nodes.ended("player"), CLOUD_TIMEOUT_S):
+            if not probe.spin_until(lambda: moved() or nodes.ended("player"), CLOUD_TIMEOUT_S):
                 return
-            if not moved() and not monitor.spin_until(moved, LAST_CLOUD_TIMEOUT_S):
+            if not moved() and not probe.spin_until(moved, LAST_CLOUD_TIMEOUT_S):
                 return
-            bar.update(len(monitor.arrivals) - bar.n)
-            bar.set_postfix(latency=f"{monitor.arrivals[-1].latency_ms:.0f} ms", refresh=False)
+            bar.update(len(probe.arrivals) - bar.n)
+            bar.set_postfix(latency=f"{probe.arrivals[-1].latency_ms:.0f} ms", refresh=False)
 
 
-def _summarise(source: Source, monitor, rate_hz: float) -> dict:
-    sensor = source.sensor
-    latencies_ms = monitor.latencies_ms()
-    sent = monitor.total("player", "frames_sent")
+def _summarise(source: Source, probe, rate_hz: float) -> dict:
+    sensor, latencies_ms = source.sensor, probe.latencies_ms()
+    sent, came = probe.total("player", "frames_sent"), len(probe.arrivals)
     return {
         "source": source.title, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
         "bin_width_s": sensor.bin_width_s, "rate_hz": rate_hz,
-        "frames_sent": sent, "frames_reconstructed": len(monitor.arrivals), "frames_lost": sent - len(monitor.arrivals),
-        "clouds_per_second": round(monitor.clouds_per_second(), 2),
+        "frames_sent": sent, "frames_reconstructed": came, "frames_lost": sent - came,
+        "clouds_per_second": round(probe.clouds_per_second(), 2),
         "latency_median_ms": round(float(np.median(latencies_ms)), 2),
         "latency_p95_ms": round(float(np.percentile(latencies_ms, 95)), 2),
-        "photons_per_frame": monitor.total("player", "photons_sent") // max(sent, 1),
-        "points_per_frame": int(np.median([arrival.points for arrival in monitor.arrivals])),
-        **_judge(source, monitor, rate_hz),
+        "photons_per_frame": probe.total("player", "photons_sent") // max(sent, 1),
+        "points_per_frame": int(np.median([arrival.points for arrival in probe.arrivals])),
+        **_judge(source, probe, rate_hz),
         "version": __version__, "machine": f"{platform.machine()}, {os.cpu_count()} CPUs",
     }
 
 
-def _judge(source: Source, monitor, rate_hz: float) -> dict:
-    """Detections and depth error of the clouds that were kept, against the truth at their stamps."""
+def _judge(source: Source, probe, rate_hz: float) -> dict:
+    """Detections and depth error of the clouds that were kept, against the truth at their stamps; empty without one."""
     sensor, results = source.sensor, []
-    for raw in monitor.kept:
+    for raw in probe.kept:
         cloud = _cloud(raw, sensor)
-        truth = source.truth(_frame_index(cloud, monitor, rate_hz))
+        truth = source.truth(_frame_index(cloud, probe, rate_hz))
         if truth is None:
             return {}
         results.append(evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins))
@@ -181,10 +176,10 @@ def _judge(source: Source, monitor, rate_hz: float) -> dict:
     }
 
 
-def _draw(path: Path, source: Source, monitor, summary: dict) -> None:
+def _draw(path: Path, source: Source, probe, summary: dict) -> None:
     from srt3d_ros.pictures.overview import draw_overview
-    cloud = _cloud(monitor.kept[3 * len(monitor.kept) // 4], source.sensor)
-    photons = source.photons(_frame_index(cloud, monitor, summary["rate_hz"]))
+    cloud = _cloud(probe.kept[3 * len(probe.kept) // 4], source.sensor)
+    photons = source.photons(_frame_index(cloud, probe, summary["rate_hz"]))
     figures = {"photons per pixel": photons.photons / source.sensor.pixels, "points": len(cloud),
                "latency": f"{summary['latency_median_ms']:.0f} ms"}
     if "dae_mm" in summary:
@@ -192,9 +187,9 @@ def _draw(path: Path, source: Source, monitor, summary: dict) -> None:
     draw_overview(path, cloud, source.sensor, photons, source.title, figures)
 
 
-def _frame_index(cloud: PointCloud, monitor, rate_hz: float) -> int:
+def _frame_index(cloud: PointCloud, probe, rate_hz: float) -> int:
     """Which of the player's frames a cloud shows: the player stamps frame k with first stamp + k / rate."""
-    return round((cloud.stamp_ns - int(monitor.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz)
+    return round((cloud.stamp_ns - int(probe.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz)
 
 
 def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
@@ -211,34 +206,37 @@ def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
                       background, header.stamp_ns)
 
 
-def _drops(monitor) -> str:
+def _drops(probe) -> str:
     """Where frames were lost, by the nodes' own frame accounting."""
-    found = [f"{node} {key} {value}" for node, values in monitor.statuses.items() for key, value in values.items()
+    found = [f"{node} {key} {value}" for node, values in probe.statuses.items() for key, value in values.items()
              if (key.startswith("dropped.") or key in ("message_lost", "unanswered")) and value != "0"]
     return ", ".join(found) or "no node says where"
 
 
+TITLE = "{source}: {rows} × {cols} pixels, {num_bins} bins of {bin_width_ps:.3g} ps, {rate_hz:g} Hz"
+LINES = (
+    ("frames sent", "{frames_sent}", ""),
+    ("frames reconstructed", "{frames_reconstructed}", ""),
+    ("frames lost", "{frames_lost}", ""),
+    ("clouds per second", "{clouds_per_second:.1f}", "of {rate_hz:g} asked for"),
+    ("latency, median", "{latency_median_ms:.1f}", "ms from the photons' stamp to the cloud"),
+    ("latency, 95 %", "{latency_p95_ms:.1f}", "ms"),
+    ("photons per frame", "{photons_per_frame}", ""),
+    ("points per frame", "{points_per_frame}", "median"),
+)
+JUDGED_LINES = (
+    ("true detections", "{true_detections_percent:.1f}",
+     "% of the surfaces have a point within {tolerance_mm:.3g} mm"),
+    ("false detections", "{false_detections_percent:.1f}", "% more points that are farther off"),
+    ("depth error (DAE)", "{dae_bins:.2f}", "bins = {dae_mm:.3g} mm"),
+)
+
+
 def _table(summary: dict) -> str:
-    lines = [
-        ("frames sent", f"{summary['frames_sent']}", ""),
-        ("frames reconstructed", f"{summary['frames_reconstructed']}", ""),
-        ("frames lost", f"{summary['frames_lost']}", ""),
-        ("clouds per second", f"{summary['clouds_per_second']:.1f}", f"of {summary['rate_hz']:g} asked for"),
-        ("latency, median", f"{summary['latency_median_ms']:.1f}", "ms from the photons' stamp to the cloud"),
-        ("latency, 95 %", f"{summary['latency_p95_ms']:.1f}", "ms"),
-        ("photons per frame", f"{summary['photons_per_frame']}", ""),
-        ("points per frame", f"{summary['points_per_frame']}", "median"),
-    ]
-    if "frames_judged" in summary:
-        lines += [
-            ("true detections", f"{summary['true_detections_percent']:.1f}",
-             f"% of the surfaces have a point within {summary['tolerance_mm']:.3g} mm"),
-            ("false detections", f"{summary['false_detections_percent']:.1f}", "% more points that are farther off"),
-            ("depth error (DAE)", f"{summary['dae_bins']:.2f}", f"bins = {summary['dae_mm']:.3g} mm"),
-        ]
-    title = (f"{summary['source']}: {summary['rows']} × {summary['cols']} pixels, {summary['num_bins']} bins of "
-             f"{summary['bin_width_s'] * 1e12:.3g} ps, {summary['rate_hz']:g} Hz")
-    return "\n".join(["", title, *(f"  {name:<22}{value:>9}  {unit}".rstrip() for name, value, unit in lines)])
+    facts = summary | {"bin_width_ps": summary["bin_width_s"] * 1e12}
+    lines = LINES + (JUDGED_LINES if "frames_judged" in summary else ())
+    rows = [f"  {name:<22}{value.format(**facts):>9}  {unit.format(**facts)}".rstrip() for name, value, unit in lines]
+    return "\n".join(["", TITLE.format(**facts), *rows])
 
 
 def _say(text: str) -> None:

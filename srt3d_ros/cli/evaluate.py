@@ -3,7 +3,12 @@
 import argparse
 from pathlib import Path
 
+from srt3d_ros.cli.common import comma_list
 from srt3d_ros.errors import require
+
+_names = comma_list(str, "names with commas between")
+_integers = comma_list(int, "integers with commas between")
+_numbers = comma_list(float, "numbers with commas between")
 
 
 def add_parser(subparsers) -> None:
@@ -40,7 +45,8 @@ def add_parser(subparsers) -> None:
     files.add_argument("--align", type=_integers, default=(), metavar="S,…",
                        help="references, numbered from 1, to shift by their median offset from the cloud: those that "
                             "were measured apart")
-    files.add_argument("--seen", type=_numbers, default=(8, 60), metavar="PHOTONS,BINS",
+    files.add_argument("--seen", type=comma_list(float, "two numbers: photons, bins", count=2), default=(8, 60),
+                       metavar="PHOTONS,BINS",
                        help="count an aligned reference only where so many photons lie so near (8,60)")
     parser.set_defaults(run=run)
 
@@ -48,17 +54,4 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.evaluation.command import evaluate
     require(args.repeats >= 1, "--repeats", args.repeats, "1 or more")
-    require(len(args.seen) == 2, "--seen", args.seen, "two numbers: photons, bins")
     return evaluate(args)
-
-
-def _list(kind, what: str):
-    def parse(text: str) -> tuple:
-        try:
-            return tuple(kind(part) for part in text.split(","))
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text}: expected {what} with commas between") from None
-    return parse
-
-
-_numbers, _integers, _names = _list(float, "numbers"), _list(int, "integers"), _list(str, "names")

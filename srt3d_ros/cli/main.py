@@ -5,7 +5,8 @@ import importlib
 import logging
 import os
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
@@ -35,19 +36,17 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"srt3d: error: {message} (see {self.prog} --help)\n")
 
 
-class KernelLog(logging.Handler):
-    """Shows on stderr what the kernels log: that they are being compiled, and for how long. Nodes log it themselves."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        print(f"srt3d: {record.getMessage()}", file=sys.stderr, flush=True)
-
-    def __enter__(self) -> None:
-        kernels = logging.getLogger("srt3d_ros.kernels")
-        kernels.setLevel(logging.INFO)
-        kernels.addHandler(self)
-
-    def __exit__(self, *exc) -> None:
-        logging.getLogger("srt3d_ros.kernels").removeHandler(self)
+@contextmanager
+def kernel_log() -> Iterator[None]:
+    """Show on stderr what the kernels log: that they are being compiled, and for how long. Nodes log it themselves."""
+    kernels, handler = logging.getLogger("srt3d_ros.kernels"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("srt3d: %(message)s"))
+    kernels.setLevel(logging.INFO)
+    kernels.addHandler(handler)
+    try:
+        yield
+    finally:
+        kernels.removeHandler(handler)
 
 
 def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
@@ -70,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         args = parser((named,) if named else COMMANDS).parse_args(argv)
         args.typed = argv if typed else None
-        with KernelLog() if named in COMPUTING else nullcontext():
+        with kernel_log() if named in COMPUTING else nullcontext():
             code = args.run(args)
         sys.stdout.flush()
         return code

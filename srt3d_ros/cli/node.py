@@ -2,14 +2,15 @@
 
 import argparse
 import importlib
-import json
 import os
 import re
 import signal
 import sys
 
+from srt3d_ros.cli.common import given
 from srt3d_ros.errors import require
 from srt3d_ros.node_names import NODES
+from srt3d_ros.processes import parameter_arguments
 
 
 def add_parser(subparsers) -> None:
@@ -19,11 +20,10 @@ def add_parser(subparsers) -> None:
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
 
 
-def leave_at_once_on_signals() -> None:
-    """Until the nodes set handlers of their own, while their modules are imported, which takes seconds.
+def exit_at_once_on_signals() -> None:
+    """Exit on SIGINT and SIGTERM while modules are imported, until the nodes set handlers of their own.
 
-    Nothing has begun that would need an orderly end, and an exception in the middle of an extension module's import can
-    become any other.
+    Nothing needs an orderly end yet, and KeyboardInterrupt in an extension module's import can become any exception.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
@@ -31,9 +31,15 @@ def leave_at_once_on_signals() -> None:
 
 def start(name: str, ros_args: list[str]) -> int:
     """Run a node in this process until it ends; returns its exit code."""
-    leave_at_once_on_signals()
+    exit_at_once_on_signals()
     sys.argv = [name, *ros_args]
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
+
+
+def start_with_options(name: str, args: argparse.Namespace, parameters: tuple[str, ...]) -> int:
+    """`start` with those of these parameters that were given as options, --namespace and --ros-args."""
+    namespace = namespace_arguments(args.namespace) if args.namespace else []
+    return start(name, [*parameter_arguments(given(args, parameters)), *namespace, *args.ros_args])
 
 
 def namespace_arguments(namespace: str) -> list[str]:
@@ -42,11 +48,3 @@ def namespace_arguments(namespace: str) -> list[str]:
     require(re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", plain, re.ASCII), "--namespace", namespace,
             "letters, digits and _, beginning with a letter, with / between")
     return ["-r", f"__ns:=/{plain}"]
-
-
-def parameter_arguments(parameters: dict[str, object]) -> list[str]:
-    """Parameters as command-line arguments of a node. Values are YAML there, of which JSON is a part."""
-    arguments = ["--ros-args"]
-    for name, value in parameters.items():
-        arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
-    return arguments

@@ -2,7 +2,7 @@
 
 import argparse
 
-from srt3d_ros.cli import node
+from srt3d_ros.cli import common, node
 
 PARAMETERS = ("input", "rate_hz", "duration_s", "frames", "loop", "lossless", "output", "bag_rate", "bag_loop",
               "bag_start_s", "bag_stamps", "bag_photons_topic", "clock")
@@ -21,7 +21,6 @@ def add_parser(subparsers) -> None:
                         help="begin again at the end (a file's one frame: yes; a bag: no)")
     parser.add_argument("--lossless", action="store_const", const=True,
                         help="wait for the pipeline instead of leaving frames behind")
-    parser.add_argument("--namespace", metavar="NS", help="of the player and its topics")
     frames = parser.add_argument_group("files and the simulator")
     frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
     frames.add_argument("--gates", dest="output", action="store_const", const="gates",
@@ -36,13 +35,10 @@ def add_parser(subparsers) -> None:
                       help="where the photons are, if the bag has several topics of them")
     bags.add_argument("--clock", action="store_const", const=True,
                       help="publish the bag's time on /clock, for nodes with use_sim_time")
-    parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-                        help="the rest goes to ROS 2: remapping, parameters, …")
+    common.add_ros_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     args.bag_loop = args.loop       # one of the two is the input's
-    given = {name: getattr(args, name) for name in PARAMETERS if getattr(args, name) is not None}
-    namespace = node.namespace_arguments(args.namespace) if args.namespace else []
-    return node.start("player", [*node.parameter_arguments(given), *namespace, *args.ros_args])
+    return node.start_with_options("player", args, PARAMETERS)

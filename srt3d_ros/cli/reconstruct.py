@@ -1,15 +1,17 @@
 """`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
 
 import argparse
-import json
-import sys
 import time
 
+from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
+
+METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
+OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
 
 
 def add_parser(subparsers) -> None:
@@ -34,7 +36,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
-    parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"), help="where to compute (auto)")
+    common.add_device(parser)
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
                         help="probability that a pixel with background alone shows a point (pooled: 1e-4; smle and "
                              "xcorr: show a point wherever there are photons)")
@@ -45,29 +47,18 @@ def add_parser(subparsers) -> None:
                              "(sensor); evenly (flat); as the frame itself shows (estimate)")
     parser.add_argument("--upsampling", type=int, metavar="U",
                         help="finer pixels of the cloud along the side of each pixel, at most 4 (pooled: 1)")
-    parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
+    common.add_json(parser)
     sensor = parser.add_argument_group("what the file does not say")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
     sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
     sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
     sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
-    sensor.add_argument("--gate", type=_gate, metavar="FIRST,COUNT", help="keep only COUNT bins from FIRST on")
+    sensor.add_argument("--gate", type=common.comma_list(int, "FIRST,COUNT, two integers", count=2),
+                        metavar="FIRST,COUNT", help="keep only COUNT bins from FIRST on")
     sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
     sensor.add_argument("--dark", metavar="FILE",
                         help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
-
-
-def _gate(text: str) -> tuple[int, int]:
-    try:
-        first, count = (int(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"gate is {text}: expected FIRST,COUNT, two integers") from None
-    return first, count
-
-
-METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
-OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -78,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
     method, frequencies = find(args.method), ()
     cloud_files.check(args.output)
-    overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
+    overrides = common.given(args, OVERRIDES)
     photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
     sensor, frame = photons.sensor, photons.frame
     if args.dark is not None:
@@ -91,22 +82,22 @@ def run(args: argparse.Namespace) -> int:
     for name in ("sketch_size", "frequencies"):
         given = getattr(args, name)
         require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
-    reconstructor = method.build(sensor, frequencies, **{name: getattr(args, name) for name in METHOD_OPTIONS
-                                                         if getattr(args, name) is not None})
+    reconstructor = method.build(sensor, frequencies, **common.given(args, METHOD_OPTIONS))
     reconstructor.warm_up()
     seen, sketch_ms = frame, None
     if method.needs == "sketch":
-        seen, sketch_ms = _timed(lambda: sketch_photons(frame, sensor, frequencies))
-    cloud, reconstruct_ms = _timed(lambda: reconstructor(seen))
+        seen, sketch_ms = _timed(sketch_photons, frame, sensor, frequencies)
+    cloud, reconstruct_ms = _timed(reconstructor, seen)
     cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
     facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
              "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,
              "frequencies": list(frequencies), "surfaces": args.surfaces,
              "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
              "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
-    for note in photons.notes:          # only now: a mistake is one line
-        print(f"srt3d: {note}", file=sys.stderr)
-    print(json.dumps(facts) if args.json else _words(facts))
+    common.print_notes(photons.notes)       # only now: a mistake is one line
+    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if frequencies else ""
+    common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
+                        + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
     return 0
 
 
@@ -120,15 +111,8 @@ def _with_dark_frame(sensor, dark):
     return sensor.replace(background_shape=dark_shape(dark.frame, sensor))
 
 
-def _timed(compute):
-    """What compute() returns, and the milliseconds it took."""
+def _timed(function, *arguments):
+    """What function(*arguments) returns, and the milliseconds it took."""
     started = time.perf_counter()
-    result = compute()
+    result = function(*arguments)
     return result, round((time.perf_counter() - started) * 1e3, 3)
-
-
-def _words(facts: dict) -> str:
-    words = "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins"
-    if facts["sketch_size"]:
-        words += " → sketch of {sketch_size} in {sketch_ms:.1f} ms"
-    return (words + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}").format(**facts)

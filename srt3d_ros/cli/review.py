@@ -2,15 +2,13 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.bounded_call import ChildFailed, call
+from srt3d_ros.cli import common
 from srt3d_ros.errors import InvalidInput, require
-
-REPAIRED = "{path} was not finished: repaired into {copy}; {lost}"
 
 
 def add_parser(subparsers) -> None:
@@ -23,7 +21,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument("-o", "--output", metavar="OUT", type=Path,
                         help="the report (RECORDING.html), or with --frame the cloud: .npz .ply .pcd .rrd, or .png")
     parser.add_argument("--no-report", action="store_true", help="print the figures only")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of words")
+    common.add_json(parser)
     parser.add_argument("--pictures", choices=("auto", "viewer", "own"), default="auto",
                         help="who draws: the rerun viewer, which needs Vulkan, or srt3d_ros itself (auto: as possible)")
     instead = parser.add_argument_group("instead of figures and report").add_mutually_exclusive_group()
@@ -42,8 +40,6 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.review.recorded import Recorded
 
     path, notes = _readable(args.recording)
-    for note in notes:
-        print(f"srt3d: {note}", file=sys.stderr)
     recorded = Recorded.read(path)
     if args.frame is not None or args.turntable is not None or args.to_bag is not None:
         return _export(args, recorded)
@@ -85,20 +81,21 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
-    """The recording itself, or a repaired copy and what to say of it."""
+    """The recording itself, or a repaired copy and notes on it, which are printed."""
     from srt3d_ros.recording.repair import examine, repair
 
     state = examine(path)
     if state.is_finished:
         return path, ()
-    copy = repair(state, progress=True)
+    copy = repair(state)
     lost = f"{state.lost_bytes:,} bytes of a last chunk are lost" if state.lost_bytes else "nothing is lost"
-    return copy, (REPAIRED.format(path=path, copy=copy, lost=lost),)
+    notes = (f"{path} was not finished: repaired into {copy}; {lost}",)
+    common.print_notes(notes)
+    return copy, notes
 
 
 def _review(args: argparse.Namespace, recorded, notes: tuple[str, ...]) -> int:
-    from srt3d_ros.review.summary import summarise
-    from srt3d_ros.review.summary_text import format_summary
+    from srt3d_ros.review.summary import format_summary, summarise
 
     summary, report = summarise(recorded), None
     if not args.json:
@@ -119,18 +116,19 @@ def _export(args: argparse.Namespace, recorded) -> int:
     from srt3d_ros.review import export
     from srt3d_ros.review.summary import notable_frames
 
+    if args.to_bag is not None:
+        facts = {"clouds": export.save_bag(recorded, args.to_bag), "output": str(args.to_bag)}
+        common.print_facts(args, facts, "{clouds:,} clouds on /points\n{output}")
+        return 0
     place = recorded.frame_at(args.frame) if args.frame is not None else notable_frames(recorded)[0]
     facts = {"frame": int(recorded.index.frame_index[place]), "stamp_ns": int(recorded.index.stamp_ns[place]),
-             "points": int(recorded.index.points[place])}
-    if args.frame is not None:
-        export.save_frame(recorded, place, args.output, args.pictures)
-        _say(args, facts | {"output": str(args.output)}, "{points:,} points of frame {frame}\n{output}")
-    elif args.turntable is not None:
+             "points": int(recorded.index.points[place]), "output": str(args.turntable or args.output)}
+    if args.turntable is not None:
         export.save_turntable(recorded, place, args.turntable)
-        _say(args, facts | {"output": str(args.turntable)}, "frame {frame}, {points:,} points\n{output}")
+        common.print_facts(args, facts, "frame {frame}, {points:,} points\n{output}")
     else:
-        clouds = export.save_bag(recorded, args.to_bag)
-        _say(args, {"clouds": clouds, "output": str(args.to_bag)}, "{clouds:,} clouds on /points\n{output}")
+        export.save_frame(recorded, place, args.output, args.pictures)
+        common.print_facts(args, facts, "{points:,} points of frame {frame}\n{output}")
     return 0
 
 
@@ -138,13 +136,7 @@ def _compare(args: argparse.Namespace, recorded) -> int:
     from srt3d_ros.review.compare import compare, format_comparison
     from srt3d_ros.review.recorded import Recorded
 
-    path, notes = _readable(args.compare)
-    for note in notes:
-        print(f"srt3d: {note}", file=sys.stderr)
-    comparison = compare(recorded, Recorded.read(path))
+    other, _ = _readable(args.compare)
+    comparison = compare(recorded, Recorded.read(other))
     print(json.dumps(comparison, allow_nan=False) if args.json else format_comparison(comparison))
     return 0
-
-
-def _say(args: argparse.Namespace, facts: dict, words: str) -> None:
-    print(json.dumps(facts) if args.json else words.format(**facts))

@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import importlib
 import json
 import re
 import tempfile
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from srt3d_ros import __version__, shared_files
 from srt3d_ros.cli import node
-from srt3d_ros.cli.supervisor import supervise
+from srt3d_ros.cli.supervisor import Supervisor
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.node_names import PLAYER
 
@@ -57,32 +58,22 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    node.leave_at_once_on_signals()
-    specs = [made.spec for made in node_classes(args)]
+    node.exit_at_once_on_signals()
+    specs = node_specs(args)
     with tempfile.NamedTemporaryFile("w", prefix="srt3d_up_", suffix=".yaml") as own:
         own.write(parameters_yaml(args, specs))
         own.flush()
         ros_args = ros_arguments(args, specs, own.name)
         print("starting", flush=True)
-        return supervise([spec.name for spec in specs], ros_args,
-                         lambda reports: print(glance(reports), flush=True))
+        return Supervisor([spec.name for spec in specs], ros_args,
+                          on_ready=lambda reports: print(overview(reports), flush=True)).run()
 
 
-def node_classes(args: argparse.Namespace) -> list[type]:
-    """The nodes asked for, who listens before who speaks. What an optional one lacks to run is said at its import."""
-    from srt3d_ros.nodes.reconstructor import ReconstructorNode
-    from srt3d_ros.nodes.sketcher import SketcherNode
-    classes = [ReconstructorNode, SketcherNode]
-    if args.bag:
-        from srt3d_ros.nodes.bag_recorder import BagRecorderNode
-        classes.insert(0, BagRecorderNode)
-    if args.record:
-        from srt3d_ros.nodes.recorder import RecorderNode
-        classes.insert(0, RecorderNode)
-    if args.input:
-        from srt3d_ros.nodes.player import PlayerNode
-        classes.append(PlayerNode)
-    return classes
+def node_specs(args: argparse.Namespace) -> list:
+    """The specs of the nodes asked for, subscribers first; ModuleNotFoundError for what one of them lacks."""
+    asked = {"recorder": args.record, "bag_recorder": args.bag, "reconstructor": True, "sketcher": True,
+             PLAYER: args.input}
+    return [importlib.import_module(f"srt3d_ros.nodes.{name}").SPEC for name, wanted in asked.items() if wanted]
 
 
 def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
@@ -91,6 +82,8 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
     Raises:
         InvalidInput: a -p that is none, or names what these nodes do not have.
     """
+    import yaml  # comes with rclpy
+
     values: dict[str, dict[str, str]] = {spec.name: {} for spec in specs}
     for option, (name, parameter) in OPTIONS.items():
         if getattr(args, option):
@@ -100,8 +93,15 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
         name, _, parameter = where.partition(".")
         require(assigned and parameter and name in values and "\n" not in value, "-p", setting,
                 f"NODE.PARAMETER:=VALUE, NODE one of {', '.join(values)}")
-        _check_yaml(setting, value)
-        values[name][_known(parameter, next(one for one in specs if one.name == name))] = value
+        try:        # ROS 2 would name a line of the temporary file
+            yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
+        known = [one.name for spec in specs if spec.name == name for one in spec.table]
+        if parameter not in known and not parameter.startswith(OF_EVERY_NODE):
+            near = difflib.get_close_matches(parameter, known, n=1) or [f"one of {', '.join(known)}"]
+            raise InvalidInput(f"parameter of {name}", parameter, near[0])
+        values[name][parameter] = value
     lines = []
     for name, given in values.items():
         if given:
@@ -109,33 +109,22 @@ def parameters_yaml(args: argparse.Namespace, specs: list) -> str:
     return "\n".join(lines or ["/**:", "  ros__parameters: {}"]) + "\n"
 
 
-def _check_yaml(setting: str, value: str) -> None:
-    """ROS 2 would name a line of the file that is made of the settings."""
-    import yaml  # comes with rclpy
-    try:
-        yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise InvalidInput("-p", setting, "NODE.PARAMETER:=VALUE, VALUE as in a YAML file") from None
-
-
-def _known(parameter: str, spec) -> str:
-    """The parameter, unless the node has none of this name."""
-    names = [known.name for known in spec.table]
-    if parameter not in names and not parameter.startswith(OF_EVERY_NODE):
-        near = difflib.get_close_matches(parameter, names, n=1) or [f"one of {', '.join(names)}"]
-        raise InvalidInput(f"parameter of {spec.name}", parameter, near[0])
-    return parameter
-
-
 def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[str]:
     """The options as arguments of ROS 2; `own_file` is that of `parameters_yaml`."""
     out = ["--ros-args"]
-    for config in [*args.config, own_file]:
-        out += ["--params-file", _config_file(config)]
+    for config in args.config:
+        path = shared_files.find(f"config/{config}.yaml") or Path(config)
+        require(isfile(path), "--config", config, "a parameter file, or the name of one that comes with the package")
+        out += ["--params-file", str(path)]
+    out += ["--params-file", own_file]
     topics = {topic.name for spec in specs for topic in (*spec.inputs, *spec.outputs)
               if not topic.name.startswith("/")}
     for rule in args.remap:
-        out += ["-r", _remapping(rule, topics)]
+        topic, assigned, name = rule.partition(":=")
+        require(assigned and name, "-r", rule, "TOPIC:=NAME")
+        plain = re.fullmatch(r"[a-z]\w*(/\w+)*", topic)        # ROS 2 would not say that nothing has this topic
+        require(not plain or topic in topics, "-r", rule, f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(topics))}")
+        out += ["-r", rule]
     if args.namespace:
         out += node.namespace_arguments(args.namespace)
     if args.log_level:
@@ -143,39 +132,21 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
     return out
 
 
-def _config_file(config: str) -> str:
-    path = shared_files.find(f"config/{config}.yaml") or Path(config)
-    require(isfile(path), "--config", config, "a parameter file, or the name of one that comes with the package")
-    return str(path)
-
-
-def _remapping(rule: str, topics: set[str]) -> str:
-    """The rule, unless it renames a topic that these nodes do not have; ROS 2 would not say so."""
-    topic, assigned, name = rule.partition(":=")
-    require(assigned and name, "-r", rule, "TOPIC:=NAME")
-    plain = re.fullmatch(r"[a-z]\w*(/\w+)*", topic)
-    require(not plain or topic in topics, "-r", rule, f"TOPIC:=NAME, TOPIC one of {', '.join(sorted(topics))}")
-    return rule
-
-
-def glance(reports: dict[str, dict]) -> str:
-    """What runs, under which names it can be reached, and what to do next.
+def overview(reports: dict[str, dict]) -> str:
+    """The nodes that run, the names of their topics, and what to do next.
 
     Args:
-        reports: of each node by its kind, who listens before who speaks, as srt3d_ros.nodes.runtime makes them.
+        reports: of each node by its kind, subscribers first, as srt3d_ros.nodes.runtime makes them.
     """
     lines = [f"srt3d {__version__}: {len(reports)} nodes, each in a process of its own; Ctrl-C ends them", ""]
     for one in reversed(reports.values()):      # as the data flow
         lines.append(f"  {one['name']}" + "  (unconfigured)" * (one["state"] == "unconfigured"))
-        lines += _topics("in ", one["in"]) + _topics("out", one["out"])
+        for title, names in (("in ", one["in"]), ("out", one["out"])):
+            lines += textwrap.wrap("  ".join(dict.fromkeys(names)), 110, initial_indent=f"    {title}  ",
+                                   subsequent_indent=" " * 9)
     points, sensor = reports["reconstructor"]["topics"]["points"], reports["sketcher"]["topics"]["sensor"]
     lines += ["", f"  look      ros2 topic hz {points}; rviz2, PointCloud2 on {points}",
               "  health    ros2 topic echo /diagnostics"]
     if PLAYER not in reports:
         lines.append(f"  waiting   for a driver: {sensor}, then photons or gates; docs/quickstart-driver.md writes one")
     return "\n".join([*lines, ""])
-
-
-def _topics(title: str, names: list[str]) -> list[str]:
-    return textwrap.wrap("  ".join(dict.fromkeys(names)), 110, initial_indent=f"    {title}  ",
-                         subsequent_indent=" " * 9)

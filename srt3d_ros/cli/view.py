@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from srt3d_ros.children import wait_or_kill
 from srt3d_ros.errors import require
+from srt3d_ros.processes import wait_or_kill
 
 PORT = 9876             # rerun's own
 LOOPBACK = "127.0.0.1"
@@ -105,6 +105,6 @@ def _serve(recordings: list[Path]) -> int:
 
 
 def _viewer(*arguments: str) -> list[str]:
-    """The command of the viewer, which is a server, too, and listens to the whole network unless told otherwise."""
+    """The command of the viewer, which is a server, too, and by default listens to the whole network."""
     import rerun_cli
     return [str(Path(rerun_cli.__file__).with_name("rerun")), "--bind", LOOPBACK, *arguments]

@@ -1,9 +1,8 @@
-"""The background's part of a sketch, where it does not spread evenly over the bins: known or estimated, and taken out.
+"""Backgrounds that do not spread evenly over the bins: known or estimated, and subtracted from the sketch.
 
 B background photons that spread over the bins like β(b) add B·β̂_l to the sums of a sketch, with
 β̂_l = Σ_b β(b) exp(i ω_l x_b) and x_b the centre of bin b; evenly spread ones add nothing in expectation. Fog before the
-scene, a dead time, or a gate that opens slowly give such backgrounds. Their part is taken from the sums, so that every
-later step sees a background that is flat.
+scene, a dead time, or a gate that opens slowly give such backgrounds.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUNDS = ("sensor", "flat", "estimate")
-CELL = 4                    # pixels: size of the cells that are looked at together
+CELL = 4                    # pixels: size of the cells in which photons are pooled
 POOL = (window_weights(4.0 / CELL), CELL)
 SURE = 7.0                  # standard deviations above which a cell's peak is a surface, not background
 ROUNDS = 4                  # of surfaces and background, each estimated from what the other leaves
@@ -31,15 +30,12 @@ HOT = 10.0                  # times the median of the pixels: a dark frame's pix
 
 
 class Background:
-    """Takes the background's part out of frames.
+    """Subtracts the background's part from frames.
 
     Args:
         matcher: of the frames.
         kind: "sensor": spread as the sensor's background_shape says, evenly if it says nothing; "flat": evenly,
             whatever it says; "estimate": as each frame itself shows.
-
-    Raises:
-        InvalidInput: for another kind.
     """
 
     def __init__(self, matcher: Matcher, kind: str = "sensor"):
@@ -77,9 +73,9 @@ class Background:
     def _estimate(self, frame: MatchedFrame, cells: "_Cells", kernels) -> np.ndarray:
         """What each background photon adds to `matched` on average, float32 [2m]: Σ (matched − surfaces) / Σ B.
 
-        It begins with the mean of all photons: once less what is too sharp to be background, for a wall that fills the
-        view would be in it, and once with that, for the edge of a gate may be sharp. The second is right if it leaves
-        much less unexplained and has not taken all surfaces for background.
+        The start is the mean of all photons: once without what is too sharp to be background, as a wall that fills the
+        view is, and once with that, for the edge of a gate may be sharp. The second is right if it leaves much less
+        unexplained and has not taken all surfaces for background.
         """
         every = cells.matched.sum(axis=(0, 2)) / max(cells.photons.sum(), 1e-6)
         (mean, rest, _), (other, other_rest, seen) = (self._alternate(frame, cells, start, kernels) for start in (
@@ -88,7 +84,7 @@ class Background:
 
     def _alternate(self, frame: MatchedFrame, cells: "_Cells", mean: np.ndarray,
                    kernels) -> tuple[np.ndarray, float, float]:
-        """Surfaces and background in turn.
+        """Surfaces and background in turn, from `mean`, what a background photon adds at first.
 
         Returns:
             What a background photon adds; Σ |rest|² over its variance; the share of cells with a surface.
@@ -106,17 +102,10 @@ class Background:
 
 
 def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
-    """background_shape of a sensor from photons recorded without the laser's echo: their histogram.
+    """background_shape of a sensor, float32 [T], from photons recorded without the laser's echo: their histogram.
 
     Each pixel's photons count from its delay; masked pixels and hot ones are left out. No smoothing is needed: a sketch
     sees low frequencies alone, and N photons give each of these with a standard deviation of 1/√(2N).
-
-    Args:
-        frame: photons of this sensor.
-        sensor: gives pixels, T, delay and mask.
-
-    Returns:
-        float32 [T], sum 1.
 
     Raises:
         InvalidInput: photons outside the sensor, or none that count.
@@ -166,7 +155,7 @@ def _surfaces(frame: MatchedFrame, cells: _Cells, every: np.ndarray, signal: np.
 
 
 def _sharpened(frame: MatchedFrame, rest: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depths after two Newton steps, and their intensities: what the filter's grid leaves over would be background."""
+    """Depths after two Newton steps, and their intensities; an error of the filter's grid would pass for background."""
     m = len(frame.energy)
     omega = 2 * np.pi * frame.bin_frequencies[:, None]
     for last in (False, False, True):

@@ -1,4 +1,4 @@
-"""PointCloud: what a reconstruction gives."""
+"""PointCloud: what a reconstruction returns."""
 
 from dataclasses import dataclass, replace
 
@@ -6,20 +6,6 @@ import numpy as np
 
 from srt3d_ros.core.projection import Pinhole, Projection
 from srt3d_ros.core.sensor import SensorModel
-
-
-def points_of(intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where the points of K layers lie, sorted by pixel, the strongest of a pixel first.
-
-    Args:
-        intensity: float32 [rows, K, cols]; 0 = no point.
-
-    Returns:
-        row, layer, col, and rank: 0 for the strongest point of its pixel; int [N] each.
-    """
-    order = np.argsort(-intensity, axis=1, kind="stable")
-    row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
-    return row, order[row, rank, col], col, rank
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +41,16 @@ class PointCloud:
 
         Args:
             sensor: places the points.
-            depth: float32 [rows, K, cols], bins.
+            depth, std: float32 [rows, K, cols], bins.
             intensity: float32 [rows, K, cols]; 0 = no point.
-            std: float32 [rows, K, cols], of the depths, bins.
             background: float32 [rows, cols], expected background photons.
             stamp_ns: start of acquisition.
         """
-        row, layer, col, rank = points_of(intensity)
+        order = np.argsort(-intensity, axis=1, kind="stable")
+        row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
+        layer = order[row, rank, col]
         depth, intensity, std = (values[row, layer, col].astype(np.float32) for values in (depth, intensity, std))
-        depth %= np.float32(sensor.num_bins)
-        depth[depth >= sensor.num_bins] = 0                     # where rounding made it T
+        depth = _wrapped(depth, sensor.num_bins)
         return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.clip(std, 1e-6, sensor.num_bins),
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
 
@@ -85,8 +71,7 @@ class PointCloud:
     def depth_image(self, projection: Projection) -> np.ndarray:
         """What a depth image shows (REP-118) of the strongest points; float32 [rows, cols], metres, NaN = no point.
 
-        Args:
-            projection: the sensor's: z in the optical frame for a pinhole, the range along the ray for a scanner.
+        That is z in the optical frame for a pinhole, the range along the ray for a scanner.
         """
         return self._image(self.xyz[:, 2]) if isinstance(projection, Pinhole) else self.range_image()
 
@@ -112,3 +97,41 @@ class PointCloud:
         out = np.full(self.background.shape, np.nan, np.float32)
         out[self.row[chosen], self.col[chosen]] = values[chosen]
         return out
+
+
+def refine(cloud: PointCloud, factor: int, sensor: SensorModel, slope_row: np.ndarray,
+           slope_col: np.ndarray) -> PointCloud:
+    """The cloud on `factor` × `factor` finer pixels in the place of each: t(x, y) = t + x · slope_col + y · slope_row.
+
+    Each point becomes one in every finer pixel, on its tangent plane, x and y pixels from the centre. Intensity and
+    background are photons of a finer pixel, an equal share of the pixel's; the standard deviation stays, for the depths
+    of a pixel's points are wrong together. Faster than to reconstruct split sketches on the finer grid, and better
+    where photons are few: windows of the same number of pixels would pool factor² times fewer photons.
+
+    Args:
+        cloud: on the pixels of the sketch.
+        factor: finer pixels along the side of a pixel.
+        sensor: the finer one, which places the points.
+        slope_row, slope_col: float32 [N], bins per pixel downwards and to the right.
+    """
+    y, x = np.divmod(np.arange(factor**2), factor)
+    row, col = ((of_pixel[:, None].astype(np.int64) * factor + finer).reshape(-1)
+                for of_pixel, finer in ((cloud.row, y), (cloud.col, x)))
+    surface = cloud.surface.repeat(factor**2)
+    order = np.lexsort((surface, col, row))
+    down, right = (((finer + 0.5) / factor - 0.5).astype(np.float32) for finer in (y, x))
+    rise = slope_row[:, None] * down + slope_col[:, None] * right
+    depth = _wrapped(cloud.depth_bins[:, None] + rise, sensor.num_bins).reshape(-1)[order]
+    row, col, share = row[order], col[order], np.float32(1 / factor**2)
+    return replace(cloud, row=row.astype(np.uint16), col=col.astype(np.uint16), depth_bins=depth,
+                   intensity=(cloud.intensity * share).repeat(factor**2)[order],
+                   depth_std_bins=cloud.depth_std_bins.repeat(factor**2)[order], xyz=sensor.xyz(row, col, depth),
+                   surface=surface[order],
+                   background=(cloud.background * share).repeat(factor, axis=0).repeat(factor, axis=1))
+
+
+def _wrapped(depth: np.ndarray, num_bins: int) -> np.ndarray:
+    """Depths modulo T, float32."""
+    depth = np.mod(depth, np.float32(num_bins))
+    depth[depth >= num_bins] = 0                     # where rounding made it T
+    return depth

@@ -1,4 +1,4 @@
-"""Selection of the kernels by the name of a device: the only place that knows which backends there are."""
+"""Selects the kernels by the name of a device; no other module knows which backends there are."""
 
 import ctypes
 import logging
@@ -17,9 +17,7 @@ DRIVER = "libcuda.so.1"
 
 
 def kernels_for(device: str) -> tuple[str, Kernels]:
-    """The device that is meant, "cpu" or "cuda", and its kernels.
-
-    Where "auto" finds no GPU it says so once, to Python's log. "reference" gives the kernels of the specification.
+    """The device, "cpu" or "cuda", and its kernels; where "auto" finds no GPU, Python's log says so once.
 
     Raises:
         InvalidInput: there is no such device, or what it needs is not installed.
@@ -57,9 +55,9 @@ def check_cuda() -> None:
 
 
 def missing_for_cuda() -> str:
-    """What the CUDA kernels lack first to run on a GPU; empty if nothing."""
+    """The first thing that the CUDA kernels lack to run on a GPU; empty if nothing."""
     try:
-        ctypes.CDLL(DRIVER)     # before torch, whose import would keep all who have no GPU waiting
+        ctypes.CDLL(DRIVER)     # before torch, whose import takes long
     except OSError:
         return "no CUDA device"
     if packages := _missing_packages():

@@ -6,11 +6,11 @@ import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
 
-STEPS = 4                   # from the middle of the image to the pixel, so that no other solution is run into
+STEPS = 4                   # from the middle of the image to the pixel, so that Newton's method keeps to one solution
 ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
 PRECISION = 1e-12           # of the solution, relative to the focal length
-BLOCK = 2**16               # places looked at together, whose numbers stay in the cache
-SAMPLES = 64                # between the middle and a pixel, where the model must not fold
+BLOCK = 2**16               # places computed together, whose numbers stay in the cache
+SAMPLES = 64                # from the middle to a pixel, where the model must not fold
 
 
 @dataclass(frozen=True)

@@ -9,37 +9,43 @@ Within the open frame packets may come in any order: sketches add. What is older
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 HELD_BYTES = 2**25      # newest packets that are kept to be compared with: more than a network delays a packet's double
 SAMPLE_BYTES = 32       # of a packet, to look it up by
 AS_MANY_AS_COME = 1     # with a period, a number of packets that says nothing
 
 
+class OpenFrame(NamedTuple):
+    """Packets of a frame, and the photons in them."""
+
+    packets: int = 0
+    photons: int = 0
+
+
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """What to do about a packet, in this order; the numbers are packets, 0 for "nothing to do".
+    """What to do about a packet, in this order.
 
     Args:
-        ended: the open frame has so many and ends without this one.
-        forgotten: the open frame has so many and is given up.
+        ended: the frame that ends without this packet, or None.
+        forgotten: the frame that is given up, or None.
         began_again: no frame before this packet belongs together with it.
-        dropped: why this packet must not be used, "late" or "duplicate"; empty if it is to be added.
-        completed: the open frame has so many with this one, and is complete.
+        dropped: why this packet must not be used, "late" or "duplicate"; if empty, `Framing.add` it.
     """
 
-    ended: int = 0
-    forgotten: int = 0
+    ended: OpenFrame | None = None
+    forgotten: OpenFrame | None = None
     began_again: bool = False
     dropped: str = ""
-    completed: int = 0
 
 
 class Framing:
-    """Tells, packet by packet, where frames end; knows nothing of photons.
+    """Finds, packet by packet, where frames end, and counts the open frame.
 
     The grid of periods begins before the first packet by half the time to the second, but at most by half a period,
-    so that stamps which jitter stay in their period. While stamps repeat, each is compared in full with its likes:
-    drivers that stamp all packets of a frame alike are not taken for a network that doubles them.
+    so that stamps which jitter stay in their period. While stamps repeat, each packet is compared in full with those
+    of its stamp: a driver that stamps all packets of a frame alike does not send duplicates.
 
     Args:
         packets: that complete a frame; with a period 1 stands for as many as come.
@@ -52,25 +58,27 @@ class Framing:
         self.settings = packets, period_ns, gap_ns
         self._period_ns, self._gap_ns = period_ns, gap_ns
         self._packets = 0 if period_ns and packets == AS_MANY_AS_COME else packets
+        self.open = OpenFrame()
         self.clear()
 
-    def clear(self) -> None:
-        """Forget all stamps: what comes next is the first packet."""
-        self.open = 0                           # packets of the open frame
+    def clear(self) -> OpenFrame | None:
+        """Forget all stamps: the next packet is the first. The open frame, if it has packets."""
+        frame, self.open = self.open, OpenFrame()
         self._start_ns: int | None = None       # of the open frame: its earliest stamp
         self._newest_ns: int | None = None
         self._over: int | None = None           # the last frame: by number its start, by stamp its period
         self._grid_ns: int | None = None        # where period 0 begins
-        self._first_ns: int | None = None       # until the second stamp tells how far apart packets are
+        self._first_ns: int | None = None       # until the second stamp shows how far apart packets are
         self._recent = _Recent()
+        return frame if frame.packets else None
 
     def place(self, stamp_ns: int, content: bytes) -> Placed:
-        """What a packet means. All that it says must be done: the frame counts the packet, unless it is dropped."""
-        ended = forgotten = 0
+        """What a packet means for the frames; see Placed."""
+        ended = forgotten = None
         began_again = self._newest_ns is not None and abs(stamp_ns - self._newest_ns) > self._gap_ns
         if began_again:
-            ended, forgotten = (self.open, 0) if self._period_ns else (0, self.open)
-            self.clear()
+            frame = self.clear()
+            ended, forgotten = (frame, None) if self._period_ns else (None, frame)
         if self._period_ns:
             self._lay_grid(stamp_ns)
         if self._is_late(stamp_ns):
@@ -81,21 +89,24 @@ class Framing:
             self._recent.keep(stamp_ns, content)
         if self._is_of_later_period(stamp_ns):
             ended = self._end()
-        self.open += 1
+        return Placed(ended, forgotten, began_again)
+
+    def add(self, stamp_ns: int, photons: int = 0) -> OpenFrame | None:
+        """Count a packet that was placed in the open frame; the frame if it is complete now."""
+        self.open = OpenFrame(self.open.packets + 1, self.open.photons + photons)
         self._start_ns = stamp_ns if self._start_ns is None else min(self._start_ns, stamp_ns)
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
-        completed = self._end() if self.open == self._packets else 0
-        return Placed(ended, forgotten, began_again, "", completed)
+        return self._end() if self.open.packets == self._packets else None
 
-    def end_of_silence(self) -> int:
-        """No packet came for long: the packets of the open frame, which ends if it has a period; else 0."""
-        return self._end() if self._period_ns and self.open else 0
+    def end_after_silence(self) -> OpenFrame | None:
+        """The open frame, which ends if it has a period; else None."""
+        return self._end() if self._period_ns and self.open.packets else None
 
-    def _end(self) -> int:
-        packets, self.open = self.open, 0
+    def _end(self) -> OpenFrame:
+        frame, self.open = self.open, OpenFrame()
         self._over = self._period_of(self._start_ns) if self._period_ns else self._start_ns
         self._start_ns = None
-        return packets
+        return frame
 
     def _is_late(self, stamp_ns: int) -> bool:
         if not self._period_ns:
@@ -105,7 +116,9 @@ class Framing:
                 or self._start_ns is not None and period < self._period_of(self._start_ns))
 
     def _is_of_later_period(self, stamp_ns: int) -> bool:
-        return bool(self._period_ns and self.open) and self._period_of(stamp_ns) > self._period_of(self._start_ns)
+        if not (self._period_ns and self.open.packets):
+            return False
+        return self._period_of(stamp_ns) > self._period_of(self._start_ns)
 
     def _period_of(self, stamp_ns: int) -> int:
         return (stamp_ns - self._grid_ns) // self._period_ns

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.frequency_design import design
+from srt3d_ros.core.frequency_design import design, increasing
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
@@ -18,12 +18,9 @@ def angular_frequencies(frequencies, num_bins: int) -> np.ndarray:
 
 
 def irf_spectrum(sensor: SensorModel, frequencies) -> np.ndarray:
-    """ĥ(ω_l) = Σ_b irf[b] exp(i ω_l (b − irf_ref)): the expected sketch of a return at depth 0.
+    """ĥ(ω_l) = Σ_b irf[b] exp(i ω_l (b − irf_ref)), complex128 [m], or [pixels, m] if the sensor has an IRF per pixel.
 
-    The sign is that of the sketch exp(+i ω x), so that a return at depth d has the sketch ĥ(ω) exp(i ω d).
-
-    Returns:
-        complex128 [m], or [pixels, m] if the sensor has an IRF per pixel.
+    A return at depth d has the expected sketch ĥ(ω) exp(i ω d).
     """
     bins = np.arange(sensor.irf.shape[-1]) - sensor.irf_ref
     phases = np.exp(1j * np.outer(bins, angular_frequencies(frequencies, sensor.num_bins)))
@@ -44,10 +41,7 @@ def spread(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
     most = max((sensor.num_bins - 1) // 2, 1)
     below = np.flatnonzero(_passed(sensor)[1:most + 1] < PASSBAND)
     top = int(below[0]) if len(below) else most
-    chosen: list[int] = []
-    for wanted in np.geomspace(1, max(top, 1), sketch_size):
-        chosen.append(max(round(wanted), chosen[-1] + 1 if chosen else 1))
-    return tuple(chosen)
+    return increasing(np.geomspace(1, max(top, 1), sketch_size))
 
 
 def _passed(sensor: SensorModel) -> np.ndarray:

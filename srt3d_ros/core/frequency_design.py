@@ -1,12 +1,12 @@
 """The frequencies that make the expected depth error of a sketch least (docs/frequencies.md).
 
-What a matched filter on the sketch of one surface does wrong is of two kinds: it misses the top of the right peak a
-little, or it takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans.
-Inf. Theory 15, 1969; S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
+A matched filter on the sketch of one surface errs in two ways: it misses the top of the right peak a little, or it
+takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory
+15, 1969; S. Bellini and G. Tartara, IEEE Trans. Commun. 22, 1974), here for the mean absolute error:
 
     E|t̂ − t| ≥ ∫ max{P(d'): d' ≥ d} dd over 0 < d < T/2,   P(d) = Q(s·D(d) / √(s·V(d) + b·D(d)))
 
-P(d) is the probability that s signal and b background photons speak for depth t + d rather than for t. With a photon's
+P(d) is the probability that s signal and b background photons favour depth t + d over t. With a photon's
 response q(x) = Σ_l Re conj(ĥ_l) exp(i ω_l x) at x bins from a surface, D(d) = Σ_l |ĥ_l|² (1 − cos ω_l d) is by how much
 a signal photon prefers the truth on average, b·D(d) the variance that the background adds to the preference, and
 V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d that is the sandwich variance of the estimator
@@ -34,14 +34,9 @@ _erfc = np.vectorize(math.erfc, otypes=[float])
 
 
 def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
-    """The m frequencies of a smooth progression from 1 with the least expected depth error.
+    """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
-    Args:
-        sensor: gives T and the IRF; of an IRF per pixel, the most typical one counts.
-        sketch_size: m, 1 … (T − 1) / 2.
-
-    Returns:
-        Increasing integers; the same for the same IRF, T and m. Known designs are remembered.
+    Of an IRF per pixel, the most typical one counts.
     """
     return _design(_typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size)
 
@@ -49,11 +44,15 @@ def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
 def progression(top: int, sketch_size: int) -> tuple[int, ...]:
     """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
 
-    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1, rounded, and moved up where two would coincide.
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1.
     """
     u = np.linspace(0, 1, sketch_size)
     a = float(top)**BEND
-    wanted = 1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u)
+    return increasing(1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u))
+
+
+def increasing(wanted: np.ndarray) -> tuple[int, ...]:
+    """Increasing integers from 1: the wanted numbers rounded, and moved up where two would coincide."""
     chosen: list[int] = []
     for value in wanted:
         chosen.append(max(round(value), chosen[-1] + 1 if chosen else 1))

@@ -1,4 +1,4 @@
-"""What the iterations see of a frame: its sketch, calibrated and matched to the IRF."""
+"""MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -15,8 +15,8 @@ from srt3d_ros.kernels import maps
 
 MAX_SUM = 1.001 * MAX_PHOTONS       # the rest is for rounding
 TABLE_STEPS = 256
-TOGETHER = 2**22            # numbers that are computed at once
-BLIND = 0.01                # |ĥ| below which a frequency says nothing of the depth
+TOGETHER = 2**22            # numbers computed at once
+BLIND = 0.01                # |ĥ| below which a frequency tells nothing of the depth
 WEAKEST_PASSBAND = 0.25     # a pixel's |ĥ| is not equalised further than this, against the mean of the pixels
 
 
@@ -25,8 +25,8 @@ class MatchedFrame:
     """The sufficient statistics of Σ_l |sums_l − r ĥ_l exp(i ω_l t)|² for every pixel, and constants of the sensor.
 
     That data term depends on a pixel's photons only through conj(ĥ_l) · sums_l; the statistics of several pixels that
-    see one surface add up. Delay and IRF of a pixel are taken out here; of its photons a gain g makes g times as many,
-    signal and background alike, so that it acts as an exposure time.
+    see one surface add up. A gain g makes g times as many photons, signal and background, so it acts as an exposure
+    time.
 
     Args:
         matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
@@ -70,7 +70,7 @@ class MatchedFrame:
 
     @property
     def resolution_bins(self) -> float:
-        """Width of the matched filter's peak: depths that lie closer are hardly told apart."""
+        """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
 
     def noise_ratio(self, depth_bins: np.ndarray) -> np.ndarray | float:
@@ -91,14 +91,10 @@ class MatchedFrame:
 
 
 class Matcher:
-    """Makes the MatchedFrame of a sketch: everything that depends on sensor and frequencies alone is computed once.
-
-    Args:
-        sensor: IRF and calibration.
-        frequencies: the integers k_l.
+    """Makes the MatchedFrame of a sketch; what depends on sensor and frequencies alone is computed once.
 
     Raises:
-        InvalidInput: if the IRF passes none of the frequencies.
+        InvalidInput: the IRF passes none of the frequencies.
     """
 
     def __init__(self, sensor: SensorModel, frequencies):
@@ -123,29 +119,22 @@ class Matcher:
         self.spectrum = spectrum.mean(axis=0)
         energy, bin_frequencies = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
-        self.moments, intensity_moments = score_moments(sensor, omega, np.conj(self.spectrum), energy)
+        self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
             "exposure": self._exposure, "energy": energy, "bin_frequencies": bin_frequencies,
             "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
-            "max_response": max_response, "background_table": background_table, **curvatures(energy, bin_frequencies)}
+            "max_response": max_response, "background_table": background_table, "total_energy": float(energy.sum()),
+            "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def __call__(self, sketch: Sketch) -> MatchedFrame:
-        """The MatchedFrame of a sketch that was taken with this sensor and these frequencies."""
+        """The MatchedFrame of a sketch."""
         self.check(sketch)
         sketch = sketch.on_host()
         counts = sketch.photons.astype(np.float32) * self.used
         return MatchedFrame(self.matched(sketch.sums), counts, **self._constants)
 
     def padded_on(self, kernels, clutter: np.ndarray | None) -> Callable[..., MatchedFrame]:
-        """What makes a padded MatchedFrame of padded maps on the kernels' device.
-
-        Args:
-            kernels: the device's kernels.
-            clutter: of the MatchedFrame.
-
-        Returns:
-            A function of `MatchedFrame.matched` and `MatchedFrame.counts`.
-        """
+        """Function from padded `matched` and `counts` to a MatchedFrame with this `clutter`, on the kernels' device."""
         constants = on_device({**self._constants, "exposure": maps.pad(self._exposure), "clutter": clutter,
                                "size": self._exposure.shape}, kernels)
         return lambda matched, counts: MatchedFrame(matched, counts, **constants)
@@ -167,13 +156,8 @@ class Matcher:
         return np.concatenate([matched.real, matched.imag], axis=1).astype(np.float32, order="C")
 
 
-def curvatures(energy: np.ndarray, bin_frequencies: np.ndarray) -> dict[str, float]:
-    """`total_energy` and `curvature` of a MatchedFrame with these energies and frequencies."""
-    return {"total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
-
-
-def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
-                  energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
+                   energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Variances that a signal photon and a background photon add to the scores for depth and for intensity.
 
     The scores are Σ_l ω_l Im and Σ_l Re of f_l exp(i ω_l b) for a photon b bins from its surface, f_l the filters
@@ -185,7 +169,7 @@ def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
         sensor: gives the IRF; of an IRF per pixel the mean counts.
         omega: float64 [m], ω_l.
         filters: complex [m], f_l.
-        energy: float64 [m], |f_l|².
+        energy: |f_l|², [m].
 
     Returns:
         For depth and for intensity, float32 [2]: of a signal photon, of a background photon.
@@ -201,15 +185,14 @@ def score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
 
 
 def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:
-    """How improbable it is that photons of the background respond to a matched filter like signal.
+    """How improbable it is that background photons respond to a matched filter as signal does.
 
     The mean response of n of them reaches u with a probability of at most exp(−n I(u)), I(u) = max_λ λu − K(λ), where
     K(λ) is the logarithm of the mean of exp(λ · response) over all bins (Chernoff's bound).
 
     Returns:
         The greatest response, and √(2 I(u)) for u from 0 to it. For small u that is u / √(Σ|ĥ_l|² / 2), as of a normal
-        distribution, for large u far less: few photons that chance to agree are no rarity, though their response is
-        many standard deviations.
+        distribution, for large u far less: a few photons often agree by chance.
     """
     cells = 16 * max(frequencies)
     coefficients = np.zeros(cells // 2 + 1, complex)

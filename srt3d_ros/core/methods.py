@@ -1,4 +1,4 @@
-"""The ways to reconstruct, by the name that a user gives: ours and the ones that the SRT3D paper compares."""
+"""The methods by name: ours and the ones that the SRT3D paper compares."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,15 +34,15 @@ class Method:
     options: tuple[str, ...] = ()
 
     def build(self, sensor: SensorModel, frequencies=None, **options) -> Callable:
-        """A reconstructor: called with a Sketch, or with a PhotonFrame, it gives a PointCloud.
+        """A reconstructor: called with a Sketch, or with a PhotonFrame, it returns a PointCloud.
 
         Args:
-            sensor: what saw the photons.
-            frequencies: the integers k_l of the sketches; methods on photons have no use for them.
+            sensor: geometry, IRF and calibration.
+            frequencies: the integers k_l of the sketches; methods on photons ignore them.
             options: surfaces, device, and those that `self.options` names.
 
         Raises:
-            InvalidInput: for an option that the method does not take, or a value that it cannot use.
+            InvalidInput: an option that the method does not take, or a value that it cannot use.
         """
         for option, value in options.items():
             known = ("surfaces", "device", *self.options)
@@ -69,7 +69,7 @@ SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.need
 
 
 def refuse_old_name(name: str) -> None:
-    """Raise InvalidInput, which says the new name, if a method had this one before."""
+    """Raise InvalidInput with the new name if a method had this one before."""
     require(name not in OLD_NAMES, "method", name, f"its new name, {OLD_NAMES.get(name)}")
 
 
@@ -82,7 +82,7 @@ def find(name: str) -> Method:
 
 def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
     """Reconstruct photons with the method of this name, by way of their sketch if it needs no more."""
-    # It imports kernels, which a list of names does not need.
+    # Here, as it imports kernels, which a list of names does not need.
     from srt3d_ros.core.sketching import sketch_photons
 
     method = find(name)

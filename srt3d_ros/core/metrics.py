@@ -20,7 +20,7 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Metrics:
-    """How one cloud compares with the truth; NaN where nothing can be said.
+    """How one cloud compares with the truth; NaN where there is nothing to compare.
 
     Args:
         true_detections: share of the reference surfaces with a point within the tolerance.
@@ -65,11 +65,8 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         reference_intensity: the same shape, expected signal photons; gives `iae`.
         reference_background: float [rows, cols], expected background photons; gives `background_nmse`.
         counted: bool, the same shape as the depths: references that count. The others are neither missed nor found,
-            and points of their pixels, which may or may not lie on them, are not false. All unless given.
+            and points of their pixels are not false. All unless given.
         complete: pixels without a reference are known to see no surface, as in a simulation: points there are false.
-
-    Raises:
-        InvalidInput: a reference of another shape.
     """
     match = _match(cloud, reference_depth_bins, tolerance_bins, num_bins, counted, complete)
     total = max(int(match.counts.sum()), 1)
@@ -84,14 +81,10 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
 
 def shares_within(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int, deviations,
                   counted: np.ndarray | None = None) -> tuple[float, ...]:
-    """Share of the points whose depth error is at most 1, 2, … times their own `depth_std_bins`.
+    """Share of the points whose depth error is at most `deviations` (a sequence of numbers) times their own std.
 
     The error is that from the nearest reference of the pixel, however far; points in pixels without a reference, or
     with one that does not count, and points without a standard deviation are left out. NaN if none is left.
-
-    Args:
-        deviations: how many standard deviations, a sequence of numbers.
-        reference_depth_bins, num_bins, counted: as for `evaluate`.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     judged = _judged(_counted(counted, reference, cloud), reference, cloud) & (cloud.depth_std_bins > 0)
@@ -111,12 +104,7 @@ def depth_errors(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: 
 def median_offset(cloud: PointCloud, reference_depth_bins: np.ndarray, within_bins: float, num_bins: int) -> float:
     """Median of cloud − reference, bins, over the pixels with a point so near; 0 if there is none.
 
-    For a reference that was measured apart, with a zero of its own: subtract what is found here from the differences,
-    or add it to the reference.
-
-    Args:
-        reference_depth_bins: float [rows, cols], of one surface.
-        within_bins: points farther off are not looked at.
+    For a reference of one surface, [rows, cols], that was measured apart and has a zero of its own.
     """
     reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
     difference = _errors(cloud, reference, num_bins)
@@ -152,7 +140,7 @@ class _Match:
         point: index of that point, -1 if none.
         matched: it counts, and a point lies within the tolerance.
         near: [S, N], the point lies within the tolerance of the reference.
-        judged: [N], the truth about the point's pixel is known: it may be false.
+        judged: [N], the truth about the point's pixel is known, so that it may be false.
     """
 
     counts: np.ndarray

@@ -8,9 +8,9 @@ import numpy as np
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
-CHUNK = 2**16       # photons looked at together, so that what is compared stays in the cache
+CHUNK = 2**16           # photons compared together, so that they stay in the cache
 TOA_DTYPES = (np.uint16, np.uint32, np.float32)
-MAX_WORDS = 2**27       # of gates made from events: 256 MB
+MAX_WORDS = 2**27       # in gates made from events: 256 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class PhotonGates:
     Args:
         words: uint16 [G, rows, cols]; bin = word − sensor.gates.first_word, sensor.gates.no_detection = no photon.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
-        photons: number of photons, if whoever read the words has counted them.
+        photons: number of photons, if known.
     """
 
     words: np.ndarray

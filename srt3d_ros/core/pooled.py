@@ -17,13 +17,12 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros.core.background import Background
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
-from srt3d_ros.core.upsampling import refine
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import (
@@ -47,15 +46,13 @@ class Pooled:
         sensor: geometry, IRF and calibration.
         frequencies: the integers k_l of the sketches.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
-        false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours have
-            a say.
+        false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours vote.
         device: "cpu", "cuda", or "auto" for the best there is.
         background: how it spreads over the bins: as the "sensor" says, "flat", or an "estimate" from each frame.
-        warm_start: begin with the last frame's surfaces where this one's photons still speak for them, and search for
-            the others: less depth error while the scene goes on, a little more time where photons are few. For frames
-            that follow each other.
-        upsampling: u, 1 … 4: the cloud has u × u finer pixels in the place of each, see `upsampling.refine`; they are
-            those of `self.sensor`, and intensity and background are photons of one of them.
+        warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
+            the others: less depth error while the scene goes on. For frames that follow each other.
+        upsampling: u, 1 … 4: the cloud has u × u finer pixels in the place of each, see `refine`; they are those of
+            `self.sensor`.
 
     Raises:
         InvalidInput: for a parameter that cannot be used.
@@ -75,52 +72,59 @@ class Pooled:
         self._padded = self._matcher.padded_on(self.kernels, self._background.clutter)
         self._equaliser, self._used, self._rays = map(array, (self._matcher.equaliser, self._matcher.used, sensor.rays))
         self._scratch = self.kernels.Scratch()
-        self._first, self._next = (self.kernels.FrameStream(partial(self._points, warm)) for warm in (False, True))
-        self._warm_start, self._warm = warm_start, False
-
-    def forget(self) -> None:
-        """Begin the next frame as if it were the first."""
-        self._warm = False
+        self._cold_frames, self._warm_frames = (self.kernels.FrameStream(partial(self._points, warm))
+                                                for warm in (False, True))
+        self._warm_start, self._next_is_warm = warm_start, False
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
         return self.submit(sketch)()
 
     def submit(self, sketch: Sketch) -> Callable[[], PointCloud]:
-        """Begin a frame; what is returned waits for its cloud.
+        """Begin a frame; the function returned waits for its cloud.
 
-        On a GPU the next frame's sketch goes there, and the last one's cloud comes back, while a frame is computed: ask
-        for a cloud after the next frame has been submitted. A sketch that is there already stays there. On a CPU the
-        cloud is ready at once.
+        On a GPU the next frame's sketch is copied there, and the last one's cloud back, while a frame is computed: ask
+        for a cloud after the next frame has been submitted. A sketch on the GPU is not copied. On a CPU the cloud is
+        ready at once.
         """
         self._matcher.check(sketch)
-        maps = (sketch.sums,)
+        data = (sketch.sums,)
         if not self._background.is_flat:
             frame = self._background.remove(self._matcher(sketch)).padded
-            maps = frame.matched, frame.counts
-        pipeline = self._next if self._warm else self._first
-        wait = pipeline.submit(sketch.photons, *maps)
-        self._warm = self._warm_start
+            data = frame.matched, frame.counts
+        frames = self._warm_frames if self._next_is_warm else self._cold_frames
+        wait = frames.submit(sketch.photons, *data)
+        self._next_is_warm = self._warm_start
         return lambda: self._cloud(sketch.stamp_ns, *wait())
 
-    def _points(self, warm: bool, photons, *maps) -> tuple:
-        """The points of a frame and its background, of photons and sums, or of photons and a MatchedFrame's maps."""
-        kernels, scratch, sensor = self.kernels, self._scratch, self._matcher.sensor
-        if len(maps) == 1:
-            maps = kernels.prepare(*maps, photons, self._equaliser, self._used, scratch)
-        frame = self._padded(*maps)
-        enough = score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
-        last = continuation_threshold(self.false_alarm_rate)
+    def forget(self) -> None:
+        """Begin the next frame as if it were the first."""
+        self._next_is_warm = False
 
+    def _points(self, warm: bool, photons, *data) -> tuple:
+        """Background and points of a frame, from its photons and sums, or its photons and a MatchedFrame's maps."""
+        kernels, scratch, sensor = self.kernels, self._scratch, self._matcher.sensor
+        found = score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
+        continued = continuation_threshold(self.false_alarm_rate)
+
+        # Match: take delay, gain and IRF of each pixel out of the data term.
+        frame = self._padded(*(data if len(data) == 2 else
+                               kernels.prepare(*data, photons, self._equaliser, self._used, scratch)))
+
+        # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state, carried = self._empty(frame, warm)
-        self._search(frame, state, SURE_SCALES, SURE, carried, last)
+        self._search(frame, state, SURE_SCALES, SURE, carried, continued)
         state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
         kernels.drop_weak(state, WEAK)
-        self._search(frame, state, REST_SCALES, enough)
+        self._search(frame, state, REST_SCALES, found)
+
+        # Iterate over wider windows.
         for sigma, radius in WINDOWS[1:]:
             state = self._iterate(frame, state, sigma, radius)
+
+        # Finalise: threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state, scratch)
-        intensity, std, background = kernels.finalise(frame, photons, state, terms, last, scratch)
+        intensity, std, background = kernels.finalise(frame, photons, state, terms, continued, scratch)
         return background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
                                             float(sensor.range_m(0)), sensor.num_bins)
 
@@ -136,9 +140,9 @@ class Pooled:
     def _search(self, frame: MatchedFrame, state, scales, enough: float, carried=None, confirmed: float = 0.0) -> None:
         """Matched filter on sketches pooled at growing scales; the first scale at which a pixel is sure decides.
 
-        A scale pools the pixels that finer ones, or an earlier search, left open. At the last one `enough` is enough.
-        Further surfaces are searched for in what those before leave unexplained; only sure ones count. Surfaces that
-        are carried over from the last frame need a score of `confirmed`.
+        A scale pools the pixels that finer ones, or an earlier search, left open. At the last scale a score of `enough`
+        decides. Further surfaces are searched for in what those before leave unexplained; only sure ones count.
+        Surfaces that are carried over from the last frame need a score of `confirmed`.
         """
         for layer in range(self.surfaces):
             matched = frame.matched
@@ -150,7 +154,7 @@ class Pooled:
                 self.kernels.search(frame, matched, state, layer, *scale, least, self._scratch, carried, confirmed)
 
     def _iterate(self, frame: MatchedFrame, state, sigma: float, radius: int, steps: int = 1):
-        """Let surfaces compete and spread, then step to the top of the data terms pooled over the window."""
+        """Birth and death of surfaces, then Gauss-Newton steps on the data terms pooled over the window."""
         kernels, scratch = self.kernels, self._scratch
         terms = kernels.expand(frame, state, scratch)
         state = kernels.birth_death(frame, state, terms, SAME_SURFACE**2, scratch)
@@ -160,33 +164,33 @@ class Pooled:
             state = kernels.pooled_step(frame, state, terms, sigma, radius, SAME_SURFACE**2, scratch, after)
         return state
 
+    def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
+        depth, intensity, std, *slopes = values
+        cloud = PointCloud(row, col, depth, intensity, std, xyz, rank, background, stamp_ns)
+        return cloud if self.upsampling == 1 else refine(cloud, self.upsampling, self.sensor, *slopes)
+
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others.
 
-        On a GPU the memory of the frames is made too, and what is computed recorded: for frames of this size.
+        On a GPU, frames of this size are run, which also allocates their memory and records what is computed.
         """
         if self.kernels.WARM_FRAMES:
             for _ in range(self.kernels.WARM_FRAMES + self._warm_start):
                 self(noise_sketch(self._matcher.sensor, self._matcher.frequencies))
-            self._warm = False
+            self.forget()
         else:
             small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
                 -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
             Pooled(small, self._matcher.frequencies, self.surfaces, device=self.device)(
                 noise_sketch(small, self._matcher.frequencies))
 
-    def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
-        """The cloud of a frame's points."""
-        depth, intensity, std, *slopes = values
-        cloud = PointCloud(row, col, depth, intensity, std, xyz, rank, background, stamp_ns)
-        return cloud if self.upsampling == 1 else refine(cloud, self.upsampling, self.sensor, *slopes)
 
-
-def check_options(surfaces: int, false_alarm_rate: float) -> None:
-    """Raise InvalidInput unless both can be used."""
+def check_options(surfaces: int, false_alarm_rate: float | None) -> None:
+    """Raise InvalidInput unless both can be used; a rate of None stands for no test."""
     require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
             f"an integer from 1 to {MAX_SURFACES}")
-    require(0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate, "a probability between 0 and 1")
+    require(false_alarm_rate is None or 0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate,
+            "a probability between 0 and 1")
 
 
 def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:

@@ -1,7 +1,4 @@
-"""What has to be compiled before photons become clouds on a CPU: two parts, to be compiled at the same time.
-
-Each function runs the code that needs its kernels, on next to no data.
-"""
+"""Compiles the kernels of the CPU ahead of time: each function runs the code that needs some of them, on few data."""
 
 from types import SimpleNamespace
 
@@ -22,7 +19,7 @@ FREQUENCIES = choose("auto", ANY_SENSOR, 3)
 
 
 def sketching() -> None:
-    """Sketch photons in every form in which they may arrive, so that nothing is compiled while frames wait."""
+    """Sketch photons in every form in which they may arrive."""
     sketcher = WindowSketcher(ANY_SENSOR, (1,))
     sketcher.add(PhotonGates(np.zeros((1, 1, 2), np.uint16)))
     for toa_dtype in TOA_DTYPES:

@@ -1,4 +1,4 @@
-"""Where a pixel looks: unit rays in the sensor's frame, from which range gives a point."""
+"""Projections: the unit ray of each pixel in the sensor's frame."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import require
 
 DEFAULT_FOV_DEG = 30.0
-FOCAL_LENGTHS = 1e-6, 1e100     # pixels; with the next one, squares of what a ray is made of stay numbers
+FOCAL_LENGTHS = 1e-6, 1e100     # pixels; these and MAX_CENTRE keep squares of a ray's coordinates finite
 MAX_CENTRE = 1e9                # pixels
 MAX_ANGLE_RAD = 1e6
 
@@ -46,7 +46,7 @@ class Pinhole:
     def check(self, rows: int, cols: int) -> None:
         """Raise InvalidInput unless the distortion can be taken off everywhere in an image of this size."""
         if self.distortion:
-            x, y = self._places(rows, cols)     # what holds on the border and from there to the middle holds inside
+            x, y = self._places(rows, cols)     # checks border and lines to the middle: all of it
             self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
 
     def rays(self, rows: int, cols: int) -> np.ndarray:

@@ -35,7 +35,7 @@ class GateWords:
 
 @dataclass(frozen=True, eq=False)
 class SensorModel:
-    """Geometry, timing and calibration of a sensor; immutable.
+    """Geometry, timing and calibration of a sensor.
 
     Depths and float ToA are positions on one axis of bins, an integer ToA b is the whole bin b. `toa_reference` says
     where that bin lies: with "bin_center" its centre is at b and it spans b − ½ … b + ½, with "bin_edge" it spans
@@ -89,7 +89,7 @@ class SensorModel:
             require((2 if name == "num_bins" else 1) <= value <= most, name, value,
                     f"an integer from {2 if name == 'num_bins' else 1} to {most}")
             object.__setattr__(self, name, value)
-        require(self.rows * self.cols <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}",
+        require(self.pixels <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}",
                 f"at most {MAX_PIXELS} pixels")
         for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
             object.__setattr__(self, name, _finite(name, getattr(self, name)))
@@ -113,9 +113,8 @@ class SensorModel:
 
     def _checked_irf(self) -> np.ndarray:
         irf = _array("irf", self.irf, np.float64)
-        pixels = self.rows * self.cols
-        require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == pixels), "irf shape",
-                irf.shape, f"[L], or [{pixels}, L] for an IRF per pixel")
+        require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == self.pixels), "irf shape",
+                irf.shape, f"[L], or [{self.pixels}, L] for an IRF per pixel")
         require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
         return _normalised("irf", irf, "finite float32 values of 0 or more (remove the baseline)", "some response")
 
@@ -168,7 +167,7 @@ class SensorModel:
         return TOA_REFERENCES[self.toa_reference]
 
     def toa_positions(self, toa: np.ndarray) -> np.ndarray:
-        """ToA on the axis of depths, float32 [N]: integer ToA are the centres of their bins."""
+        """ToA on the axis of depths, float32 [N]; integer ToA are the centres of their bins."""
         return toa if toa.dtype.kind == "f" else toa.astype(np.float32) + np.float32(self.first_bin_center)
 
     def toa_bins(self, toa: np.ndarray) -> np.ndarray:
@@ -187,15 +186,11 @@ class SensorModel:
         return (self.rays[row, col] * self.range_m(depth_bins)[:, None]).astype(np.float32)
 
     def replace(self, **changes) -> "SensorModel":
-        """A copy with some fields changed, checked again."""
+        """A copy with some fields changed and checked."""
         return replace(self, **changes)
 
     def upsampled(self, factor: int) -> "SensorModel":
-        """A sensor that sees the same with `factor` × `factor` finer pixels, all alike, in the place of each.
-
-        Raises:
-            InvalidInput: `factor` is not an integer from 1 to 4, or these would be more pixels than a sensor may have.
-        """
+        """A sensor that sees the same with `factor` × `factor` finer pixels, factor 1 … 4, in the place of each."""
         require(type(factor) is int and 1 <= factor <= MAX_UPSAMPLING, "upsampling", factor,
                 f"an integer from 1 to {MAX_UPSAMPLING}")
         if factor == 1:
@@ -213,15 +208,8 @@ class SensorModel:
 
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""
-        if other is None:
-            return False
-        return all(_same(getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
-
-
-def _same(a, b) -> bool:
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return a is not None and b is not None and np.array_equal(a, b)
-    return a == b
+        return other is not None and all(np.array_equal(getattr(self, name), getattr(other, name))
+                                         for name in self.__dataclass_fields__)
 
 
 def _normalised(name: str, density: np.ndarray, range_wanted: str, sum_wanted: str) -> np.ndarray:

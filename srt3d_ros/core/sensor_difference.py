@@ -7,15 +7,14 @@ import numpy as np
 from srt3d_ros.core.sensor import SensorModel
 
 RTOL = 1e-5             # drivers print floats to six digits
-ABSENT = "absent"
 Difference = tuple[str, object, object]
 
 
 def first_difference(one: SensorModel, other: SensorModel) -> Difference | None:
-    """The first key of `sensor`, in the order of its schema, that the two describe differently, and both values.
+    """The first key, in the order of the schema, that the two describe differently, and both values; None if none does.
 
     Numbers are the same to a relative RTOL. Of an array the key names the first element that differs, as in
-    "irf[3]", or "irf shape"; what is left out is "absent".
+    "irf[3]", or "irf shape". A value that is left out is "absent".
     """
     return _difference("", one, other)
 
@@ -24,7 +23,7 @@ def _difference(name: str, one, other) -> Difference | None:
     if one is None or other is None:
         if one is other:
             return None
-        return (name, *(ABSENT if value is None else "given" if _has_parts(value) else value for value in (one, other)))
+        return (name, *(_shown(value) for value in (one, other)))
     if is_dataclass(one):
         return _difference_of_parts(name, one, other)
     if isinstance(one, np.ndarray):
@@ -33,8 +32,10 @@ def _difference(name: str, one, other) -> Difference | None:
     return None if same else (name, one, other)
 
 
-def _has_parts(value) -> bool:
-    return is_dataclass(value) or isinstance(value, np.ndarray)
+def _shown(value):
+    if value is None:
+        return "absent"
+    return "given" if is_dataclass(value) or isinstance(value, np.ndarray) else value
 
 
 def _difference_of_parts(name: str, one, other) -> Difference | None:

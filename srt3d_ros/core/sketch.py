@@ -27,8 +27,8 @@ def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
 class Sketch:
     """Per pixel, the sum over its photons of exp(i ω_l x_p), ω_l = 2π k_l / T, and their number.
 
-    The paper's sketch is the mean, z_l = sums_l / n (eq. 3); the sum is kept because sums of disjoint sets of
-    photons add: over time, over pixels and over sensors.
+    The paper's sketch is the mean, z_l = sums_l / n (eq. 3). Sums of disjoint sets of photons add: over time, over
+    pixels and over sensors.
 
     Args:
         frequencies: the integers k_l.
@@ -65,25 +65,11 @@ class Sketch:
                 f"the same as {self.frequencies}")
         require(self.photons.shape == other.photons.shape, "sketch size", other.photons.shape,
                 f"the same as {self.photons.shape}")
-        sums, photons = _counted(self.sums + other.sums, self.photons.astype(np.uint64) + other.photons)
-        return replace(self, sums=sums, photons=photons, stamp_ns=min(self.stamp_ns, other.stamp_ns))
-
-    def merge_pixels(self, factor: int) -> "Sketch":
-        """The sketch of an array of `factor` × `factor` larger pixels."""
-        rows, cols, m = self.sums.shape
-        require(factor >= 1 and rows % factor == 0 and cols % factor == 0, "factor", factor,
-                f"a divisor of {rows} rows and {cols} columns")
-        blocks = (rows // factor, factor, cols // factor, factor)
-        sums, photons = _counted(self.sums.reshape(*blocks, m).sum(axis=(1, 3)),
-                                 self.photons.reshape(blocks).sum(axis=(1, 3), dtype=np.uint64))
-        return replace(self, sums=sums, photons=photons)
-
-
-def _counted(sums: np.ndarray, photons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The sums and numbers of a Sketch, of numbers that may exceed MAX_PHOTONS."""
-    if photons.max(initial=0) > MAX_PHOTONS:
-        sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
-    return sums, np.minimum(photons, MAX_PHOTONS).astype(np.uint32)
+        sums, photons = self.sums + other.sums, self.photons.astype(np.uint64) + other.photons
+        if photons.max(initial=0) > MAX_PHOTONS:
+            sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
+        return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
+                       stamp_ns=min(self.stamp_ns, other.stamp_ns))
 
 
 def _numpy(values) -> np.ndarray:

@@ -18,9 +18,7 @@ from srt3d_ros.errors import require
 
 
 class Sketcher:
-    """Adds photons to the sketch of a frame, in any split and any order.
-
-    The memory is that of the sketch and the table, whatever the number of photons.
+    """Adds photons to the sketch of a frame, in any split and any order; its memory is that of sketch and table.
 
     Args:
         sensor: pixels, T and gate words.
@@ -39,7 +37,7 @@ class Sketcher:
         self._rows = kernels.fixed_rows(kernels.array(table))
         self._sums, self._photons = kernels.new_sums(sensor.pixels, 2 * len(self.frequencies))
         self._stamp_ns: int | None = None
-        if not kernels.ON_HOST:         # else there is nothing to bring
+        if not kernels.ON_HOST:
             self.resident = self._resident
 
     def reset(self) -> None:
@@ -49,20 +47,16 @@ class Sketcher:
         self._stamp_ns = None
 
     def add(self, frame: PhotonFrame) -> None:
-        """Add the photons of a frame or packet.
-
-        Raises:
-            InvalidInput: if a photon lies outside the sensor's pixels or bins; nothing is added then.
-        """
+        """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
         self._resident(frame)()
 
     def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
-        """Brings the photons to the device; what is returned adds them, as often as it is called."""
-        bring = self._kernels.photon_array
+        """Copy the photons to the device; the function returned adds them, as often as it is called."""
+        on_device = self._kernels.photon_array
         if isinstance(frame, PhotonGates):
             gates, rows, cols = frame.words.shape
-            return partial(self._add_gates, frame, bring(frame.words.reshape(gates, rows * cols)))
-        return partial(self._add_events, frame, bring(frame.pixel), bring(frame.toa))
+            return partial(self._add_gates, frame, on_device(frame.words.reshape(gates, rows * cols)))
+        return partial(self._add_events, frame, on_device(frame.pixel), on_device(frame.toa))
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""

@@ -43,8 +43,5 @@ def score(frame: MatchedFrame, signal: np.ndarray, counts: np.ndarray) -> np.nda
         counts: the same shape, all photons.
     """
     photons = np.maximum(counts, 1e-6)
-    steps = len(frame.background_table) - 1
-    at = np.clip(signal / photons * (frame.total_energy / frame.max_response * steps), 0, steps)
-    low = np.minimum(at.astype(np.int32), steps - 1)        # np.interp does the same, in ten times the time
-    surprise = frame.background_table[low] + (at - low) * np.diff(frame.background_table)[low]
-    return np.sqrt(photons) * surprise
+    responses = np.linspace(0, frame.max_response, len(frame.background_table))
+    return np.sqrt(photons) * np.interp(signal / photons * frame.total_energy, responses, frame.background_table)

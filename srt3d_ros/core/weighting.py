@@ -43,13 +43,7 @@ class WeightedSteps:
 
 
 def weighted_steps(sensor: SensorModel, frequencies, weighting: str) -> WeightedSteps:
-    """The steps for one sensor.
-
-    Args:
-        sensor: IRF and T.
-        frequencies: the integers k_l.
-        weighting: "identity" or "precision".
-    """
+    """The steps for one sensor and weighting, "identity" or "precision"."""
     require(weighting in WEIGHTINGS, "weighting", weighting, " or ".join(WEIGHTINGS))
     energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
     zero = np.zeros_like(energy)

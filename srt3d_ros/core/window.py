@@ -10,7 +10,7 @@ from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import require
 
 MAX_WINDOW_BYTES = 2**31
-# Which instant the stamp of a window is, of the starts of acquisition of its frames.
+# The stamp of a window, from the starts of acquisition of its frames.
 WINDOW_STAMPS = {
     "oldest": min,
     "middle": lambda stamps_ns: (min(stamps_ns) + max(stamps_ns)) // 2,
@@ -28,8 +28,7 @@ class WindowSketcher(Sketcher):
     Args:
         sensor, frequencies: as for a Sketcher, on the CPU.
         window_frames: W, 1 or more.
-        window_stamp: a key of WINDOW_STAMPS: the start of the oldest frame, that of the newest, or half-way between
-            the two. For W = 1 all are the start of the frame.
+        window_stamp: a key of WINDOW_STAMPS. For W = 1 all are the start of the frame.
 
     Raises:
         InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.
@@ -43,11 +42,10 @@ class WindowSketcher(Sketcher):
         self._before: deque[Sums | None] = deque([None])
         self._stamps_ns: deque[int] = deque()
         self._difference: Sums | None = None
-        self.newest_photons = 0                 # of the frame that ended last
         self.resize(window_frames)
 
     def resize(self, window_frames: int) -> None:
-        """Another W: a longer window grows frame by frame; InvalidInput as above."""
+        """Change W; a longer window grows frame by frame. Raises InvalidInput as above."""
         bytes_each = self._sums.nbytes + self._photons.nbytes
         most = max(MAX_WINDOW_BYTES // bytes_each, 1)
         require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {self.sensor.rows} × "
@@ -62,13 +60,11 @@ class WindowSketcher(Sketcher):
         self._stamps_ns.clear()
 
     def end_frame(self) -> Sketch:
-        """The sketch of the window whose last frame ends here; the next frame is open then."""
-        before = self._before[-1]
-        self.newest_photons = int((self._photons if before is None else self._photons - before[1]).sum())
+        """End the open frame; the sketch of the window of which it is the last."""
         self._stamps_ns.append(self._stamp_ns or 0)
         self._stamp_ns = self._stamp_of(self._stamps_ns)
         sketch = self._sketch_since(self._before[0])
-        if self.window_frames == 1:             # cheaper than to keep what was added before
+        if self.window_frames == 1:             # cheaper than keeping what was added before
             self.reset()
         else:
             self._stamp_ns = None
@@ -77,7 +73,7 @@ class WindowSketcher(Sketcher):
         return sketch
 
     def _trim(self) -> None:
-        """Let go of the frames that the next window will not cover."""
+        """Forget the frames that the next window will not cover."""
         while len(self._before) > self.window_frames:
             self._before.popleft()
         while len(self._stamps_ns) >= len(self._before):
@@ -98,7 +94,7 @@ class WindowSketcher(Sketcher):
             self._sums, self._photons = now
 
     def _copy(self, into: Sums | None) -> Sums:
-        """What has been added up to now, in memory that is used again."""
+        """A copy of the sums up to now, in `into` if there is one."""
         if into is None:
             return self._sums.copy(), self._photons.copy()
         for out, values in zip(into, (self._sums, self._photons), strict=True):

@@ -1,14 +1,16 @@
 """Photon files (npz, published .mat), bags and the simulator: all give a SensorModel and the photons of frames."""
 
-from dataclasses import replace
 from pathlib import Path
 
-from srt3d_ros.datasets import mat, npz, options
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import bag_photons, mat, npz
 from srt3d_ros.datasets.bag import is_bag
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.files import naming_file, read_text, require_file
+from srt3d_ros.datasets.photons import Photons, gather_options
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import sensor as sensor_message
 
-__all__ = ["Photons", "open_photons"]
+__all__ = ["Photons", "open_photons", "open_sensor"]
 
 
 def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **overrides) -> Photons:
@@ -37,21 +39,27 @@ def _open(path: Path, frame: int, photons_topic: str, overrides: dict) -> Photon
     suffix = path.suffix.lower()
     is_file = suffix in (".npz", ".mat")
     require(is_file or is_bag(path), "photon file", str(path), "a file that ends in .npz or .mat, or a bag")
-    given = options.gather(path.absolute(), overrides)      # a bag may be the folder "."
-    if is_file:
-        require(frame == 0, "frame", frame, "0: a photon file has one frame")
-        return mat.read(path, given) if suffix == ".mat" else _override(npz.read(path), given)
-    from srt3d_ros.datasets import bag_photons  # here: messages and rosbags are of no use to files
+    options = gather_options(path.absolute(), overrides)        # a bag may be the folder "."
+    require(not is_file or frame == 0, "frame", frame, "0: a photon file has one frame")
+    if suffix == ".mat":
+        return mat.read(path, options)
+    photons = npz.read(path) if is_file else bag_photons.read_frame(path, frame, photons_topic)
+    return photons.with_options(options)
 
-    return _override(bag_photons.read_frame(path, frame, photons_topic), given)
 
+def open_sensor(path: str | Path) -> SensorModel:
+    """The sensor in a .json file, as on the `sensor` topic (config/sensors/ has some), or that of a photon file.
 
-def _override(photons: Photons, given: dict) -> Photons:
-    """The photons of a file that describes its sensor, with the options in place of what it says."""
-    for name in ("rows", "cols"):
-        own = getattr(photons.sensor, name)
-        if given.get(name, own) != own:
-            raise InvalidInput(name, given[name], f"{own}, as in the file")
-    photons = replace(photons, sensor=options.apply_to(photons.sensor, given))
-    photons.frame.check(photons.sensor)
-    return photons.gated(*given["gate"]) if "gate" in given else photons
+    Args:
+        path: .json, or anything that `open_photons` opens, with its sidecar.
+
+    Raises:
+        InvalidInput: one line that names the file and field that cannot be used.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".json":
+        return open_photons(path).sensor
+    require_file(path, "sensor file")
+    text = read_text(path)
+    with naming_file(path):
+        return sensor_message.from_json(text)

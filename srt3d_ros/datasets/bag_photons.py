@@ -1,6 +1,5 @@
 """The photons in a bag: which of its topics they are on, and single frames of them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,15 +20,9 @@ GATES_ENCODING = "16UC1"
 
 @dataclass(frozen=True)
 class PhotonTopics:
-    """Where the photons of a bag are.
+    """Where the photons of a bag are, and the description of their sensor, if there is one."""
 
-    Args:
-        output: what the messages are: "photons" or "gates".
-        frames: the topic of the photons.
-        sensor: the topic of their sensor's description; None if the bag has none.
-    """
-
-    output: str
+    output: str         # what the messages on `frames` are: "photons" or "gates"
     frames: BagTopic
     sensor: BagTopic | None
 
@@ -42,23 +35,23 @@ def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> P
     of the photons.
 
     Args:
-        bag: open.
         photons_topic, sensor_topic: their names, where a bag has several that could be meant.
 
     Raises:
         InvalidInput: there are none (of photons) or several; the line lists what is in the bag.
     """
-    candidates = [(output, topic) for output, (message_type, is_one) in FORMS.items() for topic in bag.topics
-                  if _may_be(topic, message_type, photons_topic) and is_one(_first(bag, topic))]
-    named = [(output, topic) for output, topic in candidates if topic.name.rsplit("/", 1)[-1] == output]
-    output, frames = _the_only(named or candidates, "photons_topic", photons_topic, bag)
-    sensors = [topic for topic in bag.topics
-               if _may_be(topic, TEXT, sensor_topic) and _is_sensor(_first(bag, topic))]
-    beside = [topic for topic in sensors if topic.name == frames.name.rsplit("/", 1)[0] + "/sensor"]
+    contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
+    frames = [topic for topic, content in contents.items()
+              if content in ("photons", "gates") and photons_topic in ("", topic.name)]
+    named = [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]]
+    photons = _the_only(named or frames, "photons_topic", photons_topic, bag)
+    sensors = [topic for topic, content in contents.items()
+               if content == "sensor" and sensor_topic in ("", topic.name)]
+    beside = [topic for topic in sensors if topic.name == photons.name.rsplit("/", 1)[0] + "/sensor"]
     sensor = None
     if sensors or sensor_topic:
         sensor = _the_only(beside or sensors, "sensor_topic", sensor_topic, bag)
-    return PhotonTopics(output, frames, sensor)
+    return PhotonTopics(contents[photons], photons, sensor)
 
 
 def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Photons:
@@ -98,45 +91,23 @@ def _events(output: str, raw: bytes, sensor: SensorModel) -> PhotonEvents:
     return gates_message.decode_cdr(raw, sensor)[1].to_events(sensor)
 
 
-def _may_be(topic: BagTopic, message_type: str, name: str) -> bool:
-    return topic.type == message_type and topic.messages > 0 and name in ("", topic.name)
+def _content(bag: Bag, topic: BagTopic) -> str:
+    """What the first message of a topic holds: "photons", "gates", "sensor", or "" for anything else."""
+    if topic.type not in (CLOUD, IMAGE, TEXT):
+        return ""
+    raw = next((message.raw for message in bag.messages((topic,))), b"")    # a bag may lie about its messages
+    try:
+        if topic.type == CLOUD:
+            return "photons" if PHOTON_FIELDS <= {field.name for field in cdr.read_cloud(raw).fields} else ""
+        if topic.type == IMAGE:
+            return "gates" if cdr.read_image(raw).encoding == GATES_ENCODING else ""
+        sensor_message.decode_cdr(raw)
+        return "sensor"
+    except InvalidInput:
+        return ""
 
 
-def _first(bag: Bag, topic: BagTopic) -> bytes:
-    """The first message of a topic; empty if the bag has none although it says so."""
-    return next((message.raw for message in bag.messages((topic,))), b"")
-
-
-def _reads(read: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
-    """`read` with what cannot be read taken for False."""
-    def test(raw: bytes) -> bool:
-        try:
-            return read(raw)
-        except InvalidInput:
-            return False
-
-    return test
-
-
-@_reads
-def _is_events(raw: bytes) -> bool:
-    return PHOTON_FIELDS <= {field.name for field in cdr.read_cloud(raw).fields}
-
-
-@_reads
-def _is_gates(raw: bytes) -> bool:
-    return cdr.read_image(raw).encoding == GATES_ENCODING
-
-
-@_reads
-def _is_sensor(raw: bytes) -> bool:
-    return bool(sensor_message.decode_cdr(raw))
-
-
-FORMS = {"photons": (CLOUD, _is_events), "gates": (IMAGE, _is_gates)}
-
-
-def _the_only(candidates: list, field: str, given: str, bag: Bag):
+def _the_only(candidates: list[BagTopic], field: str, given: str, bag: Bag) -> BagTopic:
     require(len(candidates) == 1, field, given or "not given",
             f"the name of one topic of {field.removesuffix('_topic')}; {bag.path.name} has {bag.content()}")
     return candidates[0]

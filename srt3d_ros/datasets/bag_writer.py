@@ -35,10 +35,6 @@ class BagWriter:
 
     It belongs to the thread that made it: SQLite wants that.
 
-    Args:
-        path: the folder, which must not exist.
-        storage: "mcap" or "sqlite3".
-
     Raises:
         InvalidInput: something is there already, or nothing can be written there.
     """
@@ -67,12 +63,9 @@ class BagWriter:
         return (self.last_ns - self.first_ns) * 1e-9
 
     def add_topic(self, name: str, message_type: str, offers: list[Offer]) -> None:
-        """Describe a topic before its first message.
+        """Describe a topic, such as "/photons" of "sensor_msgs/msg/PointCloud2", before its first message.
 
-        Args:
-            name: full, such as "/photons".
-            message_type: of the standard messages, such as "sensor_msgs/msg/PointCloud2".
-            offers: of its publishers; a player offers the same again.
+        A player offers again the QoS that the publishers offered.
         """
         self._connections[name] = self._writer.add_connection(
             name, message_type, typestore=self._types, offered_qos_profiles=[_qos(offer) for offer in offers])
@@ -81,11 +74,7 @@ class BagWriter:
         return name in self._connections
 
     def write(self, name: str, time_ns: int, raw: bytes) -> None:
-        """Append a serialised message.
-
-        Args:
-            name: of a topic that was added.
-            time_ns: when it came, nanoseconds since 1970; readers give the messages in this order.
+        """Append a serialised message that came at `time_ns` since 1970, the order in which it is read again.
 
         Raises:
             OSError: it cannot be written, because the disk is full, say.
@@ -98,19 +87,19 @@ class BagWriter:
         self.bytes += len(raw)
 
     def close(self) -> None:
-        """Write what is missing: the bag is complete. OSError if it cannot be."""
+        """Complete the bag; OSError if that fails."""
         with _os_errors():
             self._writer.close()
 
     def abandon(self) -> None:
-        """Let go of a bag that can no longer be written; what it lacks then, docs/bags.md tells."""
+        """Close the files of a bag that can no longer be written, which leaves it incomplete (docs/bags.md)."""
         with contextlib.suppress(OSError, sqlite3.Error):       # it tries once more to write what it could not
             self._writer.abort()
 
 
 @contextlib.contextmanager
 def _os_errors() -> Iterator[None]:
-    """What SQLite says about files, said as the system says it."""
+    """Raise SQLite's errors about files as OSError."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -118,15 +107,10 @@ def _os_errors() -> Iterator[None]:
 
 
 def _qos(offer: Offer):
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
+    deadline, lifespan, lease = (QosTime(*divmod(ns, NS_PER_S)) for ns in (
+        offer.deadline_ns, offer.lifespan_ns, offer.liveliness_lease_ns))
     return Qos(QosHistory[offer.history.upper()], offer.depth, QosReliability[offer.reliability.upper()],
-               QosDurability[offer.durability.upper()], _time(offer.deadline_ns), _time(offer.lifespan_ns),
-               QosLiveliness[offer.liveliness.upper()], _time(offer.liveliness_lease_ns),
-               avoid_ros_namespace_conventions=False)
-
-
-def _time(ns: int):
-    from rosbags.interfaces import QosTime
-
-    return QosTime(*divmod(ns, NS_PER_S))
+               QosDurability[offer.durability.upper()], deadline, lifespan, QosLiveliness[offer.liveliness.upper()],
+               lease, avoid_ros_namespace_conventions=False)

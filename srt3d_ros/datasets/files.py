@@ -1,13 +1,16 @@
-"""Reading files nobody vouches for: what they hold is known and bounded before any of it is loaded."""
+"""Arrays and text of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
 
 import math
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import json_text
 
 MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes for each of the most photons
 MAX_MEMBERS = 1000
@@ -25,6 +28,25 @@ def require_file(path: Path, field: str) -> None:
         raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror})") from None
 
 
+@contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Put the name of the file before the field of any InvalidInput."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+
+
+def read_text(path: Path) -> str:
+    """The text of a JSON file, with or without a byte order mark; InvalidInput if it is too long or not UTF-8."""
+    try:
+        size = path.stat().st_size
+        require(size <= json_text.MAX_BYTES, path.name, f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(path.name, f"unreadable ({error})", "JSON in UTF-8") from None
+
+
 def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[str, np.ndarray]:
     """Arrays of an .npz file, those of `names` that it has, or all; no pickles, sizes checked against the headers.
 
@@ -38,7 +60,11 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[st
             wanted = [info for info in members if names is None or info.filename[:-4] in names]
             size = sum(_member_bytes(archive, info, f"{path.name} {info.filename[:-4]}") for info in wanted)
             require(size <= MAX_BYTES, f"{path.name} size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
-            return {info.filename[:-4]: _read_member(archive, info) for info in wanted}
+            arrays = {}
+            for info in wanted:
+                with archive.open(info) as stream:
+                    arrays[info.filename[:-4]] = np.lib.format.read_array(stream, allow_pickle=False)
+            return arrays
     except InvalidInput:
         raise
     except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
@@ -48,24 +74,20 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[st
 def map_npy(path: Path, field: str) -> np.ndarray:
     """The array of an .npy file, mapped into memory; InvalidInput if it is none."""
     with path.open("rb") as stream:
-        size = _check_header(stream, field)
-        _check_size(field, size, path.stat().st_size - stream.tell())
+        size = _array_bytes(stream, path.stat().st_size, field)
     require(size > 0, field, "empty", "an array with something in it")
     return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
 def _member_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo, field: str) -> int:
-    """The size of an array, on which its header and the archive agree."""
     require(info.compress_type in COMPRESSIONS, field, f"packed by method {info.compress_type}",
             "an array stored or deflated, as NumPy writes it")
     with archive.open(info) as stream:
-        size = _check_header(stream, field)
-        _check_size(field, size, info.file_size - stream.tell())
-    return size
+        return _array_bytes(stream, info.file_size, field)
 
 
-def _check_header(stream: BinaryIO, field: str) -> int:
-    """The bytes of the array that follow its header, by its shape and type; InvalidInput if there is no such array."""
+def _array_bytes(stream: BinaryIO, file_size: int, field: str) -> int:
+    """The size of the array after its header, on which header and file agree; InvalidInput if there is none."""
     try:
         shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
     except Exception as error:      # a header is a Python literal, which can be wrong in many ways
@@ -73,15 +95,7 @@ def _check_header(stream: BinaryIO, field: str) -> int:
     require(dtype.kind in "biufcSU", f"{field} dtype", str(dtype), "numbers or text, not Python objects")
     fits = len(shape) <= MAX_SIDES and all(0 <= side < 2**63 for side in shape)
     require(fits, f"{field} shape", shape, f"at most {MAX_SIDES} sizes from 0 to 2⁶³")
-    size = math.prod(shape) * dtype.itemsize
+    size, stored = math.prod(shape) * dtype.itemsize, file_size - stream.tell()
     require(size <= MAX_BYTES, f"{field} size", f"{size} bytes", f"at most {MAX_BYTES} bytes")
-    return size
-
-
-def _check_size(field: str, size: int, stored: int) -> None:
     require(size == stored, f"{field} size", f"{stored} bytes", f"{size} bytes, as its header says")
-
-
-def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
-    with archive.open(info) as stream:
-        return np.lib.format.read_array(stream, allow_pickle=False)
+    return size

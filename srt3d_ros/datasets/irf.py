@@ -1,10 +1,11 @@
-"""Instrument responses: drawn by a formula or read from a file."""
+"""Instrument responses: drawn by a formula, read from a file, or estimated from photons."""
 
 import warnings
 from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets.files import map_npy, read_npz_arrays, require_file
 from srt3d_ros.errors import InvalidInput, require
 
@@ -12,6 +13,16 @@ MAX_LENGTH = 65_535
 MAX_TEXT_BYTES = 4 * 2**20      # 64 for each number of the longest response
 TEXT_SUFFIXES = (".csv", ".txt")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES)
+
+# Of `estimate`.
+PHOTONS_USED = 100_000      # to estimate an IRF from
+FEWEST_PHOTONS = 3          # in a pixel, for it to tell anything about the IRF
+STANDS_OUT = 1.5            # how much denser than by chance clusters must be (scores; background alone: 0.98 to 1.03)
+SHIFTS = 16                 # depths tried on either side of a cluster's centre
+REACH = 10                  # half length that an estimated IRF may have, in widths of the clusters
+ROUNDS = 8
+FLOOR = 1e-2                # likelihood of a stray photon, so that one outlier does not rule a depth out
+KEEP_ABOVE = 0.003          # of the peak, where the response is cut
 
 
 def spad(bin_width_s: float, fwhm_s: float = 55e-12, tail_s: float = 100e-12, tail_share: float = 0.3) -> np.ndarray:
@@ -66,6 +77,47 @@ def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> 
     return irf
 
 
+def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
+    """The IRF that explains the photons of many pixels best, each pixel at a depth of its own; float64 [L].
+
+    The photons of a pixel cluster about its strongest surface, at an unknown depth. Expectation–maximisation over
+    these depths: every photon votes for the IRF bin it would fall into, weighted by how well the *other* photons of
+    its pixel agree with that depth (with its own vote it would pull the depth to itself and sharpen the estimate).
+    Then the baseline is removed. The result is slightly broader than the truth: depths are found to within some bins.
+
+    Args:
+        events: photons of one frame, any order.
+
+    Raises:
+        InvalidInput: the photons do not cluster, so that no IRF can be seen in them.
+    """
+    pixel, toa = _fullest_pixels(events)
+    require(len(pixel) > 0, "photons", events.photons, "some pixels with enough to estimate the IRF from: give irf")
+    centre, width, score = _clusters(pixel, toa, num_bins)
+    anywhere = np.random.default_rng(0).integers(0, num_bins, len(toa))
+    by_chance = _clusters(pixel, anywhere[np.lexsort((anywhere, pixel))], num_bins)[2]
+    require(score > STANDS_OUT * by_chance, "photons", "spread like background",
+            "returns that stand out, to estimate the IRF from: give irf")
+    reach = min(REACH * width, (num_bins - 1) // 4)
+    near = np.abs(toa - centre) <= reach
+    pixel, lag = pixel[near], (toa - centre)[near]
+    start = np.flatnonzero(np.diff(pixel, prepend=-1))
+    counts = np.diff(start, append=len(pixel))
+    step = -(-width // SHIFTS)
+    shifts = step * np.arange(-SHIFTS, SHIFTS + 1)
+    middle = reach + step * SHIFTS
+    at = lag[:, None] - shifts + middle                     # the IRF bin of each photon, for each shift of its pixel
+    irf = np.exp(-0.5 * (np.arange(-middle, middle + 1) / (0.4 * width + 0.5)) ** 2)
+    for _ in range(ROUNDS):
+        score = np.log(irf / irf.sum() + FLOOR / len(irf)).astype(np.float32)[at]
+        others = np.repeat(np.add.reduceat(score, start), counts, axis=0) - score
+        votes = np.exp(others - others.max(axis=1, keepdims=True))
+        votes /= votes.sum(axis=1, keepdims=True)
+        irf = np.bincount(at.ravel(), votes.ravel(), minlength=len(irf))
+        irf = np.roll(irf, middle - int(np.argmax(_smooth(irf))))
+    return _cut_out(irf[middle - reach: middle + reach + 1])
+
+
 def _read_file(path: Path, key: str | None) -> np.ndarray:
     if path.suffix.lower() == ".npz":
         arrays = read_npz_arrays(path, None if key is None else (key,))
@@ -85,3 +137,66 @@ def _read_file(path: Path, key: str | None) -> np.ndarray:
             return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
     except (OSError, ValueError, EOFError) as error:
         raise InvalidInput(f"irf file {path.name}", str(error), "numbers") from None
+
+
+def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
+    """The photons of the pixels with the most, up to PHOTONS_USED, sorted by pixel and ToA; each int64."""
+    counts = np.bincount(events.pixel)
+    by_count = np.argsort(-counts, kind="stable")
+    enough = np.searchsorted(np.cumsum(counts[by_count]), PHOTONS_USED) + 1
+    use = np.zeros(len(counts), bool)
+    use[by_count[:enough]] = True
+    use &= counts >= FEWEST_PHOTONS
+    kept = use[events.pixel]
+    pixel, toa = events.pixel[kept].astype(np.int64), events.toa[kept].astype(np.int64)
+    order = np.lexsort((toa, pixel))
+    return pixel[order], toa[order]
+
+
+def _clusters(pixel: np.ndarray, toa: np.ndarray, num_bins: int) -> tuple[np.ndarray, int, float]:
+    """The centre of the densest window of each photon's pixel; the windows' width, the same for all; their score.
+
+    The width is the one at which the windows stand out most from a uniform background (a scan statistic).
+    """
+    total = np.bincount(pixel)[pixel]
+    line = pixel * (4 * num_bins) + toa                     # pixels so far apart that windows never reach the next
+    start = np.flatnonzero(np.diff(pixel, prepend=-1))
+    best = (toa, 1, -np.inf)
+    width = 1.0
+    while width < max(num_bins / 8, 2):
+        bins = int(width)
+        inside = np.searchsorted(line, line + bins) - np.arange(len(line))      # photons in [toa, toa + bins)
+        stands_out = inside * np.log(inside * num_bins / (total * bins))
+        score = np.maximum.reduceat(stands_out, start).sum()
+        if score > best[2]:
+            first = _argmax_of_runs(inside, start)
+            sums = np.concatenate([[0], np.cumsum(toa)])
+            mean = (sums[first + inside[first]] - sums[first]) / inside[first]
+            centre = np.repeat(np.rint(mean).astype(np.int64), np.diff(start, append=len(line)))
+            best = (centre, bins, float(score))
+        width = max(width + 1, width * 1.25)
+    return best
+
+
+def _argmax_of_runs(values: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Index of the first largest value of each run; runs begin at `start`."""
+    largest = np.repeat(np.maximum.reduceat(values, start), np.diff(start, append=len(values)))
+    candidate = np.where(values == largest, np.arange(len(values)), len(values))
+    return np.minimum.reduceat(candidate, start)
+
+
+def _cut_out(irf: np.ndarray) -> np.ndarray:
+    """The response about the peak in the middle, without baseline, cut where it falls to KEEP_ABOVE of the peak."""
+    edge = max(len(irf) // 8, 1)
+    baseline = np.median(np.concatenate([irf[:edge], irf[-edge:]]))
+    peak = len(irf) // 2
+    smooth = _smooth(irf)
+    low = smooth - baseline <= KEEP_ABOVE * (smooth[peak] - baseline)
+    before, after = np.flatnonzero(low[:peak]), np.flatnonzero(low[peak:])
+    first = before[-1] + 1 if before.size else 0
+    end = peak + after[0] if after.size else len(irf)
+    return np.maximum(irf[first:end] - baseline, 0)
+
+
+def _smooth(irf: np.ndarray) -> np.ndarray:
+    return np.convolve(irf, (0.25, 0.5, 0.25), mode="same")

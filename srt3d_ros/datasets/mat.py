@@ -7,16 +7,16 @@ scipy reads them in a child process: its reader trusts the file, and some files 
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
-from srt3d_ros.datasets.files import require_file
-from srt3d_ros.datasets.irf_estimation import estimate
-from srt3d_ros.datasets.options import apply_to, number
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, gate_events
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.files import naming_file, require_file
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, gate_events, number
 from srt3d_ros.errors import InvalidInput, require
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
@@ -35,7 +35,6 @@ class Layout:
         bin_width_s: where the file does not say; what the authors say, or inferred from their description.
         counts: see `variable`.
         picoseconds: ToA are times in picoseconds, not bins.
-        first_bin: what the file calls bin 0; 1 where bins are MATLAB indices.
         window: scalars that hold the first and last ToA of the measured window.
         reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
     """
@@ -44,9 +43,8 @@ class Layout:
     bin_width_s: float
     counts: bool = False
     picoseconds: bool = False
-    first_bin: int = 0
-    window: tuple[str, str] | None = None
-    reference: str | None = None
+    window: tuple[str, ...] = ()
+    reference: str = ""
 
     @property
     def form(self) -> str:
@@ -56,7 +54,7 @@ class Layout:
     @property
     def variables(self) -> tuple[str, ...]:
         """All that are read."""
-        return self.variable, *(self.window or ()), *([self.reference] if self.reference else ())
+        return tuple(filter(None, (self.variable, *self.window, self.reference)))
 
     def fits(self, photons: object) -> bool:
         """Whether scipy may read this kind of file's variable as this."""
@@ -74,7 +72,7 @@ LAYOUTS = (
 
 
 def read(path: str | Path, options: dict) -> Photons:
-    """The photons of a published .mat file; `options` (see options.gather) tell what it does not.
+    """The photons of a published .mat file; `options` (see photons.gather_options) tell what it does not.
 
     `num_bins`, `gate`: T and the first bin that are kept. Without a gate, the file's own window; without that, bins
     0 to num_bins; without that, the smallest to the largest ToA. `toa_offset_bins` counts up to the file's own bin 0;
@@ -85,25 +83,24 @@ def read(path: str | Path, options: dict) -> Photons:
     """
     path = Path(path)
     require_file(path, "photon file")
-    layout, variables = _load(path)
+    with naming_file(path):
+        layout, variables = _load(path)
     width_s = number("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     notes = () if "bin_width_s" in options else (f"bin width taken to be {width_s * 1e12:g} ps: the file has none",)
-    try:
+    with naming_file(path):
         unpack = _from_counts if layout.counts else _from_cells
         content = unpack(layout, variables, options)
         toa = _to_bins(layout, content.toa, width_s)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
     first, bins, may_drop = _window(layout, variables, options, width_s, toa, content.bins)
     events, dropped = gate_events(PhotonEvents(content.pixel, toa), first, bins)
     require(may_drop or not dropped, "num_bins", bins, f"above {toa.max(initial=0)}, the largest ToA; or give a gate")
     irf = options.get("irf")
     if irf is None:
-        irf = estimate(events, bins)
+        irf = irfs.estimate(events, bins)
         dropped += ("IRF estimated from the photons, which makes it slightly broad: the file has none",)
     sensor = SensorModel(content.rows, content.cols, bins, width_s, irf)
-    sensor = apply_to(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
+    sensor = apply_options(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
     reference = _reference(layout, variables, first, bins, (content.rows, content.cols))
     if reference is not None:       # these are numbers of bins
@@ -111,8 +108,7 @@ def read(path: str | Path, options: dict) -> Photons:
     return Photons(sensor, events, reference, path.stem, notes + dropped)
 
 
-@dataclass(frozen=True, eq=False)
-class _Content:
+class _Content(NamedTuple):
     """What a file holds: ToA as the file counts them, and the bins of its histograms if it has such."""
 
     rows: int
@@ -127,9 +123,7 @@ def _load(path: Path) -> tuple[Layout, dict[str, np.ndarray]]:
     try:
         variables = call(variables_of, str(path), memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
     except ChildFailed as error:
-        raise InvalidInput(path.name, f"unreadable (its reader {error})", EXPECTED) from None
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+        raise InvalidInput("", f"unreadable (its reader {error})", EXPECTED) from None
     return LAYOUTS[variables.pop("layout").item()], variables
 
 
@@ -156,7 +150,7 @@ def variables_of(path: str) -> dict[str, np.ndarray]:
     for name, values in variables.items():
         require(isinstance(values, np.ndarray) and values.dtype.kind in "iuf", name, type(values).__name__, "numbers")
         require(values.ndim == 2 or not layout.counts, f"{name} shape", values.shape, "[rows, columns]")
-        require(values.size == 1 or name not in (layout.window or ()), f"{name} shape", values.shape, "one number")
+        require(values.size == 1 or name not in layout.window, f"{name} shape", values.shape, "one number")
     return variables | {"layout": np.array(LAYOUTS.index(layout))}
 
 
@@ -226,7 +220,7 @@ def _to_bins(layout: Layout, toa: np.ndarray, width_s: float) -> np.ndarray:
     if layout.picoseconds:
         toa = np.floor(toa * (1e-12 / width_s) + EDGE)
     elif not layout.counts:
-        toa = toa.astype(np.int64) - layout.first_bin
+        toa = toa.astype(np.int64)
     require(len(toa) == 0 or 0 <= toa.min() <= toa.max() < 2**32, f"{layout.variable} ToA",
             "below 0 or beyond 2³² bins in places", "times of arrival from 0")
     return toa.astype(np.uint32)
@@ -237,10 +231,8 @@ def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa:
     """First bin and number of bins to keep, and whether photons outside may be dropped."""
     if "gate" in options:
         return *options["gate"], True
-    given = options.get("num_bins")
-    if given is not None:
-        given = int(number("num_bins", given, "a number of bins"))
-    if layout.window is not None and all(name in variables for name in layout.window):
+    given = int(number("num_bins", options.get("num_bins", 0), "a number of bins"))
+    if layout.window and all(name in variables for name in layout.window):
         unit = 1e-12 / width_s if layout.picoseconds else 1
         low, high = (number(name, float(variables[name].item()) * unit, "a ToA") for name in layout.window)
         first, may_drop = int(np.floor(low + EDGE)), True
@@ -256,7 +248,7 @@ def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa:
 
 
 def _reference(layout: Layout, variables: dict, first: int, bins: int, shape: tuple[int, int]) -> np.ndarray | None:
-    if layout.reference is None or layout.reference not in variables:
+    if layout.reference not in variables:
         return None
     depth = np.asarray(variables[layout.reference], dtype=np.float32) - np.float32(1 + first)
     require(depth.shape == shape, f"{layout.reference} shape", depth.shape, f"{shape}")

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import astuple, replace
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,8 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.files import read_npz_arrays, require_file
-from srt3d_ros.datasets.options import pinhole
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons
+from srt3d_ros.datasets.files import naming_file, read_npz_arrays, require_file
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, pinhole
 from srt3d_ros.errors import InvalidInput, require
 
 REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa", "irf")
@@ -39,15 +39,13 @@ def read(path: str | Path) -> Photons:
     path = Path(path)
     require_file(path, "photon file")
     arrays = read_npz_arrays(path, KNOWN)
-    for name in REQUIRED:
-        require(name in arrays, f"{path.name} {name}", "missing", f"the arrays {', '.join(REQUIRED)}")
-    try:
+    with naming_file(path):
+        for name in REQUIRED:
+            require(name in arrays, name, "missing", f"the arrays {', '.join(REQUIRED)}")
         sensor = _sensor(arrays)
         events = _events(arrays, sensor)
         reference = _reference(arrays, sensor)
         intensity = _reference_intensity(arrays, reference)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
     return Photons(sensor, events, reference, path.stem, reference_intensity=intensity)
 
 
@@ -79,7 +77,11 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     if sensor.gates is not None:
         arrays["gate_words"] = np.array([sensor.gates.first_word, sensor.gates.no_detection], np.uint16)
     if reference_depth_bins is not None:
-        surfaces = _as_surfaces(np.asarray(reference_depth_bins, np.float32), sensor, "reference_depth_bins")
+        surfaces = np.asarray(reference_depth_bins, np.float32)
+        surfaces = surfaces[None] if surfaces.ndim == 2 else surfaces
+        fits = surfaces.shape[1:] == (sensor.rows, sensor.cols) and 1 <= len(surfaces) <= MAX_SURFACES
+        require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
+                f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
         arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
     try:
         np.savez_compressed(path, **arrays)
@@ -93,15 +95,13 @@ def _sensor(arrays: dict[str, np.ndarray]) -> SensorModel:
     known |= {name: _numbers(arrays, name) for name in ("irf", *MAPS) if name in arrays}
     known |= {name: _text(arrays, name) for name in TEXTS if name in arrays}
     if "gate_words" in arrays:
-        words = _numbers(arrays, "gate_words")
-        require(words.shape == (2,), "gate_words shape", words.shape, "[2]: first word, no-detection word")
+        words = _numbers(arrays, "gate_words", (2,), "[2]: first word, no-detection word")
         known["gates"] = GateWords(int(words[0]), int(words[1]))
     sensor = SensorModel(**known)
     projection = _projection(arrays, sensor)
     if "distortion" in arrays:
-        values = _numbers(arrays, "distortion")
         require(isinstance(projection, Pinhole), "distortion", "there", "none: the projection is no pinhole")
-        require(values.shape == (5,), "distortion shape", values.shape, "[5]: k1, k2, p1, p2, k3")
+        values = _numbers(arrays, "distortion", (5,), "[5]: k1, k2, p1, p2, k3")
         projection = replace(projection, distortion=PlumbBob(*(float(value) for value in values)))
     return sensor.replace(projection=projection)
 
@@ -112,8 +112,7 @@ def _projection(arrays: dict[str, np.ndarray], sensor: SensorModel) -> Projectio
         require(kind in PROJECTIONS, "projection", kind, f"one of {', '.join(PROJECTIONS)}")
         projection, names = PROJECTIONS[kind]
         require("projection_values" in arrays, "projection_values", "missing", f"[{', '.join(names)}]")
-        values = _numbers(arrays, "projection_values")
-        require(values.shape == (4,), "projection_values shape", values.shape, f"[4]: {', '.join(names)}")
+        values = _numbers(arrays, "projection_values", (4,), f"[4]: {', '.join(names)}")
         return projection(*(float(value) for value in values))
     if "fov_deg" in arrays:
         return pinhole(sensor.rows, sensor.cols, _scalar(arrays, "fov_deg"))
@@ -146,15 +145,8 @@ def _reference(arrays: dict[str, np.ndarray], sensor: SensorModel) -> np.ndarray
     first = next((name for name in FIRST_REFERENCES if name in arrays), None)
     if first is None:
         return None
-    names = [first]
-    for name in OTHER_REFERENCES:
-        if name not in arrays:
-            break
-        names.append(name)
-    for name in names:
-        shape = _numbers(arrays, name).shape
-        require(shape == (sensor.rows, sensor.cols), f"{name} shape", shape, f"[{sensor.rows}, {sensor.cols}]")
-    return np.stack([arrays[name] for name in names]).astype(np.float32)
+    names = [first, *takewhile(arrays.__contains__, OTHER_REFERENCES)]
+    return np.stack([_numbers(arrays, name, (sensor.rows, sensor.cols)) for name in names]).astype(np.float32)
 
 
 def _reference_intensity(arrays: dict[str, np.ndarray], reference: np.ndarray | None) -> np.ndarray | None:
@@ -162,19 +154,10 @@ def _reference_intensity(arrays: dict[str, np.ndarray], reference: np.ndarray | 
     if INTENSITY not in arrays or reference is None:
         return None
     intensity = np.full_like(reference, np.nan)
-    first = _numbers(arrays, INTENSITY)
-    require(first.shape == reference.shape[1:], f"{INTENSITY} shape", first.shape, f"{list(reference.shape[1:])}")
+    first = _numbers(arrays, INTENSITY, reference.shape[1:])
     require(not (first < 0).any(), INTENSITY, "negative in places", "0 or more, NaN = unknown")
     intensity[0] = first
     return intensity
-
-
-def _as_surfaces(reference: np.ndarray, sensor: SensorModel, name: str) -> np.ndarray:
-    surfaces = reference[None] if reference.ndim == 2 else reference
-    require(surfaces.ndim == 3 and surfaces.shape[1:] == (sensor.rows, sensor.cols)
-            and 1 <= len(surfaces) <= MAX_SURFACES, f"{name} shape", reference.shape,
-            f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
-    return surfaces
 
 
 def _scalar(arrays: dict[str, np.ndarray], name: str) -> float | int:
@@ -183,9 +166,13 @@ def _scalar(arrays: dict[str, np.ndarray], name: str) -> float | int:
     return value.item()
 
 
-def _numbers(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
-    require(arrays[name].dtype.kind in "iufb", f"{name} dtype", str(arrays[name].dtype), "numbers")
-    return arrays[name]
+def _numbers(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...] | None = None,
+             expected: str = "") -> np.ndarray:
+    """The array, which must hold numbers and be of this shape, if one is given; `expected` says it in words."""
+    values = arrays[name]
+    require(values.dtype.kind in "iufb", f"{name} dtype", str(values.dtype), "numbers")
+    require(shape in (None, values.shape), f"{name} shape", values.shape, expected or f"{list(shape or ())}")
+    return values
 
 
 def _text(arrays: dict[str, np.ndarray], name: str) -> str:

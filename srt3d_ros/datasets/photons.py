@@ -1,19 +1,27 @@
-"""Photons: what every photon file gives, whatever its format."""
+"""Photons: one frame with all that is known about it, and the options by which users complete or correct a file."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import require
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.files import read_text
+from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.messages import json_text
 
 MAX_PHOTONS = 2**28
+MAX_GATE_BIN = 2**31
+SENSOR_OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
+OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols")
 
 
 @dataclass(frozen=True, eq=False)
 class Photons:
-    """One frame of photons with all that is known about it.
+    """One frame of photons.
 
     Args:
         sensor: the sensor that saw them.
@@ -33,7 +41,16 @@ class Photons:
     notes: tuple[str, ...] = ()
     reference_intensity: np.ndarray | None = None
 
-    def gated(self, first: int, bins: int) -> "Photons":
+    def with_options(self, options: dict) -> "Photons":
+        """The photons of a file that describes its sensor, with `options` in place of what it says."""
+        for name in ("rows", "cols"):
+            own = getattr(self.sensor, name)
+            require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
+        photons = replace(self, sensor=apply_options(self.sensor, options))
+        photons.frame.check(photons.sensor)
+        return photons._gated(*options["gate"]) if "gate" in options else photons
+
+    def _gated(self, first: int, bins: int) -> "Photons":
         """Only the bins [first, first + bins): photons outside are dropped, which a note says with their number."""
         require(first + bins <= self.sensor.num_bins, "gate", f"{first}, {bins}",
                 f"first bin and number of bins within the {self.sensor.num_bins} bins of the file")
@@ -57,3 +74,70 @@ def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEven
     gated = PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
     note = f"{dropped} of {events.photons} photons lie outside the gate (bins {first} to {first + bins - 1}): dropped"
     return gated, (note,) if dropped else ()
+
+
+def gather_options(path: Path, overrides: dict) -> dict:
+    """The options of a photon file: the sidecar's (FILE.json, "head.mat.json" for head.mat), then `overrides` on top.
+
+    An `irf` becomes an array here, one in the sidecar read relative to the sidecar's folder; a `gate` becomes two
+    integers. An override of None counts as not given.
+
+    Raises:
+        InvalidInput: an unknown name, a broken sidecar, an IRF or a gate that cannot be used.
+    """
+    sidecar = path.with_name(path.name + ".json")
+    options = json_text.parse(read_text(sidecar), sidecar.name) if sidecar.exists() else {}
+    _check_names(options, sidecar.name)
+    given = {name: value for name, value in overrides.items() if value is not None}
+    _check_names(given, "option")
+    if "irf" in given:
+        given["irf"] = irfs.read(given["irf"])
+        options.pop("irf_ref", None)                # it belongs to the IRF that is replaced
+    elif "irf" in options:
+        options["irf"] = irfs.read(options["irf"], path.parent)
+    options |= given
+    if "gate" in options:
+        options["gate"] = _gate(options["gate"])
+    return options
+
+
+def apply_options(sensor: SensorModel, options: dict) -> SensorModel:
+    """The sensor with the options in place of its own values; `gate`, `rows` and `cols` are left out."""
+    changes = {name: options[name] for name in SENSOR_OPTIONS if name in options}
+    if "irf" in options:
+        changes |= {"irf": options["irf"], "irf_ref": options.get("irf_ref")}
+    if "fov_deg" in options:
+        changes["projection"] = pinhole(sensor.rows, sensor.cols, options["fov_deg"])
+    return sensor.replace(**changes) if changes else sensor
+
+
+def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
+    """A pinhole with `fov_deg` across the larger side."""
+    return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
+
+
+def number(field: str, value: object, expected: str) -> float:
+    """`value` as a finite float, or InvalidInput."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(field, quoted(value), expected) from None
+    require(np.isfinite(result), field, quoted(value), expected)
+    return result
+
+
+def _check_names(options: dict, where: str) -> None:
+    for name in options:
+        require(name in OPTIONS, f"{where} name", quoted(name), f"one of {', '.join(OPTIONS)}")
+
+
+def _gate(value: object) -> tuple[int, int]:
+    expected = f"two integers: first bin, and number of bins from 2 to {MAX_BINS}"
+    try:
+        first, bins = value
+    except (TypeError, ValueError):
+        raise InvalidInput("gate", quoted(value), expected) from None
+    first, bins = number("gate", first, expected), number("gate", bins, expected)
+    valid = first == int(first) and bins == int(bins) and 0 <= first <= MAX_GATE_BIN and 2 <= bins <= MAX_BINS
+    require(valid, "gate", quoted(value), expected)
+    return int(first), int(bins)

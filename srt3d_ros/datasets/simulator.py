@@ -27,13 +27,10 @@ class Simulator:
     A scene that moves nearer or brighter later gives more photons later, as it would with a real sensor.
 
     Args:
-        scene: what is seen; `Bust`, the moving head and shoulders, unless given.
-        sensor: who sees it; `default_sensor()` unless given. Its gain, delay, mask and IRF (of all or of each pixel)
-            are obeyed; masked pixels give no photons.
+        scene: `Bust`, the moving head and shoulders, unless given.
+        sensor: `default_sensor()` unless given; pixels that its mask leaves out give no photons.
         sbr: above 0, or infinite for no background.
-        ppp: 0 or more.
-        seed: an integer of 0 or more. Frame k depends on the arguments and on k only, not on what was asked before.
-        frame_rate_hz: frames per second of the scene's time.
+        seed: frame k depends on the arguments and on k only, not on what was asked before.
 
     Raises:
         InvalidInput: naming the argument that cannot be used.
@@ -72,12 +69,10 @@ class Simulator:
         return PhotonEvents(*events, stamp_ns), depth
 
     def expected(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What frame k is drawn from.
+        """What frame k is drawn from: depths as from `frame`, expected photons of each return, and of the background.
 
         Returns:
-            depth_bins: as from `frame`.
-            signal: float [S, rows, cols], expected photons of each return in the frame.
-            background: float [rows, cols], expected background photons in the frame, over all bins.
+            float32 [S, rows, cols] in bins; float [S, rows, cols]; float [rows, cols], over all bins.
         """
         depth, relative = self._look(k)
         return depth, relative * self._gain * self._brightness, self._gain * self._background
@@ -115,7 +110,6 @@ class Simulator:
         bins = np.floor(toa).astype(np.int32)
         bins %= sensor.num_bins
         return pixel, bins.astype(np.uint16)
-
 
     def _draw_background(self, pixel: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Bins of background photons, not yet wrapped."""

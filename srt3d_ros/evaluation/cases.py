@@ -12,14 +12,12 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import Photons, open_photons
-from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor
-from srt3d_ros.datasets.scene_file import read_scene
+from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulator import Simulator
-from srt3d_ros.errors import require
-from srt3d_ros.evaluation.tolerance import Tolerance
+from srt3d_ros.errors import InvalidInput, require
 
 SCENES = ("bust", "net")
-HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = Tolerance(mm=40.0), Tolerance(bins=3.0), Tolerance(bins=10.0)
+HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
 QUICK_SIZE = 71         # pixels along the side of the quick look's head
 
 
@@ -98,12 +96,13 @@ class Case:
         return self.source if self.sbr is None else f"{self.source}, SBR {self.sbr:g}, {self.ppp:g} ppp"
 
 
-def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1, tolerance: Tolerance | None = None,
+def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1, tolerance: str | None = None,
               surfaces: int | None = None, quick: bool = False, upsampling: int = 1) -> list[Case]:
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
-        scene: "bust", "net", or a scene file (datasets.scene_file).
+        scene: "bust", "net", or a scene file (datasets.scene).
+        tolerance: as for `tolerance_bins`.
         quick: the bust at half the resolution.
         upsampling: u: the scene has u × u finer pixels, whose photons are merged into each pixel of the sensor.
     """
@@ -113,7 +112,7 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
         require(0 < ppp < np.inf, "--ppp", ppp, "photons per pixel, above 0")
     seen, sensor, default = _open_scene(scene, quick, upsampling)
     grid = sensor.upsampled(upsampling)
-    within = (tolerance or default).in_bins(scene, sensor)
+    within = tolerance_bins(default if tolerance is None else tolerance, scene, sensor)
     count = surfaces or (2 if scene == "net" else 1)
     name = scene if scene in SCENES else scene.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(".npz")
     name += f"_x{upsampling}" if upsampling > 1 else ""
@@ -129,13 +128,13 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
             for sbr in sbrs for ppp in ppps for repeat in range(1, repeats + 1)]
 
 
-def of_files(files: list[str], tolerance: Tolerance | None = None, surfaces: int | None = None,
+def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,
              aligned: tuple[int, ...] = (), seen: tuple[int, float] = (8, 60.0)) -> list[Case]:
     """Photon files; `surfaces` is by default the number of a file's references."""
     cases = []
     for photons in map(open_photons, files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
-        within = (tolerance or FILE_TOLERANCE).in_bins(photons.name, photons.sensor)
+        within = tolerance_bins(FILE_TOLERANCE if tolerance is None else tolerance, photons.name, photons.sensor)
         cases.append(Case(photons.name, photons.sensor, lambda p=photons: _observed(p),
                           surfaces or max(references, 1), within, photons.frame.photons,
                           aligned=tuple(k for k in aligned if k < references), seen=seen,
@@ -143,6 +142,24 @@ def of_files(files: list[str], tolerance: Tolerance | None = None, surfaces: int
     names = [case.source for case in cases]
     require(len(set(names)) == len(names), "files", max(names, key=names.count, default=""), "each file name once")
     return cases
+
+
+def tolerance_bins(text: str, source: str, sensor: SensorModel) -> float:
+    """τ of a source in bins, from "10", "40mm", or with other values for some: "10,two_layer=40,face=5mm"."""
+    parts = [part.strip().rpartition("=") for part in text.split(",")]
+    require(sum(not equals for _, equals, _ in parts) == 1, "tolerance", text,
+            "one value, and others as NAME=VALUE: 10,two_layer=40")
+    bins = {name if equals else None: _bins(value, text, sensor) for name, equals, value in parts}
+    return bins.get(source, bins[None])
+
+
+def _bins(value: str, text: str, sensor: SensorModel) -> float:
+    try:
+        number = float(value.removesuffix("mm"))
+    except ValueError:
+        raise InvalidInput("tolerance", text, "bins such as 10, or millimetres such as 40mm") from None
+    require(0 < number < np.inf, "tolerance", text, "a distance above 0")
+    return number * 1e-3 / sensor.bin_width_m if value.endswith("mm") else number
 
 
 def photons_near(frame: PhotonEvents, depth_bins: np.ndarray, bins: float, sensor: SensorModel) -> np.ndarray:

@@ -10,10 +10,9 @@ from tqdm import tqdm
 from srt3d_ros.core.methods import METHODS, find
 from srt3d_ros.core.pooled import MAX_SURFACES
 from srt3d_ros.errors import require
-from srt3d_ros.evaluation import cases, report, table
-from srt3d_ros.evaluation.results import Results
+from srt3d_ros.evaluation import cases, report
+from srt3d_ros.evaluation.results import Results, markdown
 from srt3d_ros.evaluation.run import jobs_for, run, with_clouds
-from srt3d_ros.evaluation.tolerance import Tolerance
 
 SBR, PPP, SKETCH_SIZES = (10.0, 1.0, 0.1), (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), (5, 10, 20)
 QUICK_PPP, FILE_SKETCH_SIZES = (1.0, 10.0, 100.0), (10,)
@@ -42,22 +41,21 @@ def evaluate(args: argparse.Namespace) -> int:
         bar.set_description("done")
     for note in notes:
         print(f"srt3d: {note}", file=sys.stderr)
-    print(f"{table.markdown(rows)}\n\n{folder}/  results.csv  README.md  *.png")
+    print(f"{markdown(rows)}\n\n{folder}/  results.csv  README.md  *.png")
     return 0
 
 
 def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
     """The cases, and notes on those left out."""
-    tolerance = None if args.tolerance is None else Tolerance.parse(args.tolerance)
     require(min(args.align, default=1) >= 1, "--align", args.align, "references, numbered from 1")
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
     require(args.upsampling == 1 or not args.files, "--upsampling", args.upsampling, "1 for photon files")
-    found = cases.of_files(args.files, tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen)
+    found = cases.of_files(args.files, args.tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen)
     scenes = args.scene or (() if args.files else cases.SCENES)
     sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
     for scene in dict.fromkeys(scenes):
-        found += cases.simulated(scene, sbrs, ppps, args.repeats, tolerance, args.surfaces, args.quick,
+        found += cases.simulated(scene, sbrs, ppps, args.repeats, args.tolerance, args.surfaces, args.quick,
                                  args.upsampling)
     kept, notes = cases.limited(found, args.max_photons)
     require(bool(kept), "--max-photons", args.max_photons, "enough for one setting")

@@ -10,9 +10,8 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.metrics import depth_errors
 from srt3d_ros.datasets.files import read_npz_arrays
-from srt3d_ros.evaluation import table
 from srt3d_ros.evaluation.machine import PACKAGES, machine
-from srt3d_ros.evaluation.results import Results, number
+from srt3d_ros.evaluation.results import Results, averaged, markdown, number
 from srt3d_ros.evaluation.run import NOMINAL, Job, aligned_reference
 from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
 from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
@@ -26,14 +25,14 @@ def write(folder: Path, jobs: Sequence[Job], results: Results, notes: Sequence[s
 
     `notes` are lines for the user, `command` is the command line of this evaluation.
     """
-    rows = table.averaged(table.rows_of(jobs, results))
+    rows = averaged(results[job.key] for job in jobs if job.key in results)
     figures = [*_curves(folder, rows), *_calibration(folder, rows), *_pictures(folder, jobs, results)]
     facts = machine()
     lines = ["# Evaluation", "", f"    {command}", "",
              f"srt3d_ros {__version__}, {facts['date']}, {facts['cpus']} CPUs of {facts['machine']}; Python "
              f"{facts['python']}, {', '.join(f'{name} {facts[name]}' for name in PACKAGES if facts[name])}.", ""]
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
-    lines += [table.markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
+    lines += [markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
               "more columns.", ""]
     lines += [f"![{path.stem}]({path.name})\n" for path in figures]
     (folder / "README.md").write_text("\n".join(lines), encoding="utf-8")
@@ -45,31 +44,28 @@ def _curves(folder: Path, rows: Sequence[dict]) -> list[Path]:
     drawn = []
     for source in dict.fromkeys(row["source"] for row in rows if row["sbr"]):
         chosen = [row for row in rows if row["source"] == source]
-        first = chosen[0]
+        first, bin_mm = chosen[0], number(chosen[0], "bin_width_mm")
         drawn.append(folder / f"metrics_{source}.png")
         draw_metrics(drawn[-1], chosen, f"{source}: {first['rows']} × {first['cols']} pixels, {first['num_bins']} bins "
-                     f"of {number(first, 'bin_width_mm'):.3g} mm, tolerance {_tolerance_mm(first):.3g} mm",
-                     list(METHODS))
+                     f"of {bin_mm:.3g} mm, tolerance {number(first, 'tolerance_bins') * bin_mm:.3g} mm", list(METHODS))
     return drawn
 
 
 def _calibration(folder: Path, rows: Sequence[dict]) -> list[Path]:
     """Draw observed against nominal shares of the default method, of each scene and of all files together."""
     chosen = [row for row in rows if row["method"] == DEFAULT_METHOD and row["within_nominal_percent"]]
-    sizes = sorted({row["sketch_size"] for row in chosen}, key=lambda m: abs(int(m) - 10))
-    chosen = [row for row in chosen if row["sketch_size"] == sizes[0]]
-    drawn = []
-    for source in dict.fromkeys(row["source"] if row["sbr"] else "files" for row in chosen):
-        lines: dict[str, dict] = {}
-        for row in chosen:
-            if source == (row["source"] if row["sbr"] else "files"):
-                heading, label = ((f"SBR {row['sbr']}", f"{row['ppp']} ppp") if row["sbr"]
-                                  else ("photon files", row["source"]))
-                lines.setdefault(heading, {})[label] = row["within_nominal_percent"]
-        drawn.append(folder / f"calibration_{source}.png")
-        draw_calibration(drawn[-1], lines, NOMINAL, GOALS,
-                         f"{source}: calibration ({DEFAULT_METHOD}, m = {sizes[0]})")
-    return drawn
+    size = min((row["sketch_size"] for row in chosen), key=lambda m: abs(int(m) - 10), default=None)
+    pictures: dict[str, dict[str, dict]] = {}
+    for row in chosen:
+        if row["sketch_size"] == size:
+            source, heading, label = "files", "photon files", row["source"]
+            if row["sbr"]:
+                source, heading, label = row["source"], f"SBR {row['sbr']}", f"{row['ppp']} ppp"
+            pictures.setdefault(source, {}).setdefault(heading, {})[label] = row["within_nominal_percent"]
+    for source, lines in pictures.items():
+        draw_calibration(folder / f"calibration_{source}.png", lines, NOMINAL, GOALS,
+                         f"{source}: calibration ({DEFAULT_METHOD}, m = {size})")
+    return [folder / f"calibration_{source}.png" for source in pictures]
 
 
 def _pictures(folder: Path, jobs: Sequence[Job], results: Results) -> list[Path]:
@@ -135,7 +131,3 @@ def _caption(row: dict[str, str]) -> str:
         return f"{int(row['points']):,} points"
     return (f"TD {number(row, 'true_detections_percent'):.1f} %  FD {number(row, 'false_detections_percent'):.1f} %  "
             f"DAE {number(row, 'dae_mm'):.3g} mm")
-
-
-def _tolerance_mm(row: dict) -> float:
-    return number(row, "tolerance_bins") * number(row, "bin_width_mm")

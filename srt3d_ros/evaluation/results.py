@@ -1,7 +1,10 @@
-"""results.csv: a row for each reconstruction, written at once, so that an interrupted evaluation can be resumed."""
+"""results.csv, a row for each reconstruction, written at once so that an evaluation can be resumed; and its table."""
 
 import csv
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
 
@@ -16,6 +19,13 @@ FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "poin
            "offset_bins", "sketch_ms", "reconstruct_ms", "format", "version")
 COLUMNS = KEY + FIGURES
 EXPECTED = "one by this version: another --out, or --fresh to start anew"
+_MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
+          "iae", "background_nmse", "within_1_std_percent", "within_2_std_percent", "sketch_ms", "reconstruct_ms")
+_LISTS = ("true_detections_by_surface_percent", "within_nominal_percent")
+HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
+            "≤ 1 σ %", "≤ 2 σ %", "points")
+_DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
+             "within_2_std_percent": 0}
 
 
 class Results:
@@ -31,20 +41,11 @@ class Results:
 
     def __init__(self, path: Path, fresh: bool = False):
         self.path = path
-        self._rows: dict[tuple[str, ...], dict[str, str]] = {}
-        if fresh or not path.exists() or path.stat().st_size == 0:
-            self._rewrite()
-            return
-        with open(path, newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            try:
-                require(tuple(reader.fieldnames or ()) == COLUMNS, str(path), "a table with other columns", EXPECTED)
-                rows = [row for row in reader if None not in row.values() and None not in row]    # whole lines only
-                require(all(row["format"] == FORMAT for row in rows), str(path), "of another format", EXPECTED)
-            except (csv.Error, UnicodeDecodeError) as error:
-                raise InvalidInput(str(path), f"unreadable ({error})", "a results.csv of srt3d evaluate") from None
-        self._rows = {key_of(row): row for row in rows}
-        self._rewrite()
+        self._rows = {} if fresh or not path.exists() else {key_of(row): row for row in _read(path)}
+        with open(path, "w", newline="", encoding="utf-8") as file:     # anew: it may have ended in half a line
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self._rows.values())
 
     def __contains__(self, row: dict) -> bool:
         return key_of(row) in self._rows
@@ -60,12 +61,20 @@ class Results:
         with open(self.path, "a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(text)
 
-    def _rewrite(self) -> None:
-        """Write the whole file: an interrupted run may have left half a line."""
-        with open(self.path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(self._rows.values())
+
+def _read(path: Path) -> list[dict[str, str]]:
+    """The whole rows of a file."""
+    if path.stat().st_size == 0:
+        return []
+    with open(path, newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        try:
+            require(tuple(reader.fieldnames or ()) == COLUMNS, str(path), "a table with other columns", EXPECTED)
+            rows = [row for row in reader if None not in row.values() and None not in row]
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise InvalidInput(str(path), f"unreadable ({error})", "a results.csv of srt3d evaluate") from None
+    require(all(row["format"] == FORMAT for row in rows), str(path), "of another format", EXPECTED)
+    return rows
 
 
 def key_of(row: dict) -> tuple[str, ...]:
@@ -85,3 +94,52 @@ def format_value(value) -> str:
 def number(row: dict[str, str], column: str) -> float:
     """A cell as a number, NaN if it is empty."""
     return float(row[column] or "nan")
+
+
+def averaged(rows: Iterable[dict[str, str]]) -> list[dict]:
+    """One row for all repeats, in the order of the first, with the means of the figures as floats, NaN without data."""
+    groups: dict[tuple, list[dict[str, str]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in KEY if name != "repeat"), []).append(row)
+    return [_mean(group) for group in groups.values()]
+
+
+def _mean(group: list[dict[str, str]]) -> dict:
+    means = {name: _nanmean([number(row, name) for row in group]) for name in _MEANS}
+    lists = {name: tuple(_nanmean(column) for column in zip(*(_numbers(row[name]) for row in group)))
+             for name in _LISTS}
+    return {**group[0], **means, **lists}
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(part or "nan") for part in text.split(";")] if text else []
+
+
+def _nanmean(values) -> float:
+    known = np.array(values)[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")
+
+
+def markdown(rows: list[dict]) -> str:
+    """A table of averaged rows."""
+    return aligned([HEADINGS, *(_cells(row) for row in rows)])
+
+
+def _cells(row: dict) -> list[str]:
+    surfaces = row["true_detections_by_surface_percent"]
+    detected = " + ".join(f"{share:.1f}" for share in surfaces) or _shown(row["true_detections_percent"], 1)
+    ppp = row["photons_per_pixel"]
+    return [row["source"], row["sbr"] or "–", f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"],
+            row["sketch_size"] or "–", detected, *(_shown(row[name], digits) for name, digits in _DECIMALS.items()),
+            f"{row['points']:.0f}"]
+
+
+def _shown(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
+
+
+def aligned(lines: Sequence[Sequence[str]]) -> str:
+    """A markdown table of cells with aligned columns; the first line is the heading."""
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in lines]
+    return "\n".join([text[0], "|" + "|".join("-" * (width + 2) for width in widths) + "|", *text[1:]])

@@ -11,18 +11,19 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__, cloud_files
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.upsampling import refine
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import Case, Observation, photons_near
 from srt3d_ros.evaluation.results import Results, format_value
 
 # Shares of a normal distribution at which the reported standard deviations of depth are checked.
 NOMINAL = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.6827, 0.8, 0.9, 0.9545, 0.99)
+# How many standard deviations hold them: 0.6827 → 1, 0.9545 → 2.
+DEVIATIONS = tuple(NormalDist().inv_cdf((1 + share) / 2) for share in NOMINAL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
     reference, counted, offsets = aligned_reference(cloud, case, observation)
     found = evaluate(cloud, reference, case.tolerance_bins, num_bins, observation.intensity, observation.background,
                      counted, observation.complete)
-    shares = shares_within(cloud, reference, num_bins, deviations(NOMINAL), counted)
+    shares = shares_within(cloud, reference, num_bins, DEVIATIONS, counted)
     return {"true_detections_percent": 100 * found.true_detections,
             "true_detections_by_surface_percent": tuple(100 * share for share in found.by_surface),
             "false_detections_percent": 100 * found.false_detections, "dae_bins": found.dae_bins,
@@ -155,11 +156,6 @@ def aligned_reference(cloud: PointCloud, case: Case, observation: Observation):
         counted[surface] &= near
         offsets.append(offset)
     return reference, counted, tuple(offsets)
-
-
-def deviations(nominal) -> tuple[float, ...]:
-    """How many standard deviations hold each share of normal errors: 0.6827 → 1, 0.9545 → 2."""
-    return tuple(NormalDist().inv_cdf((1 + share) / 2) for share in nominal)
 
 
 def with_clouds(jobs: list[Job], wanted: Callable[[Job], bool], folder: Path) -> list[Job]:

@@ -1,6 +1,6 @@
 """Constants of the method and limits of what kernels take, shared by all kernel backends.
 
-docs/algorithm.md has a table of what each constant of the method does: `python benchmarks/ablation.py` makes it.
+docs/algorithm.md has a table of what each constant of the method does: `python -m benchmarks ablation` makes it.
 """
 
 # ---- Limits

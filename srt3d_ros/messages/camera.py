@@ -3,14 +3,15 @@
 from dataclasses import astuple
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header as HeaderMessage
 
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_PIXELS, MAX_SIDE, SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.messages import typed
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.cdr import Header
 
 MODEL = "plumb_bob"
 COEFFICIENTS = 5            # k1, k2, p1, p2, k3; of four, k3 is 0
@@ -27,7 +28,9 @@ def camera_info(sensor: SensorModel, stamp_ns: int, frame_id: str) -> CameraInfo
         return None
     k = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]], np.float64)
     p = np.column_stack([k, np.zeros(3)])
-    return CameraInfo(header=typed.to_header_message(Header(stamp_ns, frame_id)), height=sensor.rows, width=sensor.cols,
+    header = Header(stamp_ns, frame_id)
+    stamp = Time(sec=header.sec, nanosec=header.nanosec)
+    return CameraInfo(header=HeaderMessage(stamp=stamp, frame_id=frame_id), height=sensor.rows, width=sensor.cols,
                       distortion_model=MODEL, d=[float(value) for value in astuple(lens.distortion)], k=k.ravel(),
                       r=np.eye(3).ravel(), p=p.ravel())
 

@@ -1,19 +1,55 @@
-"""PointCloud2 and Image as bytes: the CDR that DDS carries and bags keep (OMG DDS-XTypes 1.3, 7.4: plain CDR).
+"""PointCloud2, Image and String as bytes: the CDR that DDS carries and bags keep (OMG DDS-XTypes 1.3, 7.4: plain CDR).
 
-Reading copies nothing: `data` stays a view of the message. Every length is held against the bytes that are
-there before it is used. Numbers are aligned to their size, counted from the end of the 4-byte CDR header.
+Reading copies nothing: `data` stays a view of the message. Every length is compared with the bytes that are there
+before it is used. Numbers are aligned to their size, counted from the end of the 4-byte CDR header.
 """
 
 import struct
 from dataclasses import dataclass
 
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages.header import Header
 
 CDR_HEADER_BYTES = 4
 ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 MAX_FIELDS = 256                # of a point: far above any real cloud, far below what takes time to read
 MAX_TRAILING_BYTES = 3          # some middleware fills messages up to a multiple of 4
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Header:
+    """std_msgs/Header with the stamp as one number.
+
+    Args:
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock; its seconds must fit 32 bits.
+        frame_id: the tf frame of the content.
+    """
+
+    stamp_ns: int
+    frame_id: str
+
+    def __post_init__(self):
+        require(-(2**31) <= self.sec < 2**31, "header.stamp", self.stamp_ns, "nanoseconds whose seconds fit 32 bits")
+        check_frame_id("header.frame_id", self.frame_id)
+
+    @property
+    def sec(self) -> int:
+        """Whole seconds of the stamp, rounded down."""
+        return self.stamp_ns // NS_PER_S
+
+    @property
+    def nanosec(self) -> int:
+        """Nanoseconds of the stamp above `sec`."""
+        return self.stamp_ns % NS_PER_S
+
+
+def check_frame_id(field: str, frame_id: str) -> None:
+    """Raise InvalidInput unless a ROS string can carry `frame_id`."""
+    try:
+        frame_id.encode()
+    except UnicodeEncodeError:
+        raise InvalidInput(field, ascii(frame_id), "text that UTF-8 can carry") from None
+    require("\0" not in frame_id, field, frame_id, "text without NUL characters")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +146,7 @@ def write_text(text: str) -> bytes:
 
 def stamp_ns(raw: bytes) -> int:
     """The stamp of a serialised message that begins with a std_msgs/Header; InvalidInput if it breaks off there."""
-    reader = _Reader(raw)
-    return Header.of(reader.number("header.stamp.sec", "i"), reader.number("header.stamp.nanosec"), "").stamp_ns
+    return _Reader(raw).stamp_ns()
 
 
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
@@ -182,9 +217,13 @@ class _Reader:
         except UnicodeDecodeError:
             raise InvalidInput(field, raw, "a string in UTF-8") from None
 
+    def stamp_ns(self) -> int:
+        sec, nanosec = self.number("header.stamp.sec", "i"), self.number("header.stamp.nanosec")
+        require(nanosec < NS_PER_S, "header.stamp.nanosec", nanosec, f"0 to {NS_PER_S - 1}")
+        return sec * NS_PER_S + nanosec
+
     def header(self) -> Header:
-        return Header.of(self.number("header.stamp.sec", "i"), self.number("header.stamp.nanosec"),
-                         self.text("header.frame_id"))
+        return Header(self.stamp_ns(), self.text("header.frame_id"))
 
     def end(self) -> None:
         left = len(self.raw) - self.at

@@ -1,4 +1,4 @@
-"""JSON from strangers: bounded, strict, and held against the fields of a schema."""
+"""Untrusted JSON: bounded, strict, and checked against the fields of a schema."""
 
 import base64
 import binascii
@@ -22,14 +22,10 @@ def dump(content: dict) -> str:
 
 
 def parse(text: str, what: str) -> dict:
-    """The object in a JSON text.
-
-    Args:
-        text: at most 64 MiB, at most a million values (arrays in base64 count as one).
-        what: whose text it is, for messages.
+    """The object in a JSON text; errors call the text `what`.
 
     Raises:
-        InvalidInput: it is too big, broken, not an object, or has NaN, Infinity or a key twice.
+        InvalidInput: over 64 MiB or a million values (an array in base64 is one), broken, no object, NaN, a key twice.
     """
     require(len(text) <= MAX_BYTES, what, f"{len(text)} bytes", f"at most {MAX_BYTES} bytes")
     values = sum(text.count(mark) for mark in ",[{")
@@ -45,7 +41,7 @@ def parse(text: str, what: str) -> dict:
 
 
 def check_version(content: dict, schema: dict) -> None:
-    """Raise InvalidInput unless `content` is of the schema's version; said first, as other fields may have changed."""
+    """Raise InvalidInput unless `content` is of the schema's version. Call it first: other fields may have changed."""
     known = schema["schema_version"]
     said = shown(content, "schema_version")
     require(type(content.get("schema_version")) is int and said == known, "schema_version", said, str(known))
@@ -60,12 +56,8 @@ def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
     """The values of the fields that are present, each of the type that the schema gives it.
 
     A key that is not in the schema is refused, since a misspelt optional field would change every depth in silence;
-    keys that begin with `x_` belong to whoever wrote them and are left out.
-
-    Args:
-        content: a parsed JSON object.
-        fields: of a schema.
-        where: what to put before names in messages, such as "projection.".
+    keys that begin with `x_` belong to the writer and are left out. Messages put `where`, such as "projection.", before
+    names.
     """
     known = {field["name"]: field for field in fields}
     for key in content:
@@ -114,7 +106,7 @@ def _array(value, dtype: str, name: str) -> np.ndarray:
 def _from_lists(value, dtype: str, name: str) -> np.ndarray:
     wanted = f"nested lists of {dtype}, or an object {{{', '.join(ARRAY_KEYS)}}}"
     require(isinstance(value, list), name, quoted(value), wanted)
-    # Looked at one by one: NumPy would take "1.5" and true for numbers, and lists of long texts for gigabytes.
+    # Checked one by one: NumPy would take "1.5" and true for numbers, and lists of long texts for gigabytes.
     kinds = (bool,) if dtype == "bool" else (int, float)
     for row in value if all(isinstance(row, list) for row in value) else [value]:
         for number in row:

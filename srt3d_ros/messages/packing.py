@@ -5,8 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from srt3d_ros.errors import require
-from srt3d_ros.messages.cdr import Cloud, Field, Image
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.cdr import Cloud, Field, Header, Image
 from srt3d_ros.messages.schema import DATATYPES
 
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}

@@ -1,69 +1,37 @@
 """`photons`: PhotonEvents ⇄ PointCloud2, one point a photon (msg_schemas/photons.json)."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import cdr, typed
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
-
-if TYPE_CHECKING:
-    from sensor_msgs.msg import PointCloud2
 
 LEAST_BYTES = min(layout.itemsize for layout in cloud_layouts("photons").values())      # of a photon
 
 
-def encode(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> "PointCloud2":
-    """The message of one frame, in the layout of the events' ToA: uint16, uint32 or float32.
+def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> bytes:
+    """The serialised message of one frame, in the layout of the events' ToA: uint16, uint32 or float32.
 
     Raises:
         InvalidInput: a photon lies outside the sensor.
     """
-    return typed.to_cloud_message(_pack(events, sensor, frame_id))
-
-
-def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> bytes:
-    """`encode`, serialised."""
-    return cdr.write_cloud(_pack(events, sensor, frame_id))
-
-
-def decode(message: "PointCloud2", sensor: SensorModel) -> tuple[Header, PhotonEvents]:
-    """The photons of a message, in its order and with its type of ToA.
-
-    Raises:
-        InvalidInput: the message does not keep the schema, or a photon lies outside the sensor.
-    """
-    return _unpack(typed.from_cloud_message(message), sensor)
-
-
-def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
-    """`decode` of a serialised message."""
-    return _unpack(cdr.read_cloud(raw), sensor)
-
-
-def announced(raw: bytes) -> int:
-    """How many photons a serialised message says that it has; 0 if it is none, or says more than its bytes can hold."""
-    try:
-        height, width = cdr.cloud_shape(raw)
-    except InvalidInput:
-        return 0
-    return height * width if height * width * LEAST_BYTES <= len(raw) else 0
-
-
-def _pack(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> cdr.Cloud:
     events.check(sensor)
     points = np.zeros(events.photons, cloud_layouts("photons")[events.toa.dtype.name])
     points["row"], points["col"] = np.divmod(events.pixel, np.uint32(sensor.cols))
     points["toa"] = events.toa
-    return pack_cloud(Header(events.stamp_ns, frame_id), points)
+    return cdr.write_cloud(pack_cloud(cdr.Header(events.stamp_ns, frame_id), points))
 
 
-def _unpack(cloud: cdr.Cloud, sensor: SensorModel) -> tuple[Header, PhotonEvents]:
+def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvents]:
+    """The photons of a serialised message, in its order and with its type of ToA.
+
+    Raises:
+        InvalidInput: the message does not keep the schema, or a photon lies outside the sensor.
+    """
+    cloud = cdr.read_cloud(raw)
     require(cloud.height == 1, "height", cloud.height, "1")
     points = unpack_cloud(cloud, cloud_layouts("photons").values())[0]
     row, col = points["row"].astype(np.uint32), points["col"].astype(np.uint32)
@@ -75,3 +43,12 @@ def _unpack(cloud: cdr.Cloud, sensor: SensorModel) -> tuple[Header, PhotonEvents
                           cloud.header.stamp_ns)
     events.check(sensor)
     return cloud.header, events
+
+
+def announced(raw: bytes) -> int:
+    """How many photons a serialised message says that it has; 0 if it is none, or says more than its bytes can hold."""
+    try:
+        height, width = cdr.cloud_shape(raw)
+    except InvalidInput:
+        return 0
+    return height * width if height * width * LEAST_BYTES <= len(raw) else 0

@@ -1,59 +1,27 @@
 """`points`: PointCloud ⇄ PointCloud2 (msg_schemas/points.json)."""
 
 import numpy as np
-from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.messages import cdr, typed
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
 
 
-def encode(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
-           organised: bool = False) -> PointCloud2:
-    """The message of a cloud.
+def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
+               organised: bool = False) -> bytes:
+    """The serialised message of a cloud.
 
     Args:
-        cloud: what a reconstruction gave.
+        cloud: of one frame.
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
         sensor: needed by "full" alone, which gives depth_std in metres.
         organised: one point a pixel, rows × cols, its strongest; where a pixel has none x, y, z and depth_std are NaN
             and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
     """
-    return typed.to_cloud_message(_pack(cloud, frame_id, layout, sensor, organised))
-
-
-def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
-               organised: bool = False) -> bytes:
-    """`encode`, serialised."""
-    return cdr.write_cloud(_pack(cloud, frame_id, layout, sensor, organised))
-
-
-def decode(message: PointCloud2) -> tuple[Header, dict[str, np.ndarray]]:
-    """The points of a message in either layout, or of any other cloud with x, y, z and intensity in float32.
-
-    Points whose x, y or z is not finite are left out: in organised clouds they stand for pixels without a point.
-
-    Returns:
-        The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
-        all of them depth_std, background, row, col and surface [N], in the units of the schema.
-
-    Raises:
-        InvalidInput: the message does not keep the schema.
-    """
-    return _unpack(typed.from_cloud_message(message))
-
-
-def decode_cdr(raw: bytes) -> tuple[Header, dict[str, np.ndarray]]:
-    """`decode` of a serialised message."""
-    return _unpack(cdr.read_cloud(raw))
-
-
-def _pack(cloud: PointCloud, frame_id: str, layout: str, sensor: SensorModel | None, organised: bool) -> cdr.Cloud:
     layouts = cloud_layouts("points")
     require(layout in layouts, "layout", layout, " or ".join(layouts))
     points = np.zeros(len(cloud), layouts[layout])
@@ -68,7 +36,7 @@ def _pack(cloud: PointCloud, frame_id: str, layout: str, sensor: SensorModel | N
     if organised:
         points = _in_their_pixels(points, cloud)
     dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
-    return pack_cloud(Header(cloud.stamp_ns, frame_id), points, dense)
+    return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
 
 
 def _in_their_pixels(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
@@ -84,8 +52,19 @@ def _in_their_pixels(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
     return grid
 
 
-def _unpack(cloud: cdr.Cloud) -> tuple[Header, dict[str, np.ndarray]]:
-    layouts = cloud_layouts("points")
+def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
+    """The points of a serialised message in either layout, or of any cloud with x, y, z and intensity in float32.
+
+    Points whose x, y or z is not finite are left out: in organised clouds they stand for pixels without a point.
+
+    Returns:
+        The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
+        all of them depth_std, background, row, col and surface [N], in the units of the schema.
+
+    Raises:
+        InvalidInput: the message does not keep the schema.
+    """
+    cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
     present = {field.name for field in cloud.fields}
     layout = layouts["full" if present.issuperset(layouts["full"].names) else "xyzi"]
     points = unpack_cloud(cloud, [layout]).reshape(-1)

@@ -14,11 +14,7 @@ DATATYPES = {"INT8": (1, "<i1"), "UINT8": (2, "<u1"), "INT16": (3, "<i2"), "UINT
 
 @cache
 def load(name: str) -> dict:
-    """The schema `msg_schemas/<name>.json` of the source tree or of share/srt3d_ros; do not change it.
-
-    Raises:
-        FileNotFoundError: if the package was installed without its schemas.
-    """
+    """The schema `msg_schemas/<name>.json` of the source tree or of share/srt3d_ros; do not change it."""
     path = shared_files.find(f"msg_schemas/{name}.json")
     if path is None:
         raise FileNotFoundError(f"msg_schemas/{name}.json is in no folder above {__file__}: install srt3d_ros again")
@@ -27,12 +23,7 @@ def load(name: str) -> dict:
 
 @cache
 def cloud_layouts(name: str, sketch_size: int = 0) -> dict[str, np.dtype]:
-    """The layouts of a PointCloud2 topic, each as the dtype of one point.
-
-    Args:
-        name: of the schema.
-        sketch_size: m, for the layouts whose sizes depend on it.
-    """
+    """The layouts of a PointCloud2 topic, each as the dtype of one point; sizes of some depend on the sketch size m."""
     return {key: np.dtype({
         "names": [field["name"] for field in layout["fields"]],
         "formats": [_format(field, sketch_size) for field in layout["fields"]],

@@ -7,7 +7,7 @@ from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, json_text
-from srt3d_ros.messages.header import check_frame_id
+from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.schema import load
 
 if TYPE_CHECKING:

@@ -1,15 +1,13 @@
 """`sketch`: Sketch ⇄ PointCloud2 (msg_schemas/sketch.json), and `sketch/sensor` (msg_schemas/sketch_sensor.json)."""
 
 import numpy as np
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
-from srt3d_ros.messages import cdr, json_text, typed
+from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages import sensor as sensor_codec
-from srt3d_ros.messages.header import Header
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts, load
 
@@ -18,8 +16,8 @@ COUNTS = np.dtype([("photons", "<u4")])
 MAX_MODULUS = 1.001     # a mean of unit vectors is at most 1 long; the rest is for rounding
 
 
-def encode(sketch: Sketch, frame_id: str, layout: str = "float32") -> PointCloud2:
-    """The message of a sketch, organised rows × cols.
+def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32") -> bytes:
+    """The serialised message of a sketch, organised rows × cols.
 
     Args:
         sketch: of one frame or window.
@@ -29,36 +27,46 @@ def encode(sketch: Sketch, frame_id: str, layout: str = "float32") -> PointCloud
     Raises:
         InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
     """
-    return typed.to_cloud_message(_pack(sketch, frame_id, layout))
+    layouts = cloud_layouts("sketch", len(sketch.frequencies))
+    require(layout in layouts, "layout", layout, " or ".join(layouts))
+    points = np.zeros(sketch.photons.shape, layouts[layout])
+    points["photons"] = sketch.photons
+    means = np.ascontiguousarray(sketch.z, np.complex64)
+    _check_means(means)
+    numbers = means.view(np.float32)
+    points["sketch"] = np.rint(numbers * INT16_SCALE) if layout == "int16" else numbers
+    return cdr.write_cloud(pack_cloud(cdr.Header(sketch.stamp_ns, frame_id), points))
 
 
-def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32") -> bytes:
-    """`encode`, serialised."""
-    return cdr.write_cloud(_pack(sketch, frame_id, layout))
-
-
-def decode(message: PointCloud2, frequencies: tuple[int, ...],
-           sensor: SensorModel | None = None) -> tuple[Header, Sketch]:
-    """The sketch of a message in either layout.
+def decode_cdr(raw: bytes, frequencies: tuple[int, ...],
+               sensor: SensorModel | None = None) -> tuple[cdr.Header, Sketch]:
+    """The sketch of a serialised message in either layout.
 
     Args:
-        message: from `sketch`.
+        raw: from `sketch`.
         frequencies: the k_l from `sketch/sensor`.
         sensor: if given, the message must have its rows and columns.
 
     Raises:
         InvalidInput: the message does not keep the schema, fit the frequencies or fit the sensor.
     """
-    return _unpack(typed.from_cloud_message(message), frequencies, sensor)
+    cloud = cdr.read_cloud(raw)
+    for name, count, wanted in (("height", cloud.height, sensor and sensor.rows),
+                                ("width", cloud.width, sensor and sensor.cols)):
+        require(count > 0, name, count, "1 or more")
+        require(wanted in (None, count), name, count, f"the sensor's {wanted}")
+    points = unpack_cloud(cloud, cloud_layouts("sketch", len(frequencies)).values())
+    photons = points["photons"].astype(np.uint32)
+    numbers = np.array(points["sketch"], np.float32, order="C")
+    if points["sketch"].dtype.kind == "i":
+        numbers /= INT16_SCALE
+    _check_means(numbers.view(np.complex64))
+    numbers *= photons[..., None].astype(np.float32)
+    return cloud.header, Sketch(tuple(frequencies), numbers.view(np.complex64), photons, cloud.header.stamp_ns)
 
 
-def decode_cdr(raw: bytes, frequencies: tuple[int, ...], sensor: SensorModel | None = None) -> tuple[Header, Sketch]:
-    """`decode` of a serialised message."""
-    return _unpack(cdr.read_cloud(raw), frequencies, sensor)
-
-
-def decode_counts_cdr(raw: bytes) -> tuple[Header, np.ndarray]:
-    """The photons of each pixel, uint32 [rows, cols], of a serialised message; its means, by far the most, stay there.
+def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
+    """The photons of each pixel, uint32 [rows, cols], of a serialised message, without a copy of its means.
 
     Raises:
         InvalidInput: the message is no cloud with photon counts.
@@ -68,7 +76,7 @@ def decode_counts_cdr(raw: bytes) -> tuple[Header, np.ndarray]:
 
 
 def encode_sensor(sensor: SensorModel, frequencies: tuple[int, ...], window_frames: int) -> String:
-    """The message that tells a reader of `sketch` what the numbers are."""
+    """The `sketch/sensor` message, which says what the numbers of `sketch` are."""
     schema = load("sketch_sensor")
     return String(data=json_text.dump({
         "schema_version": schema["schema_version"], "frequencies": list(frequencies), "window_frames": window_frames,
@@ -88,33 +96,6 @@ def decode_sensor(message: String) -> tuple[SensorModel, tuple[int, ...], int]:
     sensor = sensor_codec.from_object(values["sensor"])
     require(values["window_frames"] >= 1, "window_frames", values["window_frames"], "1 or more")
     return sensor, check_frequencies(values["frequencies"], sensor.num_bins), values["window_frames"]
-
-
-def _pack(sketch: Sketch, frame_id: str, layout: str) -> cdr.Cloud:
-    layouts = cloud_layouts("sketch", len(sketch.frequencies))
-    require(layout in layouts, "layout", layout, " or ".join(layouts))
-    points = np.zeros(sketch.photons.shape, layouts[layout])
-    points["photons"] = sketch.photons
-    means = np.ascontiguousarray(sketch.z, np.complex64)
-    _check_means(means)
-    numbers = means.view(np.float32)
-    points["sketch"] = np.rint(numbers * INT16_SCALE) if layout == "int16" else numbers
-    return pack_cloud(Header(sketch.stamp_ns, frame_id), points)
-
-
-def _unpack(cloud: cdr.Cloud, frequencies: tuple[int, ...], sensor: SensorModel | None) -> tuple[Header, Sketch]:
-    for name, count, wanted in (("height", cloud.height, sensor and sensor.rows),
-                                ("width", cloud.width, sensor and sensor.cols)):
-        require(count > 0, name, count, "1 or more")
-        require(wanted in (None, count), name, count, f"the sensor's {wanted}")
-    points = unpack_cloud(cloud, cloud_layouts("sketch", len(frequencies)).values())
-    photons = points["photons"].astype(np.uint32)
-    numbers = np.array(points["sketch"], np.float32, order="C")
-    if points["sketch"].dtype.kind == "i":
-        numbers /= INT16_SCALE
-    _check_means(numbers.view(np.complex64))
-    numbers *= photons[..., None].astype(np.float32)
-    return cloud.header, Sketch(tuple(frequencies), numbers.view(np.complex64), photons, cloud.header.stamp_ns)
 
 
 def _check_means(means: np.ndarray) -> None:

@@ -1,8 +1,1 @@
-"""The ROS 2 nodes: player, sketcher, reconstructor, recorder. rclpy is imported here and nowhere else.
-
-Importing this package prepares the process for big messages, because that has to happen before rclpy is imported.
-"""
-
-from srt3d_ros.nodes import transport
-
-transport.prepare_process()
+"""The ROS 2 nodes: player, sketcher, reconstructor, recorder, bag_recorder. rclpy is imported here and nowhere else."""

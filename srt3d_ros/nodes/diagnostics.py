@@ -1,13 +1,11 @@
-"""/diagnostics of a node, once a second whatever its subscribers: frame accounting, rates, latency, last error.
-
-Totals count from the start of the node and never fall; the node's spec says in which equations they balance.
+"""/diagnostics of a node, once a second with or without subscribers: frame accounting, rates, latency, last error.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, frame accounting stopped adding up, the node finds that its inputs
-            contradict each other, or more than half of the frames that came in were dropped or lost
+    ERROR   something failed that should not have, frame accounting does not add up, inputs contradict each other, or
+            more than half of the frames that came in were dropped or lost
     WARN    a frame was dropped or lost, time is simulated and there is no clock, the node waits for something, no frame
             came for 2 s, frames are more than 2 s old when they leave, or stamped ahead of the node's clock
-    OK      otherwise, also with nothing to do
+    OK      otherwise
 """
 
 import threading
@@ -26,16 +24,16 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from srt3d_ros.nodes.frame_accounting import FRAMES, Balance, FrameAccounts
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
-PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they know each other's reports
+PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they recognise each other's reports
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
-LAST_WORDS_S = 2.0      # how long the last report may take to reach the subscribers
+LAST_REPORT_S = 2.0     # timeout for the last report to reach the subscribers
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
-SILENCE_S = 2.0         # without a frame: worth a warning
-OLD_S = 2.0             # median latency that is worth a warning
-# As much ahead of the clock as is worth one: clocks that NTP keeps differ by milliseconds, but a simulated one may tick
-# at only 10 Hz, and be late on a busy machine.
+SILENCE_S = 2.0         # without a frame: a warning
+OLD_S = 2.0             # median latency: a warning
+# Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
+# tick at only 10 Hz, and be late on a busy machine.
 AHEAD_S = 0.5
 CLOCK = "/clock"
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
@@ -45,44 +43,47 @@ class Diagnostics:
     """Counts what a node does and reports it. Every method may be called from any thread.
 
     Args:
-        node: whose frames these are; its name is the status's name, its `state` the lifecycle state that is shown.
-        balances: equations in which they balance.
+        balances: the equations that the totals keep.
+
+    Attributes:
+        find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
+            these diagnostics.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
+        self.find_contradiction: Callable[[], str] = str
         self._node = node
         self._lock = threading.Lock()
         self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self._waiting_for = ""
-        self._contradiction: Callable[[], str] = str
         self._topics: dict[str, str] = {}   # on which frames may come, and of what type
-        self._silent_since = 0.0            # when a frame last came in, or was first to be expected
-        self._any_frame = False             # since then
+        self._silent_since = 0.0            # when the last frame came in, or frames were first expected
+        self._any_frame = False             # whether one has come since then
         self._last_error = ""
         self._reported = (time.monotonic(), Counter(), Counter(), Counter())
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        # a steady clock: diagnostics go on while simulated time stands still
+        # a steady clock: reports go on while simulated time stands still
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def received(self, photons: int = 0) -> None:
-        """A frame came in, which announces so many photons."""
+        """Count a frame that came in and announces so many photons."""
         self.count(frames_in=1, **({"photons_in": photons} if photons else {}))
         self._silent_since, self._any_frame = time.monotonic(), True
 
     def expect(self, topic: str, type_name: str) -> None:
-        """Frames of this type may come on this topic from now on."""
+        """Expect frames of this type on this topic."""
         self._topics[topic] = type_name
         self._silent_since, self._any_frame = time.monotonic(), False
 
     def expect_nothing(self) -> None:
-        """No frames are to come any more."""
+        """Expect no frames any more."""
         self._topics.clear()
 
     def sent(self, latency_s: float, **amounts: int) -> None:
-        """A frame went out, `latency_s` after its stamp, and adds to totals of these names."""
+        """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
         with self._lock:
             self._accounts.totals.update(amounts, frames_out=1)
             self._latencies_s.append(latency_s)
@@ -93,56 +94,43 @@ class Diagnostics:
             self._accounts.totals.update(amounts)
 
     def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
-        """Frames were given up because of `cause`, and so many photons with them."""
+        """Count frames that were dropped for `cause`, and their photons."""
         with self._lock:
             self._accounts.drop(cause, frames=frames, photons=photons)
 
     def audit(self, frames: int, photons: int) -> None:
-        """Check the accounting while no stage is processing a frame; so many frames and photons wait."""
+        """Check the accounting while no stage is processing a frame; `frames` and `photons` wait."""
         with self._lock:
-            self._accounts.audit({"frames": frames, "photons": photons})
+            self._accounts.audit(frames=frames, photons=photons)
 
-    def lost(self, messages: int) -> None:
-        """Messages were sent to this node and never came out of the middleware."""
-        self.count(message_lost=messages)
-
-    def error(self, text: str) -> None:
-        """Something failed that should not have; kept as the last error."""
+    def error(self, text: str, counted: bool = True) -> None:
+        """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
         with self._lock:
-            self._accounts.totals["errors"] += 1
-            self._last_error = text
-
-    def note(self, text: str) -> None:
-        """The last error, of a kind that is counted elsewhere (a malformed message)."""
-        with self._lock:
+            self._accounts.totals["errors"] += counted
             self._last_error = text
 
     def wait_for(self, what: str) -> None:
-        """The node waits for this; an empty text when it no longer does."""
+        """Report what the node waits for; an empty text when it no longer does."""
         with self._lock:
             self._waiting_for = what
 
-    def ask_for_contradictions(self, find: Callable[[], str]) -> None:
-        """Call `find` at each report; what it returns, unless empty, is an error for as long. It must not call this."""
-        self._contradiction = find
-
     def show(self, **values: object) -> None:
-        """Report these values as they are, until changed."""
+        """Report these values until they change."""
         with self._lock:
             self._values.update(values)
 
     def report(self) -> None:
-        """Publish the state now."""
+        """Publish a report now."""
         out = DiagnosticArray()
         out.header.stamp = self._node.get_clock().now().to_msg()
         out.status = [self._status()]
         self.publisher.publish(out)
 
     def close(self) -> None:
-        """Publish the last report and give it time to arrive."""
+        """Publish the last report and wait until it has arrived."""
         self._timer.cancel()
         self.report()
-        deadline = time.monotonic() + LAST_WORDS_S
+        deadline = time.monotonic() + LAST_REPORT_S
         while not all_acknowledged(self.publisher) and time.monotonic() < deadline:
             time.sleep(POLL_S)
 
@@ -156,12 +144,11 @@ class Diagnostics:
             self._reported = (now, totals, drops, unaccounted)
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
-            latency = self._latency()
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
             values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
                       **self._accounts.values(),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
-                      **latency, **self._values, "last_error": self._last_error}
+                      **self._latency(), **self._values, "last_error": self._last_error}
             missing = unaccounted if unaccounted != unaccounted_before else Counter()
             level, message = self._judge(new, new_drops, missing, now)
             if not message:
@@ -171,14 +158,14 @@ class Diagnostics:
                                 hardware_id=PIPELINE_ID, values=pairs)
 
     def _latency(self) -> dict[str, str]:
-        """Percentiles of the newest frames' latencies; nothing before the first frame."""
+        """Percentiles of the newest frames' latencies, if there are any."""
         if not self._latencies_s:
             return {}
         p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
         return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
 
     def _untimely(self, frames: int) -> str:
-        """Whether the frames that left since the last report were too old or stamped ahead of the clock, in words."""
+        """A warning if the frames sent since the last report were too old or stamped ahead of the clock."""
         newest_s = list(self._latencies_s)[-frames:] if frames else [0.0]
         age_s = float(np.median(newest_s))
         if age_s > OLD_S:
@@ -188,7 +175,7 @@ class Diagnostics:
         return ""
 
     def _missing_clock(self) -> str:
-        """Whether time is simulated and stands still for lack of a clock, in words."""
+        """A warning if time is simulated and there is no clock."""
         if not self._node.get_parameter("use_sim_time").value:
             return ""
         if not (publishers := self._node.count_publishers(CLOCK)):
@@ -199,20 +186,20 @@ class Diagnostics:
                 "but the clock stands at 0")
 
     def _silence(self, seconds: float) -> str:
-        """Since when no frame has come, or who could send one."""
+        """For how long no frame has come, or who could send one."""
         if self._any_frame:
             return f"no frame for {seconds:.0f} s"
         return "no frame yet: " + ", ".join(self._publishers(topic, wanted) for topic, wanted in self._topics.items())
 
     def _publishers(self, topic: str, wanted: str) -> str:
-        """Who publishes on a topic, in words; those of another type than the frames' are never heard."""
+        """Who publishes on a topic. A publisher of another type than `wanted` never reaches this node."""
         types = Counter(publisher.topic_type for publisher in self._node.get_publishers_info_by_topic(topic))
         count = types.pop(wanted, 0)
         words = f"{count} publish {topic}" if count > 1 else f"{count or 'nobody'} publishes {topic}"
         return words + (f" (but there is {', '.join(types)}: expected {wanted})" if types else "")
 
     def _judge(self, new: Counter, new_drops: Counter, missing: Counter, now: float) -> tuple[bytes, str]:
-        """Level and, unless all is well, the message."""
+        """Level and message; an empty message if nothing is wrong."""
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
         if any(missing.values()):
@@ -220,7 +207,7 @@ class Diagnostics:
                 f"{name} {amount}" for name, amount in missing.items() if amount)
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
-        if contradiction := self._contradiction():
+        if contradiction := self.find_contradiction():
             return DiagnosticStatus.ERROR, contradiction
         if new_drops or new["message_lost"]:
             sent, gone = new["frames_in"] + new["message_lost"], new_drops.total() + new["message_lost"]

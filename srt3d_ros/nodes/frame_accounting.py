@@ -1,18 +1,18 @@
 """Frame accounting: every frame and photon is published, dropped for a named cause, or still in progress."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Balance:
-    """An equation that holds in every report: what came in = what went out + dropped + under way + unaccounted.
+    """An equation of every report: came in = went out + dropped + under way + unaccounted.
 
     Args:
-        what: is balanced: "frames" (messages, where several make a frame) or "photons".
-        out: the total that says how many have gone out, in whatever was published.
-        dropped, under_way: under which names they are reported.
+        what: "frames" (messages, where several make a frame) or "photons".
+        out: the total that counts what went out, in whatever was published.
+        dropped, under_way: the names under which those are reported.
     """
 
     what: str
@@ -40,8 +40,8 @@ PHOTONS = Balance("photons", out="photons", dropped="photons_dropped", under_way
 class FrameAccounts:
     """Totals, which count from the start and never fall, drops by cause, and whether they balance.
 
-    `unaccounted` is found by `audit`, which is told how much really waits: what came in and is in no total and in no
-    queue has got lost on its way through the node; less than nothing if something was counted twice.
+    `audit` compares the totals with what really waits. What came in and is in no total and in no queue is unaccounted
+    for; a negative number was counted twice.
     """
 
     def __init__(self, balances: Iterable[Balance]):
@@ -56,22 +56,18 @@ class FrameAccounts:
         return self._drops["frames"]
 
     def drop(self, cause: str, **amounts: int) -> None:
-        """Count what is given up for a cause: frames=1, photons=300; what is not balanced is not counted."""
+        """Count what is dropped for a cause: frames=1, photons=300; what is not balanced is not counted."""
         for what, amount in amounts.items():
             if amount and what in self._drops:
                 self._drops[what][cause] += amount
 
-    def audit(self, waiting: Mapping[str, int]) -> None:
-        """Hold the totals against what waits, at a moment when nothing is in hand.
-
-        Args:
-            waiting: in queues and in the open frame: {"frames": 3, "photons": 900}.
-        """
+    def audit(self, **waiting: int) -> None:
+        """Compare the totals with what waits in queues and in the open frame, while nothing is being processed."""
         for balance in self._balances:
             self.unaccounted[balance.unaccounted] = self._not_done(balance) - waiting[balance.what]
 
     def values(self) -> dict[str, int]:
-        """All that is reported but the totals themselves."""
+        """All reported values but the totals."""
         out: dict[str, int] = {}
         for balance in self._balances:
             drops, missing = self._drops[balance.what], self.unaccounted[balance.unaccounted]

@@ -1,4 +1,4 @@
-"""FrameIndex: what belongs to one frame, by its stamp: its number, its latencies, whether it is recorded."""
+"""FrameIndex: the frames of a recording by stamp: their numbers, latencies, and whether they are recorded."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -11,13 +11,14 @@ RATE_FRAMES = 10        # over which the rate is taken
 
 @dataclass
 class RecordedFrame:
-    """A frame: its number in the order in which stamps were first seen, and what has come of it.
+    """A frame and what has come of it.
 
     Args:
+        number: in the order in which stamps were first seen.
         kept: whether its cloud and images are recorded.
         sketch_ns: when its sketch came.
         has_cloud: whether its cloud came.
-        counts: its photons, as long as they wait for the cloud; uint32 [rows, cols].
+        counts: its photons while they wait for the cloud; uint32 [rows, cols].
     """
 
     stamp_ns: int
@@ -29,11 +30,7 @@ class RecordedFrame:
 
 
 class FrameIndex:
-    """The frames of a recording.
-
-    Args:
-        max_rate_hz: frames sooner after the last that was kept are not; 0 = all are kept.
-    """
+    """The frames of a recording, of which at most `max_rate_hz` a second are kept; 0 = all."""
 
     def __init__(self, max_rate_hz: float = 0.0):
         self._period_ns = 0.99e9 / max_rate_hz if max_rate_hz else 0.0     # stamps jitter
@@ -54,7 +51,7 @@ class FrameIndex:
         return self._frames[stamp_ns]
 
     def cloud_came(self, frame: RecordedFrame) -> float | None:
-        """Count a frame's cloud; clouds a second, by their stamps; None where that cannot be told."""
+        """Count a frame's cloud; the clouds a second by their stamps, or None if it is the first."""
         self._clouds.append(frame.stamp_ns)
         seconds = (self._clouds[-1] - self._clouds[0]) * 1e-9
         return (len(self._clouds) - 1) / seconds if seconds > 0 else None

@@ -1,39 +1,97 @@
-"""ManagedNode: the transitions of a ROS 2 managed node as plain methods, any of which may raise."""
+"""ManagedNode: the transitions of a ROS 2 managed node as plain methods that may raise, and its topics."""
 
 from collections.abc import Callable
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.nodes.node_spec import NodeSpec
+from srt3d_ros.nodes.topics import LATCHED, OVERRIDABLE, Topic
+
+PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
 
 
 class ManagedNode(LifecycleNode):
-    """A lifecycle node whose steps raise when they fail; the node then stays in the state in which it was.
+    """A lifecycle node whose steps raise when they fail; the node then stays in its state.
 
-    A node of its own overrides `configure` and `activate`, and what of `deactivate` and `cleanup` it needs. Each is
-    called in the executor's thread. `state` is the label that `ros2 lifecycle get` shows.
+    The steps run in the executor's thread. `state` is the label that `ros2 lifecycle get` shows.
     """
+
+    spec: NodeSpec
+    publish_depth = PUBLISH_DEPTH
 
     def __init__(self, name: str, **options):
         super().__init__(name, **options)
         self.state = "unconfigured"
         self.problem: Exception | None = None       # why the last transition failed
+        self.subscriptions_made: list[Subscription] = []
+        self.publishers_made: list[Publisher] = []
+        self.services_made: list[Service] = []
         self._starting = False      # true in `start`, and after a `start` that failed
         self._refuse_impossible_transitions()
+
+    # ---- What a subclass overrides
 
     def configure(self) -> None:
         """Open, compile, advertise."""
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Subscribe and begin to work."""
 
     def deactivate(self) -> None:
-        """Undo `activate`, also a half of it."""
+        """Undo `activate`, or the part of it that succeeded."""
 
     def cleanup(self) -> None:
-        """Undo `configure`, also a half of it."""
+        """Undo `configure`: destroy the publishers and services."""
+        for publisher in self.publishers_made:
+            self.destroy_publisher(publisher)
+        for service in self.services_made:
+            self.destroy_service(service)
+        self.publishers_made.clear()
+        self.services_made.clear()
 
     def refused(self, problem: Exception) -> None:
-        """A transition that somebody else asked for failed."""
+        """Called when a transition that a manager asked for has failed."""
+
+    # ---- Topics of the spec
+
+    def advertise(self, topic: str) -> Publisher:
+        """A publisher of one of the spec's outputs, until `cleanup`."""
+        declared = self.spec.topic(topic)
+        qos = LATCHED if declared.latched else QoSProfile(depth=self.publish_depth)
+        self.publishers_made.append(self._make(self.create_publisher, declared, qos))
+        return self.publishers_made[-1]
+
+    def make_subscription(self, topic: str, callback: Callable, depth: int, qos: QoSProfile | None = None,
+                          **options) -> Subscription:
+        """A subscription to one of the spec's inputs, until `unsubscribe`."""
+        declared = self.spec.topic(topic)
+        # Not LATCHED: a queue of one would lose all but one of what several publishers keep for a late subscriber.
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if declared.latched else DurabilityPolicy.VOLATILE
+        qos = qos or QoSProfile(depth=depth, durability=durability)
+        self.subscriptions_made.append(self._make(self.create_subscription, declared, callback, qos, **options))
+        return self.subscriptions_made[-1]
+
+    def unsubscribe(self) -> None:
+        """Destroy the subscriptions."""
+        for subscription in self.subscriptions_made:
+            self.destroy_subscription(subscription)
+        self.subscriptions_made.clear()
+
+    def _make(self, create: Callable, topic: Topic, *args, **options):
+        """A subscription or publisher. The middleware gives no reason for a failure; rclpy has checked the name."""
+        try:
+            return create(topic.type, topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
+        except rclpy_implementation.RCLError:
+            raise InvalidInput(f"topic of {topic.name}", self.resolve_topic_name(topic.name),
+                               f"one without another type than {topic.type_name} in this process") from None
+
+    # ---- Transitions, as `ros2 lifecycle set` asks for them
 
     def start(self) -> None:
         """Configure and activate; raises what they raise."""
@@ -42,26 +100,21 @@ class ManagedNode(LifecycleNode):
             if trigger() != TransitionCallbackReturn.SUCCESS:
                 raise self.problem
         self._starting = False
-        self._refuse_impossible_transitions()
 
     def on_configure(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … configure`."""
         return self._step(self.configure, "inactive", "configured", self.cleanup)
 
     def on_activate(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … activate`."""
         return self._step(self.activate, "active", "ready", self.deactivate)
 
     def on_deactivate(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … deactivate`."""
         return self._step(self.deactivate, "inactive", "deactivated")
 
     def on_cleanup(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … cleanup`."""
         return self._step(self.cleanup, "unconfigured", "cleaned up")
 
     def on_shutdown(self, _) -> TransitionCallbackReturn:
-        """`ros2 lifecycle set … shutdown`: the node is of no more use; its process ends when it is told to."""
+        """The node cannot be used again; its process ends with a signal."""
         if self.state == "active":
             self.deactivate()
         return self._step(self.cleanup, "finalized", "finalized")
@@ -83,7 +136,7 @@ class ManagedNode(LifecycleNode):
         service.callback = guarded
 
     def _step(self, step: Callable[[], None], state: str, done: str, undo: Callable[[], None] = lambda: None):
-        """Take a step; log `done` if somebody else asked for it: who calls `start` logs that."""
+        """Take a step. `start` logs its end itself; a step that a manager asked for logs `done`."""
         try:
             step()
         except Exception as problem:

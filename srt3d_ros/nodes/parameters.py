@@ -1,18 +1,23 @@
-"""Parameters of a node, from one table: declaration, ranges, validation, configuration file and documentation."""
+"""Parameters of a node from one table: declaration, ranges and validation. Warnings about parameter files."""
 
 import difflib
-import textwrap
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
 from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.node_names import NODES
 
 Value = bool | int | float | str
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
           "qos_overrides./parameter_events.", "qos_overrides./rosout.")
+ALIKE = 0.75            # similarity of names from which one may be the other, mistyped
+SECTIONS_SHOWN = 5      # of a parameter file that has none for the node
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
 
@@ -21,15 +26,12 @@ class Parameter:
     """One line of a node's table.
 
     Args:
-        name: as in `-p name:=value`.
         default: its type is the parameter's type.
-        description: one sentence, for `ros2 param describe`, the configuration file and the documentation.
-        unit: of a number.
         low, high: range of a number, both ends allowed; None = no limit.
         choices: all allowed values of a text.
-        form: what a text may be, in words, where there is more to say than "text".
+        form: what a text may be, in words.
         live: may be changed while the node runs.
-        refuse: raises InvalidInput for values of which there is more to say than what is accepted.
+        refuse: raises InvalidInput for values that need an error text of their own.
     """
 
     name: str
@@ -85,16 +87,13 @@ class Parameter:
 class Parameters:
     """The parameters of a running node; `parameters["name"]` is the current, checked value.
 
-    Before a change, `on_check` sees all values as they would be and refuses them with InvalidInput, whose line is the
-    reason that `ros2 param set` shows; after it, `on_change` is called. Both in the executor's thread.
-
-    The node must have been made with `automatically_declare_parameters_from_overrides=True`, so that a value given
-    for a parameter that does not exist is seen and warned about.
+    Before a change, `on_check` gets all values as they would be; if it raises InvalidInput, `ros2 param set` shows the
+    reason. After the change, `on_change` is called. Both run in the executor's thread.
 
     Args:
-        node: whose parameters they are.
-        table: all of them.
-        by_rclpy: those that rclpy declares and does not check: texts in capitals pass, too.
+        node: made with `automatically_declare_parameters_from_overrides=True`, so that unknown parameters are seen.
+        table: all parameters.
+        by_rclpy: those that rclpy declares and does not check; texts may be in capitals.
 
     Raises:
         InvalidInput: a value given at start cannot be used.
@@ -154,27 +153,55 @@ class Parameters:
             self.on_change()
 
 
-def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
-    """A parameter file with every default, commented, for nodes of these names in any namespace."""
-    lines = []
-    for node, table in tables.items():
-        lines += ["", f"/**/{node}:", "  ros__parameters:"]
-        for parameter in table:
-            text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
-            lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
-            lines.append(f"    {parameter.name}: {yaml_value(parameter.default)}")
-    return "\n".join(lines[1:]) + "\n"
+def file_warnings(arguments: Sequence[str], node: str) -> list[str]:
+    """A line for each parameter file on a command line that by mistake has nothing for a node, such as "/a/sketcher".
+
+    rcl ignores sections for other nodes silently, since one file may serve many. A mistake is a section that nearly has
+    the node's name, where none has it, and a file that names no node of this package.
+    """
+    paths = [Path(value) for flag, value in zip(arguments, arguments[1:]) if flag == "--params-file"]
+    return [f"{path}: {problem}" for path in paths if (problem := _section_problem(path, node))]
+
+
+def _section_problem(path: Path, node: str) -> str:
+    """What is wrong with the sections of a file that rcl could read; mostly nothing."""
+    if not path.is_file():      # a pipe, say, can be read only once, and rcl has
+        return ""
+    try:
+        sections = list(_sections(yaml.safe_load(path.read_text())))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):       # rcl's parser takes a little more than this one
+        return ""
+    if any(_pattern(section).fullmatch(node) for section in sections):
+        return ""
+    meant = difflib.get_close_matches(_last(node), map(_last, sections), n=1, cutoff=ALIKE)
+    for section in sections:
+        if _last(section) in meant:
+            return f"parameters of {section} are for no node here: did you mean {node}?"
+    if any(_last(section) in NODES for section in sections):
+        return ""
+    found = ", ".join(sections[:SECTIONS_SHOWN]) + ", …" * (len(sections) > SECTIONS_SHOWN)
+    return f"no parameters for {node}: expected a section of this name, found {found or 'none'}"
+
+
+def _sections(tree, above: str = "") -> Iterator[str]:
+    """The names of nodes, which may be patterns; namespaces may be nested."""
+    for key, value in tree.items() if isinstance(tree, dict) else ():
+        name = f"{above}/{str(key).strip('/')}"
+        if isinstance(value, dict) and key != "ros__parameters":
+            if "ros__parameters" in value:
+                yield name
+            yield from _sections(value, name)
+
+
+def _pattern(section: str) -> re.Pattern:
+    """As rclpy matches names: * is one part of a name, ** any number of them."""
+    forms = {"**": r"(/\w+)*", "*": r"/\w+"}
+    return re.compile("".join(forms.get(part, f"/{re.escape(part)}") for part in section.strip("/").split("/")))
+
+
+def _last(name: str) -> str:
+    return name.rpartition("/")[2]
 
 
 def _plain(number: float) -> str:
     return str(number) if isinstance(number, int) else f"{number:g}"
-
-
-def yaml_value(value: Value) -> str:
-    """As it is written in a parameter file."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    text = repr(value)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text     # YAML's floats need the dot

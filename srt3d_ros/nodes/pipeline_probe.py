@@ -1,4 +1,4 @@
-"""Watch a running pipeline from outside, as any ROS 2 node could; `srt3d demo` reports what it sees."""
+"""Watch a running pipeline from outside, as any ROS 2 node could, and call its services."""
 
 import time
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -15,13 +16,16 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr
+from srt3d_ros.nodes import transport
 
-CLOUDS_DEPTH = 64       # the monitor shares its machine with the pipeline: let clouds wait rather than be lost
+CLOUDS_DEPTH = 64       # the probe shares its machine with the pipeline: clouds wait rather than be lost
+ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
+ANSWER_S = 40.0         # a recorder finishes its file before it answers
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """A cloud that arrived."""
+    """When a cloud arrived, and how many points it has."""
 
     stamp_ns: int
     received_ns: int
@@ -29,28 +33,24 @@ class Arrival:
 
     @property
     def latency_ms(self) -> float:
-        """From the photons' stamp to the arrival of the cloud here."""
+        """From the photons' stamp to the arrival of the cloud."""
         return (self.received_ns - self.stamp_ns) * 1e-6
 
 
 class PipelineProbe:
-    """Subscribes to `points` and /diagnostics; a context manager, inside which `spin_until` lets it see.
+    """Subscribes to `points` and /diagnostics; a context manager, inside which `spin_until` receives.
 
-    Args:
-        keep_every: of so many clouds, the bytes of one are kept in `kept`.
-
-    Attributes:
-        malformed: messages on `points` that are no clouds.
+    `kept` has the bytes of every `keep_every`-th cloud.
     """
 
     def __init__(self, keep_every: int):
         self._keep_every = keep_every
         self.arrivals: list[Arrival] = []
         self.kept: list[bytes] = []
-        self.malformed = 0
         self.statuses: dict[str, dict[str, str]] = {}
 
     def __enter__(self) -> "PipelineProbe":
+        transport.prepare_process()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("monitor")
         self.node.create_subscription(PointCloud2, "points", self._on_cloud, QoSProfile(depth=CLOUDS_DEPTH), raw=True)
@@ -64,14 +64,26 @@ class PipelineProbe:
         rclpy.try_shutdown()
 
     def spin_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Receive until the condition holds or the time is over; returns whether it holds."""
+        """Receive until the condition holds or the time is over; whether it holds."""
         deadline = time.monotonic() + timeout_s
-        while not condition():
-            left_s = deadline - time.monotonic()
-            if left_s <= 0:
-                return False
+        while not (met := condition()) and (left_s := deadline - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=min(left_s, 0.1))
-        return True
+        return bool(met)
+
+    def wait(self, condition: Callable[[], object], what: str, timeout_s: float = ANSWER_S) -> None:
+        """Receive until the condition holds; TimeoutError names `what` never came."""
+        if not self.spin_until(condition, timeout_s):
+            raise TimeoutError(f"waited {timeout_s:.0f} s for {what}")
+
+    def call(self, service_type: type, service: str, request):
+        """The answer of a service, NODE/SERVICE."""
+        client = self.node.create_client(service_type, service)
+        self.wait(client.service_is_ready, f"the service {service}")
+        become_known(self.node, service.partition("/")[0], self.wait)
+        future = client.call_async(request)
+        self.wait(future.done, f"an answer of {service}")
+        self.node.destroy_client(client)
+        return future.result()
 
     def value(self, node: str, key: str) -> str:
         """A value of a node's latest diagnostics; empty if there is none."""
@@ -82,7 +94,7 @@ class PipelineProbe:
         return int(self.value(node, key) or 0)
 
     def latencies_ms(self) -> np.ndarray:
-        """Of all clouds that arrived, in their order."""
+        """Latency of each cloud, in their order."""
         return np.array([arrival.latency_ms for arrival in self.arrivals])
 
     def clouds_per_second(self) -> float:
@@ -95,8 +107,7 @@ class PipelineProbe:
         received_ns = time.time_ns()
         try:
             cloud = cdr.read_cloud(raw)
-        except InvalidInput:        # somebody else's: whoever watches survives what the nodes survive
-            self.malformed += 1
+        except InvalidInput:        # from another publisher; the nodes survive it, too
             return
         if len(self.arrivals) % self._keep_every == 0:
             self.kept.append(raw)
@@ -105,3 +116,26 @@ class PipelineProbe:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.statuses[status.name] = {pair.key: pair.value for pair in status.values}
+
+
+def become_known(node: Node, name: str, wait: Callable[[Callable[[], object], str], object]) -> None:
+    """Return once another node has found the clients that `node` has made so far.
+
+    An answer waits no more than 0.1 s for a client that its server has not found, and is lost then. Clients are found
+    in the order in which they were made: who answers the newest, to what may be asked twice, has found them all.
+
+    Args:
+        name: of the other node, relative to the namespace of `node`.
+        wait: (condition, what is waited for) → returns once the condition holds.
+    """
+    client = node.create_client(ListParameters, f"{name}/list_parameters")
+    wait(client.service_is_ready, f"the parameters of {name}")
+    began, answers = time.monotonic(), []
+
+    def answered() -> bool:
+        if time.monotonic() >= began + len(answers) * ASK_AGAIN_S:
+            answers.append(client.call_async(ListParameters.Request()))
+        return any(answer.done() for answer in answers)
+
+    wait(answered, f"{name} to find its clients")
+    node.destroy_client(client)

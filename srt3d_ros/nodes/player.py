@@ -16,27 +16,29 @@ from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
-from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Topic
+from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sources import SIMULATOR, Item, open_source
+from srt3d_ros.nodes.topics import Topic
 from srt3d_ros.nodes.worker import Dropped
 
-ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: whoever had them is gone
+ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: the node that had them is gone
 ACKNOWLEDGE_S = 5.0
 CLOCK_PERIOD_S = 0.01
-LONG_AGO_S = 60.0           # stamps this old are of another time
+LONG_AGO_S = 60.0           # older stamps are of an old recording
 
 PARAMETERS = (
-    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), a bag (its folder, .mcap or .db3 file), "
-              "or the simulator's moving scene.", form="a path or simulator"),
-    Parameter("output", "photons", "File and simulator: topic and form to send in; gates suit small arrays with few "
-              "photons a pixel.", choices=("photons", "gates")),
+    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), bag (its folder, .mcap or .db3 file), or "
+              "the simulator's moving scene.", form="a path or simulator"),
+    Parameter("output", "photons", "File and simulator: the topic; gates suit small arrays with few photons a pixel.",
+              choices=("photons", "gates")),
     Parameter("rate_hz", 10.0, "File and simulator: frames a second; 0 with `lossless`: as fast as they are answered.",
               "Hz", 0, 10_000),
-    Parameter("loop", True, "File: send its frame again and again; the simulator never ends, bags have `bag_loop`."),
-    Parameter("frames", 0, "Frames to send, then exit; 0: no limit.", low=0, high=10**9),
-    Parameter("duration_s", 0.0, "Time to send for, a bag's own, then exit; 0: no limit. Needs a rate.", "s", 0, 10**6),
+    Parameter("loop", True, "File: repeat its frame. The simulator never ends; bags have `bag_loop`."),
+    Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
+    Parameter("duration_s", 0.0, "Exit after this time, in a bag its recorded time; 0: no limit. Needs a rate.", "s", 0,
+              10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
     Parameter("in_flight", 4, "When lossless: messages sent that `points` may still have to answer; at least twice the "
@@ -53,20 +55,20 @@ PARAMETERS = (
     Parameter("bag_rate", 1.0, "Bag: pace, 1 as recorded, 2 twice as fast; 0 with `lossless`: as fast as frames are "
               "answered.", low=0, high=1000),
     Parameter("bag_loop", False, "Bag: begin again at its end."),
-    Parameter("bag_start_s", 0.0, "Bag: where to begin, after its first message.", "s", 0, 10**6),
+    Parameter("bag_start_s", 0.0, "Bag: start this long after its first message.", "s", 0, 10**6),
     Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
               choices=("original", "now")),
-    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; found by itself where there is one.",
+    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; needed if there are several.",
               form="a topic's full name"),
-    Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; found by itself beside the photons.",
+    Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
               form="a topic's full name"),
     Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )
 
 SPEC = NodeSpec(
     "player",
-    purpose="Plays a photon file, a bag or the simulator's moving scene, as a sensor's driver would, and ends by "
-    "itself after the last frame.",
+    purpose="Plays a photon file, a bag or the simulator's moving scene as a sensor driver would, and exits after the "
+    "last frame.",
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
     outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons, or the bag has photons"),
              replace(topics.GATES, when="`output` is gates, or the bag has gates"),
@@ -76,12 +78,12 @@ SPEC = NodeSpec(
             "At a rate that the machine cannot keep, frames are late; none is skipped.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
-            "Of a bag, the photons and their sensor are played and nothing else."),
+            "Of a bag, only the photons and their sensor are played."),
 )
 
 
 class PlayerNode(PipelineNode):
-    """Sends what is due when it is due, stamped with the time at which it was due or as it was recorded."""
+    """Sends messages when they are due, stamped with that time or as they were recorded."""
 
     spec = SPEC
 
@@ -126,7 +128,7 @@ class PlayerNode(PipelineNode):
         self._source.close()
 
     def now_ns(self) -> int:
-        """Of the clock of the stamps: if they are kept, the recording's, which stands still while the player waits."""
+        """The time by the stamps' clock: if they are kept, the recording's, which stops while the player waits."""
         if not self._replays:
             return super().now_ns()
         time_ns, due_at = self._recorded
@@ -137,7 +139,7 @@ class PlayerNode(PipelineNode):
 
     def _play(self) -> None:
         try:
-            self._wait_for_listeners()
+            self._wait_for_subscribers()
             self._send_all()
             self._wait_for_answers(0)
             self._wait_until_acknowledged(self._publisher)
@@ -148,7 +150,7 @@ class PlayerNode(PipelineNode):
             if not self.halted.is_set():        # else the node was only deactivated
                 self.finished.set()
 
-    def _wait_for_listeners(self) -> None:
+    def _wait_for_subscribers(self) -> None:
         wanted, publisher = self.parameters["wait_for_subscribers"], self._publisher
         self.wait_until(lambda: publisher.get_subscription_count() >= wanted,
                         f"{wanted} subscriber{'s' * (wanted > 1)} on {publisher.topic_name}")
@@ -175,7 +177,7 @@ class PlayerNode(PipelineNode):
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
             if before_ns is None:
                 self._begin(stamp_ns)
-            elif stamp_ns < before_ns:      # a bag begins again: answers are told apart by stamps that rise
+            elif stamp_ns < before_ns:      # a bag begins again: answers are matched by rising stamps
                 self._wait_for_answers(0)
             data = item.raw if stamp_ns == item.stamp_ns else cdr.restamp(item.raw, stamp_ns)
             if not self._wait_until_due(due_at):
@@ -194,7 +196,7 @@ class PlayerNode(PipelineNode):
                 return
 
     def _begin(self, stamp_ns: int) -> None:
-        """Say what belongs to the first frame."""
+        """Report the first frame's stamp."""
         self.diagnostics.show(first_stamp_ns=stamp_ns)
         age_s = (super().now_ns() - stamp_ns) * 1e-9
         if age_s > LONG_AGO_S and not self.parameters["clock"]:
@@ -203,7 +205,7 @@ class PlayerNode(PipelineNode):
                 "and use_sim_time:=true elsewhere, or bag_stamps:=now, make them mean something")
 
     def _stamp(self, item: Item, before_ns: int | None) -> int:
-        """Of a frame after one with the stamp `before_ns`: as recorded, as due, or just now."""
+        """The stamp of a frame that follows one of `before_ns`: as recorded, as due, or now."""
         if self._replays:
             return item.stamp_ns
         if self._source.rate:
@@ -211,17 +213,17 @@ class PlayerNode(PipelineNode):
         return max((before_ns or 0) + 1, super().now_ns())
 
     def _send_sensor(self, item: Item, due_at: float) -> None:
-        """Publish another description between the frames: those before have been answered, those after come later."""
+        """Publish another description when the frames before it are answered, and wait until it has arrived."""
         self._wait_for_answers(0)
         if self._wait_until_due(due_at):
             self._sensors.publish(item.raw)
             self._wait_until_acknowledged(self._sensors)
 
     def _wait_until_due(self, due_at: float) -> bool:
-        """False if the node is stopped meanwhile."""
+        """Wait; false if the node is stopped meanwhile."""
         return not self.halted.wait(max(due_at - time.monotonic(), 0) if self._source.rate else 0)
 
-    def _on_answer(self, raw: bytes) -> None:
+    def _on_answer(self, raw: bytes, _: dict) -> None:
         """A cloud answers its frame and, since the pipeline keeps the order, all before it."""
         try:
             stamp_ns = cdr.stamp_ns(raw)
@@ -232,7 +234,7 @@ class PlayerNode(PipelineNode):
             self._unanswered.popleft()
 
     def _wait_for_answers(self, allowed: int) -> None:
-        """Wait until at most `allowed` frames are unanswered; give them up after a long silence."""
+        """Wait until at most `allowed` frames are unanswered; give up those that stay so for ANSWER_TIMEOUT_S."""
         while (waiting := len(self._unanswered)) > allowed and not self.halted.is_set():
             if not self.wait_until(lambda: len(self._unanswered) < waiting, f"answers on {self._answers.topic_name}",
                                    ANSWER_TIMEOUT_S) and not self.halted.is_set():

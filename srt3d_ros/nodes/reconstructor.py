@@ -1,4 +1,4 @@
-"""reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while someone looks."""
+"""reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while somebody subscribes."""
 
 import sys
 import threading
@@ -16,7 +16,6 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -29,9 +28,9 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import in_words
-from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.nodes.worker import Dropped, Refused
 
-IN_FLIGHT = 2           # frames that may be under way at once
+IN_FLIGHT = 2           # frames between reconstruction and publication, in the pipeline "throughput"
 
 SPEC = NodeSpec(
     "reconstructor",
@@ -57,7 +56,7 @@ ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.o
 
 @dataclass(frozen=True, eq=False)
 class ReconstructedFrame:
-    """A frame under way: the cloud to wait for, and what to know to publish it."""
+    """A frame in flight: a function that waits for its cloud, and what is needed to publish it."""
 
     wait: Callable[[], PointCloud]
     sensor: SensorModel
@@ -74,7 +73,7 @@ class ReconstructorNode(PipelineNode):
 
     def __init__(self):
         super().__init__()
-        self._stage = self.add_stage()      # publishes beside the worker, in the pipeline "throughput"
+        self._stage = self.add_stage()      # publishes in parallel with the worker, in the pipeline "throughput"
         self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: tuple[SensorModel, tuple[int, ...]] | None = None
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
@@ -83,9 +82,9 @@ class ReconstructorNode(PipelineNode):
 
     def configure(self) -> None:
         """Compile and advertise."""
-        self._settings = self.parameters.as_dict()      # the worker's, so that they change between frames
+        self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
         check_together(self._settings)
-        self._reconstructor = build(ANY_SENSOR, (1, 2, 3), self._settings)      # or says that there is no such device
+        self._reconstructor = build(ANY_SENSOR, (1, 2, 3), self._settings)
         self._reconstructor.warm_up()
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
@@ -101,7 +100,7 @@ class ReconstructorNode(PipelineNode):
         self.subscribe("sketch", self._on_sketch)
 
     def forget(self) -> None:
-        """Begin the next frame without the last one's surfaces; let nobody save it any more."""
+        """Forget the last frame's surfaces and the newest cloud."""
         self._stage.finish(self.finish_s)
         self._newest = None
         if isinstance(self._reconstructor, Pooled):
@@ -112,9 +111,9 @@ class ReconstructorNode(PipelineNode):
         return "the next frame begins without the last one's surfaces"
 
     def _save_cloud(self) -> str:
-        newest = self._newest
-        require(newest is not None, "cloud", "none yet", "a sketch to have come: does the sketcher publish `sketch`?")
-        cloud, frame = newest
+        if self._newest is None:
+            raise Refused(f"no cloud to save yet: no sketch has arrived on {self.resolve_topic_name('sketch')}")
+        cloud, frame = self._newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
         path = free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
         sensor = frame.sensor.replace(frame_id=frame.frame_id)
@@ -122,13 +121,13 @@ class ReconstructorNode(PipelineNode):
         return f"{len(cloud)} points saved as {path}"
 
     def _check(self, values: dict[str, Value]) -> None:
-        """Refuse what could not be applied."""
+        """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
             build(*(self._described or (ANY_SENSOR, (1, 2, 3))), values)
 
     def _apply(self) -> None:
-        """Have the next frame done with the parameters as they are now."""
+        """Use the present parameters from the next frame on."""
         settings = self.parameters.as_dict()
         self._stage.finish(self.finish_s)
         if self._described is not None and options(settings) != options(self._settings):
@@ -155,35 +154,40 @@ class ReconstructorNode(PipelineNode):
 
     def _on_sketch(self, raw: bytes) -> None:
         if self._described is None:
-            raise Dropped("no_sensor", "nobody has described the sketch on `sketch/sensor` yet")
+            raise Dropped("no_sensor", "no description has arrived on sketch/sensor yet")
         sensor, frequencies = self._described
         header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor)
-        facts = (self._reconstructor.sensor, frequencies, self._settings["frame_id"] or header.frame_id,
-                 int(sketch.photons.sum()), self._settings)
-        if self._settings["pipeline"] == "latency":
-            self._publish(ReconstructedFrame(self._begin(sketch), *facts))
-            return
-        self._in_flight.acquire()
+        parallel = self._settings["pipeline"] == "throughput"
+        if parallel:
+            self._in_flight.acquire()
         try:
-            self._stage.offer(self._publish_beside, ReconstructedFrame(self._begin(sketch), *facts))
+            frame = ReconstructedFrame(
+                self._begin(sketch), self._reconstructor.sensor, frequencies,
+                self._settings["frame_id"] or header.frame_id, int(sketch.photons.sum()), self._settings)
         except BaseException:
-            self._in_flight.release()
+            if parallel:
+                self._in_flight.release()
             raise
+        if parallel:
+            self._stage.offer(self._publish_in_flight, frame)
+        else:
+            self._publish(frame)
 
     def _begin(self, sketch: Sketch) -> Callable[[], PointCloud]:
-        """Begin to reconstruct; what is returned waits for the cloud."""
+        """Begin to reconstruct; returns a function that waits for the cloud."""
         started = time.perf_counter()
         submit = getattr(self._reconstructor, "submit", None)
-        wait = submit(sketch) if submit else partial(lambda cloud: cloud, self._reconstructor(sketch))
+        wait = submit(sketch) if submit else None
+        done = None if submit else self._reconstructor(sketch)
 
         def finish() -> PointCloud:
-            cloud = wait()
+            cloud = wait() if wait else done
             self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
             return cloud
 
         return finish
 
-    def _publish_beside(self, frame: ReconstructedFrame) -> None:
+    def _publish_in_flight(self, frame: ReconstructedFrame) -> None:
         try:
             self._publish(frame)
         finally:
@@ -198,7 +202,7 @@ class ReconstructorNode(PipelineNode):
         self._newest = cloud, frame
         try:
             self._publish_images(cloud, frame.sensor, frame.frame_id)
-        except Exception as problem:    # not the frame's: it has gone out
+        except Exception as problem:    # does not concern the frame: it was published
             self._failed(problem)
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:

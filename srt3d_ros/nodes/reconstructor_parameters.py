@@ -18,33 +18,33 @@ PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
         "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True, refuse=refuse_old_name),
-    Parameter("surfaces", 1, "Surfaces that a pixel may see.", low=1, high=MAX_SURFACES, live=True),
+    Parameter("surfaces", 1, "Most surfaces of a pixel.", low=1, high=MAX_SURFACES, live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: share of the pixels without a surface that "
               "may show a point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins: as the sensor's "
               "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS,
               live=True),
-    Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto is what they are "
-              "published with.", choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
-    Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where this one's photons confirm "
-              "them: less error while the scene goes on.", live=True),
-    Parameter("pipeline", PIPELINES[0], "latency: a frame is published before the next one begins. throughput: one is "
-              "published while the next is reconstructed, and on a GPU copied to and fro; more frames a second.",
+    Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto: as published.",
+              choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
+    Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where the photons confirm them: less "
+              "error while the scene changes little.", live=True),
+    Parameter("pipeline", PIPELINES[0], "latency: publish a frame before the next one begins. throughput: publish it, "
+              "and copy it from and to a GPU, while the next is reconstructed; more frames a second.",
               choices=PIPELINES, live=True),
     Parameter("upsampling", 1, "pooled: finer pixels of `points` and of the images along the side of each pixel.",
               low=1, high=MAX_UPSAMPLING, live=True),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
-    Parameter("organised", False, "`points` as rows × cols, the strongest point of each pixel at its place, NaN where "
-              "a pixel has none; if false, all points one after the other.", live=True),
-    Parameter("min_range_m", 0.0, "Points nearer than this along their pixel's ray are left out, of `points` and of "
-              "the images; 0 = no limit.", "m", low=0.0, live=True),
-    Parameter("max_range_m", 0.0, "Points farther than this are left out; 0 = no limit.", "m", low=0.0, live=True),
+    Parameter("organised", False, "`points` as rows × cols with the strongest point of each pixel, NaN where there is "
+              "none; if false, a list of all points.", live=True),
+    Parameter("min_range_m", 0.0, "Leave out points nearer than this along their pixel's ray, of `points` and of the "
+              "images; 0 = no limit.", "m", low=0.0, live=True),
+    Parameter("max_range_m", 0.0, "Leave out points farther than this; 0 = no limit.", "m", low=0.0, live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     Parameter("save_folder", "", "Where `~/save_cloud` writes; the working directory if empty.",
-              form="a folder that exists"),         # not live: where files go, says who starts the node
-    Parameter("save_format", "ply", "What it writes: ply and pcd have x, y, z and intensity, npz all that is known.",
+              form="a folder that exists"),         # not live: whoever starts the node decides where files go
+    Parameter("save_format", "ply", "Its file format: ply and pcd have x, y, z and intensity, npz has everything.",
               choices=("ply", "pcd", "npz"), live=True),
     LOSSLESS,
 )

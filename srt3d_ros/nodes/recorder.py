@@ -14,9 +14,7 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from srt3d_ros.children import started_again
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -29,27 +27,28 @@ from srt3d_ros.nodes.node_spec import NodeSpec, Service
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.worker import Dropped
+from srt3d_ros.nodes.worker import Dropped, Refused
+from srt3d_ros.parent import started_again
 from srt3d_ros.recording import live, schema
 from srt3d_ros.recording.parts import PartNames
 from srt3d_ros.recording.versions import versions
 from srt3d_ros.recording.writer import RecordingWriter
 
 QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
-QUEUE_DEPTH = 32        # and of each topic in the middleware: sketches of 2 MB, half a dozen topics
+QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
 COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
-NICENESS = 10           # of the process: a tenth of a pipeline's node's share of a busy core
-# As its publishers offer it: with the last 10 s of a node that is only now seen.
+NICENESS = 10           # of the process: it gets a tenth of another node's share of a busy core
+# As the publishers offer it: a node that is discovered late still delivers its last 10 s.
 LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
-NEAR_NS = 60 * 10**9    # log lines farther from the frames, in a replay say, are set beside the newest frame
+NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
 SPEC = NodeSpec(
     "recorder",
     purpose="Records with rerun, without a screen: clouds, images, photon counts, latencies, drops, the nodes' log "
     "and their parameters, into files, and for viewers that watch live. A recording begins when the sensor's "
-    "description has come. [What a recording holds](../recording.md).",
+    "description has come. [What a recording holds](recording.md).",
     inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.DIAGNOSTICS, topics.ROSOUT,
             topics.PARAMETER_EVENTS),
     services=(Service("start_recording", "begin a new recording"), Service("stop_recording", "finish the recording")),
@@ -60,7 +59,7 @@ SPEC = NodeSpec(
             "again the recording goes on in a new file.",
             "Until a file is finished rerun keeps its index in memory, some 5 MB for each minute: where it records for "
             "hours, let `split_period_s` or `split_size_mb` begin new files.",
-            "Whoever can open a connection to the machine's loopback interface can watch `live_port`."),
+            "`live_port` is open to every user and process of the machine."),
 )
 
 
@@ -75,10 +74,10 @@ class RecorderNode(PipelineNode):
     def __init__(self):
         super().__init__(QUEUE)
         self._writer: RecordingWriter | None = None
-        self._path: Path | None = None      # of the recording under way
+        self._path: Path | None = None      # of the open recording
 
     def configure(self) -> None:
-        """Check the parameters and find out what is told of every recording."""
+        """Check the parameters and collect the facts that every recording has."""
         self._settings = Settings(self.parameters)
         path = free(self._settings.path) if started_again() else self._settings.path
         self._names = PartNames(path, numbered=bool(self._settings.split))
@@ -89,7 +88,7 @@ class RecorderNode(PipelineNode):
         self.serve("stop_recording", self._stop)
 
     def activate(self) -> None:
-        """Record, unless that waits for the service."""
+        """Record, unless `record` is false."""
         if self.parameters["record"]:
             self._start()
 
@@ -97,7 +96,7 @@ class RecorderNode(PipelineNode):
 
     def _start(self) -> str:
         if self._path is not None:
-            raise InvalidInput("recording", str(self._path), "none under way: call ~/stop_recording first")
+            raise Refused(f"already recording to {self._path}: call ~/stop_recording first")
         self._path = self._names.next()
         self._sensor: SensorModel | None = None
         self._frames = FrameIndex(self.parameters["max_rate_hz"])
@@ -115,18 +114,18 @@ class RecorderNode(PipelineNode):
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.follow("/diagnostics", self._on_diagnostics)
         self.follow("/rosout", self._on_line, LOG_QOS)
-        self.follow("/parameter_events", self._watch.hear)
+        self.follow("/parameter_events", self._watch.on_event)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"
 
     def _stop(self) -> str:
         if self._path is None:
-            raise InvalidInput("recording", "none", "one under way: call ~/start_recording first")
+            raise Refused("not recording: call ~/start_recording first")
         path, begun = self._path, self._writer is not None
         self.unsubscribe()
         self.release_frames()
         self.forget()
-        return f"recorded {path}" if begun else f"{path} was not begun: no sketch/sensor came"
+        return f"recorded {path}" if begun else f"{path} was not begun: no description arrived on sketch/sensor"
 
     def forget(self) -> None:
         """Finish the recording."""
@@ -144,7 +143,7 @@ class RecorderNode(PipelineNode):
         if self._writer is not None and sensor.same_as(self._sensor):
             self._writer.set_properties(schema.RUN, facts)
             return
-        if self._writer is not None:        # another sensor: what is told of the recording holds no more
+        if self._writer is not None:        # another sensor: the recording's facts are no longer true
             self._writer.close()
             self._path = self._names.next()
         self._sensor = sensor
@@ -161,14 +160,12 @@ class RecorderNode(PipelineNode):
             self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
             style=self._settings.style, split=self._settings.split, live=self._settings.live,
             queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
-            on_error=self._on_writer_error, on_recovery=self._on_writer_recovery)
+            on_error=self._on_writer_error,
+            on_recovery=lambda path: self.get_logger().info(f"recording goes on in {path}"))
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)
         self.diagnostics.error(text)
-
-    def _on_writer_recovery(self, path: Path) -> None:
-        self.get_logger().info(f"recording goes on in {path}")
 
     # ---- Frames
 
@@ -199,7 +196,6 @@ class RecorderNode(PipelineNode):
 
     def _on_sketch(self, raw: bytes) -> None:
         received_ns = self.now_ns()
-        self._check_begun()
         header, counts = sketch_message.decode_counts_cdr(raw)
         frame, photons = self._frame(header.stamp_ns), int(counts.sum(dtype=np.int64))
         frame.sketch_ns = received_ns
@@ -226,15 +222,15 @@ class RecorderNode(PipelineNode):
             frame.counts = None
 
     def _log_image(self, path: str, frame: RecordedFrame, image: np.ndarray) -> None:
-        if not frame.kept:
-            return
-        if path == schema.DEPTH:
+        if frame.kept and path == schema.DEPTH:
             self._writer.log_depth(frame.stamp_ns, frame.number, image)
-        else:
+        elif frame.kept:
             self._writer.log_image(path, frame.stamp_ns, frame.number, image)
 
     def _frame(self, stamp_ns: int) -> RecordedFrame:
-        self._check_begun()
+        """The frame with this stamp."""
+        if self._writer is None:
+            raise Dropped("not_recording", "the recording has ended, or had not begun")
         return self._frames[stamp_ns]
 
     def _logged(self, frame: RecordedFrame) -> None:
@@ -246,12 +242,7 @@ class RecorderNode(PipelineNode):
         if self._lines:
             self._write_lines()
 
-    def _check_begun(self) -> None:
-        """Frames that were under way when the recording ended are none of its."""
-        if self._writer is None:
-            raise Dropped("not_recording", "the recording has ended, or had not begun")
-
-    # ---- What the other nodes say
+    # ---- What the other nodes report
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         namespace = self.get_namespace()
@@ -282,7 +273,7 @@ class RecorderNode(PipelineNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node, which gives way to the pipeline; returns the exit code."""
+    """Run the node at a lower priority than the pipeline; returns the exit code."""
     os.nice(NICENESS)       # before there are other threads, which inherit it
     return run(RecorderNode, args)
 

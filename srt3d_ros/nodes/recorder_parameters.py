@@ -10,8 +10,7 @@ from srt3d_ros.colours import CLOUD_MAP, COLOUR_MAPS
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.recording import schema
-from srt3d_ros.recording.colouring import COLOUR_BY, Colouring
-from srt3d_ros.recording.frame_log import Style
+from srt3d_ros.recording.frame_log import COLOUR_BY, Colouring, Style
 from srt3d_ros.recording.parts import Split
 
 ADAPTIVE = "adaptive"
@@ -21,43 +20,35 @@ ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
     Parameter("path", "", "The recording; recording_<UTC time>.rrd in the working directory if empty. The first "
-              "replaces a file that exists; those that follow are NAME_2.rrd, NAME_3.rrd, …. With split_size_mb or "
-              "split_period_s, NAME_001.rrd, NAME_002.rrd, …, and none is replaced.",
-              form="a path that ends with .rrd"),
+              "replaces an existing file; the next are NAME_2.rrd, NAME_3.rrd, …. With split_size_mb or "
+              "split_period_s, NAME_001.rrd, NAME_002.rrd, …; none is replaced.", form="a path that ends with .rrd"),
     Parameter("record", True, "Record as soon as the node is active; if false, from `~/start_recording` on."),
     Parameter("colour_by", COLOUR_BY[0], "What colours the points. depth_std needs the reconstructor's `fields:=full`, "
-              "the intensity stands in without; up is the sensor's.", choices=COLOUR_BY),
-    Parameter("colour_map", CLOUD_MAP, "Colours from low to high; all can be told apart with any colour vision.",
+              "else the intensity is used; up is the sensor's.", choices=COLOUR_BY),
+    Parameter("colour_map", CLOUD_MAP, "Colours from low to high, distinct with any colour vision.",
               choices=COLOUR_MAPS),
     Parameter("colour_range", ADAPTIVE, "Values, photons or metres, of the first and the last colour; adaptive follows "
               "the clouds slowly.", form=COLOUR_RANGE),
     Parameter("images", ALL_IMAGES, "Which images are recorded.", form=WHICH_IMAGES),
     Parameter("exact", False, "Points in the order in which they come, intensities and images in float32. If false, "
               "points by intensity, intensities in 11 bits, images to a third of the photons' noise: a third less. "
-              "Positions are always kept bit for bit."),
-    Parameter("decimate", 1, "Of so many points, one is recorded.", low=1, high=1_000_000),
-    Parameter("max_points", 0, "A cloud with more points is thinned out evenly to at most so many; 0 = no limit.",
-              low=0),
-    Parameter("max_rate_hz", 0.0, "Clouds and images of at most so many frames a second are recorded; 0 = of all. Time "
-              "series have every frame.", "Hz", low=0.0),
-    Parameter("split_size_mb", 0.0, "The recording goes on in a next file when one is so large; 0 = one file.", "MB",
-              low=0.0),
-    Parameter("split_period_s", 0.0, "The recording goes on in a next file when one is so old; 0 = one file.", "s",
-              low=0.0),
-    Parameter("live_port", 0, "Port on the loopback interface where viewers can watch (`srt3d view --connect`); 0 = "
-              "none.", low=0, high=65535),
-    Parameter("live_memory_mb", 256, "Memory in which frames are kept for viewers that connect later; the oldest are "
-              "forgotten.", "MB", low=16, high=100_000),
+              "Positions are always exact."),
+    Parameter("decimate", 1, "Record every n-th point.", low=1, high=1_000_000),
+    Parameter("max_points", 0, "Thin out larger clouds evenly to at most this number of points; 0 = no limit.", low=0),
+    Parameter("max_rate_hz", 0.0, "Frames a second whose clouds and images are recorded at most; 0 = all. Time series "
+              "have every frame.", "Hz", low=0.0),
+    Parameter("split_size_mb", 0.0, "Begin another file at this size; 0 = one file.", "MB", low=0.0),
+    Parameter("split_period_s", 0.0, "Begin another file after this time; 0 = one file.", "s", low=0.0),
+    Parameter("live_port", 0, "Port on the loopback interface for viewers (`srt3d view --connect`); 0 = none.", low=0,
+              high=65535),
+    Parameter("live_memory_mb", 256, "Memory for the newest frames, for viewers that connect later.", "MB", low=16,
+              high=100_000),
     Parameter("lossless", False, "Queue more before dropping: for replays faster than a sensor."),
 )
 
 
 class Settings:
-    """The parameters of a recorder, ready for use.
-
-    Raises:
-        InvalidInput: one cannot be used.
-    """
+    """The parameters of a recorder, parsed; raises InvalidInput if one cannot be used."""
 
     def __init__(self, values: Parameters):
         self.path = _checked_path(values["path"])
@@ -69,7 +60,7 @@ class Settings:
         self._decimate, self._max_points = values["decimate"], values["max_points"]
 
     def every(self, points: int) -> int:
-        """Of a cloud with so many points, each how-manieth is recorded."""
+        """n, to record every n-th point of a cloud with so many points."""
         return max(self._decimate, -(-points // self._max_points) if self._max_points else 1)
 
 

@@ -1,11 +1,12 @@
-"""From process to node and back: start, spin, and an orderly end for every way in which it may end."""
+"""Run a node in this process: start it, spin it, and end it in order whatever ends it."""
 
+import logging
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -13,14 +14,33 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from srt3d_ros.children import Parent
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.parameter_files import given_files, passed_over
+from srt3d_ros.nodes.parameters import file_warnings
+from srt3d_ros.parent import Parent
 
-WAKE_S = 0.1            # how long a signal may go unnoticed
-SWALLOWED_S = 2.0       # after an interrupt of the start, from which on it is taken for swallowed
+WAKE_S = 0.1            # longest time until a signal is seen
+SWALLOWED_S = 2.0       # a start that goes on for so long after an interrupt has swallowed it
 BAD_INPUT = 2
+LIBRARY = logging.getLogger("srt3d_ros")
+
+
+class LogForwarding(logging.Handler):
+    """Forwards what the library logs to a node's logger, and so to /rosout."""
+
+    def __init__(self, logger):
+        super().__init__(logging.INFO)
+        self._logger = logger
+        LIBRARY.setLevel(logging.INFO)
+        LIBRARY.addHandler(self)        # for good: the process is the node's
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log it; rclpy wants each severity to come from a source line of its own."""
+        if record.levelno >= logging.WARNING:
+            self._logger.warning(record.getMessage())
+        else:
+            self._logger.info(record.getMessage())
 
 
 class _Stop:
@@ -35,7 +55,7 @@ class _Stop:
     def _on_signal(self, number, frame) -> None:
         self.requested = True
         if self.starting:
-            # A compiler may swallow the interrupt and go on: then there is no need to read of it, nor to wait for it.
+            # A compiler may swallow the interrupt and go on: print nothing about it, and do not wait for it.
             sys.unraisablehook = lambda _: None
             threading.Thread(target=self._leave, daemon=True).start()
             raise KeyboardInterrupt
@@ -47,27 +67,30 @@ class _Stop:
 
 
 def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) -> int:
-    """Make the node, start it unless somebody else is to do that, spin until it is done or a signal comes, close it.
+    """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
 
-    rclpy's own signal handlers invalidate the context at once, in the middle of whatever runs; ours let the node
-    finish its frames, its recording and its last diagnostics first. A parent that waits for it (srt3d_ros.children) is
-    told when the node has started, and the node ends if the parent does.
+    rclpy's own signal handlers invalidate the context at once; these let the node finish its frames, its recording and
+    its last diagnostics first. A parent process (srt3d_ros.processes) gets a report when the node has started; the node
+    ends when its parent does.
 
     Args:
         args: ROS arguments; the process's own unless given.
 
     Returns:
-        The exit code of the node, which is 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on
-        stderr if a parameter, an argument or an input file cannot be used.
+        The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
+        parameter, an argument or an input file cannot be used.
     """
     given = sys.argv if args is None else args
     stop = _Stop()
     parent = Parent.of_this_process()
     node = None
     try:
+        transport.prepare_process()
         _init(given)
         node = _make(make_node)
-        _warn_of_files(given, node)
+        LogForwarding(node.get_logger())
+        for line in file_warnings(given, node.get_fully_qualified_name()):
+            node.get_logger().warning(line)
         _start(node)
         stop.starting = False
         if parent and not stop.requested:
@@ -102,14 +125,8 @@ def _make(make_node: Callable[[], PipelineNode]) -> PipelineNode:
                            f"accepts, see docs/security.md ({' '.join(str(error).split())})") from None
 
 
-def _warn_of_files(arguments: Sequence[str], node: PipelineNode) -> None:
-    for path in given_files(arguments):
-        for line in passed_over(path, [node.get_fully_qualified_name()]):
-            node.get_logger().warning(line)
-
-
 def _start(node: PipelineNode) -> None:
-    """Configure and activate, unless somebody else is to do that."""
+    """Configure and activate the node if `autostart` is true."""
     if node.parameters["autostart"]:
         node.start()
         node.get_logger().info("ready")
@@ -120,7 +137,7 @@ def _start(node: PipelineNode) -> None:
 
 
 def _facts(node: PipelineNode) -> dict:
-    """What a parent shows of the node: name, state, the final names of all topics, and which are there by now."""
+    """The report for the parent: name, state, the final names of all topics, and those that exist by now."""
     inputs, outputs = ({topic.name: node.resolve_topic_name(topic.name) for topic in topics}
                        for topics in (node.spec.inputs, node.spec.outputs))
     read, published = ({entity.topic_name for entity in made} for made in (node.subscriptions, node.publishers))

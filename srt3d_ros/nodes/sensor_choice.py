@@ -6,15 +6,15 @@ from pathlib import Path
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sensor_difference import first_difference
-from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 
 
 class SensorChoice:
-    """The description in force, the lens before it, and what contradicts it; each change is logged once.
+    """The description in force, the lens, and what contradicts the file; each change is logged once.
 
-    A sensor_file is in force whoever starts first, and what comes on `sensor` must say the same. Without a file the
-    last description on `sensor` is in force. A lens that fits the pixels replaces the projection of either.
+    A sensor_file is in force whichever node starts first, and a description on `sensor` must say the same. Without a
+    file, the last description on `sensor` is in force. A lens that fits the pixels replaces the projection of either.
 
     Args:
         path: sensor_file; empty if there is none.
@@ -27,6 +27,7 @@ class SensorChoice:
 
     Attributes:
         file: the sensor of the file, or None.
+        lens: rows, columns and pinhole of a CameraInfo, or None.
         contradiction: how `sensor` contradicts the file, in a line; empty if it does not.
     """
 
@@ -37,20 +38,20 @@ class SensorChoice:
         self.forget()
 
     def forget(self) -> None:
-        """Forget what has been heard."""
+        """Forget what was received."""
         self._described: SensorModel | None = self.file
-        self._lens: tuple[int, int, Pinhole] | None = None
+        self.lens: tuple[int, int, Pinhole] | None = None
         self._projection: Pinhole | None = None     # of the lens, while it is in force
         self.contradiction = ""
 
     def begin(self) -> None:
-        """Say what is in force from the start."""
+        """Log what is in force from the start."""
         if self.file is not None:
             self._log.info(f"sensor_file {self._file_name}: {in_words(self.file)}; a description on "
                            f"{self._sensor_topic} must say the same")
 
     def replace(self, described: SensorModel) -> bool:
-        """Take a description on `sensor`, where there is no file; whether it replaces another."""
+        """Use a description from `sensor`, where there is no file; whether it differs from one before it."""
         before, self._described = self._described, described
         if before is None:
             self._log.info(f"sensor on {self._sensor_topic}: {in_words(described)}")
@@ -63,7 +64,7 @@ class SensorChoice:
         return True
 
     def compare(self, described: SensorModel) -> InvalidInput | None:
-        """Hold a description on `sensor` against the file; how it contradicts the file."""
+        """Compare a description from `sensor` with the file; the error if it contradicts the file."""
         difference = first_difference(self.file, described)
         if difference is None:
             self.agree(f"{self._sensor_topic} says the same again")
@@ -75,28 +76,22 @@ class SensorChoice:
         return problem
 
     def agree(self, why: str) -> None:
-        """Nothing contradicts the file any more."""
+        """End a contradiction."""
         if self.contradiction:
             self.contradiction = ""
             self._log.info(f"sensor_file {self._file_name} is used again: {why}")
 
-    def look_through(self, lens: tuple[int, int, Pinhole] | None) -> None:
-        """Take the lens of a CameraInfo: rows, columns and pinhole; or none."""
-        self._lens = lens
-
     def sensor(self) -> SensorModel | None:
-        """Description and lens put together; None before there is a description."""
-        described = self._described
-        if described is None or self._lens is None:
-            self._projection = None
+        """The description with the lens; None before there is a description."""
+        described, before, self._projection = self._described, self._projection, None
+        if described is None or self.lens is None:
             return described
-        rows, cols, pinhole = self._lens
+        rows, cols, pinhole = self.lens
         if (rows, cols) != (described.rows, described.cols):
-            self._projection = None
             self._refuse_lens(f"its pixels are {rows} × {cols}: expected {described.rows} × {described.cols}")
             return described
-        if pinhole != self._projection:
-            self._projection = pinhole
+        self._projection = pinhole
+        if pinhole != before:
             self._log.info(f"{self._lens_topic} replaces the projection: fx {pinhole.fx:g}, fy {pinhole.fy:g}, "
                            f"cx {pinhole.cx:g}, cy {pinhole.cy:g} pixels")
         return described.replace(projection=pinhole)

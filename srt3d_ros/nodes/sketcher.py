@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
-from srt3d_ros.core.framing import Framing
+from srt3d_ros.core.framing import Framing, OpenFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
@@ -35,7 +35,7 @@ SPEC = NodeSpec(
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
     inputs=(topics.SENSOR, topics.LENS, topics.PHOTONS, topics.GATES),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
-    services=(Service("reset", "forget the photons of the frame and of the window under way"),),
+    services=(Service("reset", "forget the photons of the open frame and of the window"),),
     parameters=PARAMETERS,
     limits=(
         "`photons` and `gates` of one sensor only; two sensors take two namespaces.",
@@ -52,23 +52,22 @@ SPEC = NodeSpec(
     balances=(PACKETS, PHOTONS),
 )
 
-LISTEN_FOR_SILENCE_S = 0.05
-LIKELY_PACKETS = 8          # of a period, before there was one
+CHECK_SILENCE_S = 0.05
+LIKELY_PACKETS = 8          # of a period, before the first has ended
 STAMP = slice(4, 12)        # of a serialised message with a header
 
 
 class SketcherNode(PipelineNode):
     """Follows `sensor` and the lens, also when they change, and publishes `sketch/sensor` and a `sketch` a frame.
 
-    Every packet that came in, and every photon in it, waits, is in a published frame, in the open one, or dropped for a
-    cause. What the framing takes for the open frame may be more, where a packet failed after it was placed.
+    Every packet and photon that came in waits, is in a published frame or in the open one, or was dropped for a cause.
     """
 
     spec = SPEC
     _sensor: SensorModel | None = None
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
+    _framing: Framing | None = None             # which counts the open frame; None before the first activation
     _silence: Timer | None = None
-    _open = (0, 0)          # packets of the open frame that are sketched, and their photons
 
     def configure(self) -> None:
         """Compile and advertise."""
@@ -78,7 +77,7 @@ class SketcherNode(PipelineNode):
         precompile.sketching()
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
-            self.diagnostics.ask_for_contradictions(self._contradiction)
+            self.diagnostics.find_contradiction = self._contradiction
         self._sketches = self.advertise("sketch")
         self._sketch_sensor = self.advertise("sketch/sensor")
         self.serve("reset", self._reset)
@@ -91,23 +90,23 @@ class SketcherNode(PipelineNode):
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
-        self._echo = ""
+        self._own_description = ""      # as published on `sensor` and not received back yet
         self._choice.begin()
         if self._choice.file is None:
             self.hold_frames_for("a sensor description on sensor")
         else:
             message = sensor_message.encode(self._choice.file)
             self._file_publisher.publish(message)
-            self._echo = message.data       # comes back, and must not end what a driver contradicts
-            self.worker.call(self._look)
+            self._own_description = message.data
+            self.worker.call(self._update_sensor)
         self.follow("sensor", self._on_sensor)
-        self.listen("sensor/camera_info", self._hear_camera_info)
+        self.listen("sensor/camera_info", self._on_raw_camera_info)
         self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message), photons_message.announced)
         self.subscribe("gates", lambda raw: self._on_packet(raw, gates_message))
-        self._listen_for_silence()
+        self._start_silence_timer()
 
     def deactivate(self) -> None:
-        """As all nodes do; and listen no more."""
+        """Stop, and forget the sensor."""
         super().deactivate()
         self.destroy_timer(self._silence)
         self._silence = None
@@ -116,12 +115,11 @@ class SketcherNode(PipelineNode):
 
     def forget(self) -> None:
         """Begin a new frame and a new window."""
-        self._give_up_frame()
-        self._framing.clear()
+        self._drop_incomplete(self._framing.clear())
 
     def open_frame(self) -> tuple[int, int]:
-        """See PipelineNode."""
-        return self._open
+        """Packets of the open frame, and their photons."""
+        return self._framing.open if self._framing else (0, 0)
 
     def _reset(self) -> str:
         self.forget()
@@ -129,69 +127,69 @@ class SketcherNode(PipelineNode):
 
     def _on_change(self) -> None:
         if self.state == "active":
-            self._listen_for_silence()
-            self.worker.call(self._adopt)
+            self._start_silence_timer()
+            self.worker.call(self._apply)
 
-    def _listen_for_silence(self) -> None:
-        if self.parameters["frame_period_s"] and self._silence is None:     # otherwise, 1 % of a core for nothing
-            self._silence = self.create_timer(LISTEN_FOR_SILENCE_S, self._end_if_silent)
+    def _start_silence_timer(self) -> None:
+        if self.parameters["frame_period_s"] and self._silence is None:     # else it would cost 1 % of a core
+            self._silence = self.create_timer(CHECK_SILENCE_S, self._end_if_silent)
 
     # ---- What the photons are sketched with
 
     def _on_sensor(self, message: String) -> None:
-        if message.data == self._echo:
-            self._echo = ""
+        if message.data == self._own_description:       # which must not end a driver's contradiction
+            self._own_description = ""
             return
         described = sensor_message.decode(message)
         if self._choice.file is None:
             if self._choice.replace(described):
                 self.drop_older()
-            self._look()
+            self._update_sensor()
         elif problem := self._choice.compare(described):
             self.forget()       # photons of the other sensor may be among those of the open frame
             raise problem
 
     def _contradiction(self) -> str:
-        """How `sensor` contradicts sensor_file; over once nobody but this node publishes `sensor`."""
+        """How `sensor` contradicts sensor_file, while another node publishes `sensor`."""
         topic = self._file_publisher.topic_name
         if self._choice.contradiction and self.count_publishers(topic) <= 1:
             self._choice.agree(f"nobody else publishes {topic} any more")
         return self._choice.contradiction
 
-    def _hear_camera_info(self, raw: bytes) -> None:
+    def _on_raw_camera_info(self, raw: bytes, _: dict) -> None:
         content = raw[:STAMP.start] + raw[STAMP.stop:]
         if content != self._last_camera_info:       # most drivers send the same with every image
             self._last_camera_info = content
             self.worker.call(self._on_camera_info, raw)
 
     def _on_camera_info(self, raw: bytes) -> None:
-        self._choice.look_through(None)
+        self._choice.lens = None
         try:
-            self._choice.look_through(decode_camera_info(_read_camera_info(raw)))
+            self._choice.lens = decode_camera_info(_read_camera_info(raw))
         except InvalidInput as problem:
             self._refuse_lens(str(problem))
-        self._look()
+        self._update_sensor()
 
     def _refuse_lens(self, problem: str) -> None:
         self.diagnostics.count(camera_info_refused=1)
-        self.diagnostics.note(problem)
+        self.diagnostics.error(problem, counted=False)
         self.get_logger().warning(f"sensor/camera_info is not used: {problem}")
 
-    def _look(self) -> None:
-        """Put sensor and lens together."""
+    def _update_sensor(self) -> None:
+        """Combine the sensor and the lens in force."""
         self._sensor = self._choice.sensor()
         if self._sensor is not None:
-            self._adopt()
+            self._apply()
 
-    def _adopt(self) -> None:
-        """Sketch from now on as sensor and parameters say; what they leave as it was goes on."""
+    def _apply(self) -> None:
+        """Apply sensor and parameters from now on. The frame and the window go on unless they change."""
         values, framing = self.parameters.as_dict(), self._make_framing()
         if framing.settings != self._framing.settings:
             self.forget()
             self._framing = framing
         if self._sensor is None:
             return
-        before, self._sketcher = self._sketcher, None       # of no use, unless what follows succeeds
+        before, self._sketcher = self._sketcher, None       # None if what follows fails
         try:
             frequencies, frames = frequencies_for(self._sensor, values), values["window_frames"]
         except InvalidInput:
@@ -211,7 +209,7 @@ class SketcherNode(PipelineNode):
         self.release_frames()
 
     def _check(self, values: dict[str, Value]) -> None:
-        """Refuse parameters that the present sensor, or that no sensor, could be sketched with."""
+        """Refuse parameters with which the present sensor, or any, cannot be sketched."""
         sensor = self._sensor or self._choice.file or precompile.ANY_SENSOR
         WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
 
@@ -229,64 +227,57 @@ class SketcherNode(PipelineNode):
             raise Dropped("no_sensor", "there is no description of the sensor that can be used")
         header, photons = codec.decode_cdr(raw, self._sketcher.sensor)
         placed = self._framing.place(header.stamp_ns, raw)
-        if placed.ended:
-            self._end_frame()
+        self._end_frame(placed.ended)
         if placed.began_again:
             self.get_logger().info("stamps leapt over gap_s: new frame, new window", throttle_duration_sec=LOG_EVERY_S)
-            self._give_up_frame()
+            self._drop_incomplete(placed.forgotten)
         if not placed.dropped:
             self._sketcher.add(photons)
-        if codec is gates_message:          # whose header does not tell
+        if codec is gates_message:          # the message's header does not say how many
             self.diagnostics.count(photons_in=photons.photons)
         if placed.dropped:
             self.diagnostics.drop(placed.dropped, photons=photons.photons)
             return
-        self._hold(self._open[0] + 1, self._open[1] + photons.photons)
         self._frame_id = header.frame_id
-        if placed.completed:
-            self._end_frame()
-
-    def _hold(self, packets: int, photons: int) -> None:
-        """The open frame has so many packets and photons."""
-        self._open = packets, photons
-        self.diagnostics.show(packets_open=packets)
+        self._end_frame(self._framing.add(header.stamp_ns, photons.photons))
+        self._show_open_frame()
 
     def _end_if_silent(self) -> None:
-        if self._framing.open and self._is_silent():
-            self.worker.call(self._end_of_silence)
+        if self._framing.open.packets and self._is_silent():
+            self.worker.call(self._end_after_silence)
 
     def _is_silent(self) -> bool:
         return self.now_ns() - self._last_packet_ns > self.parameters["silence_s"] * 1e9
 
-    def _end_of_silence(self) -> None:
-        if self._is_silent() and self._framing.end_of_silence():
-            self._end_frame()
+    def _end_after_silence(self) -> None:
+        if self._is_silent():
+            self._end_frame(self._framing.end_after_silence())
 
-    def _end_frame(self) -> None:
-        """Publish the open frame. If that fails, its packets are dropped, and the next frame is served."""
-        packets, photons = self._open
-        if not packets:
+    def _end_frame(self, frame: OpenFrame | None) -> None:
+        """Publish a frame that has ended, if there is one. If that fails, its packets are dropped."""
+        if frame is None:
             return
-        self.worker.messages_per_frame = packets
+        self.worker.messages_per_frame = frame.packets
         try:
             sketch = self._sketcher.end_frame()
             frame_id = self.parameters["frame_id"] or self._frame_id
             data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
-            self.publish_frame(self._sketches, data, sketch.stamp_ns, packets=packets,
-                               photons=self._sketcher.newest_photons)
+            self.publish_frame(self._sketches, data, sketch.stamp_ns, **frame._asdict())
         except Exception as error:
-            self._failed(error, packets, photons)
+            self._failed(error, *frame)
             self._sketcher.reset()
-        self._hold(0, 0)
+        self._show_open_frame()
 
-    def _give_up_frame(self) -> None:
-        """Forget the open frame and the window."""
-        packets, photons = self._open
-        if packets:
-            self.diagnostics.drop("incomplete", packets, photons)
-        self._hold(0, 0)
+    def _drop_incomplete(self, frame: OpenFrame | None) -> None:
+        """Drop a frame that did not end, if there is one, and begin a new window."""
+        if frame is not None:
+            self.diagnostics.drop("incomplete", *frame)
         if self._sketcher is not None:
             self._sketcher.reset()
+        self._show_open_frame()
+
+    def _show_open_frame(self) -> None:
+        self.diagnostics.show(packets_open=self._framing.open.packets)
 
 
 def _read_camera_info(raw: bytes) -> CameraInfo:

@@ -9,31 +9,29 @@ from srt3d_ros.nodes.parameters import Parameter, Value
 
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, or "
-              "a photon file. It is used whoever starts first. A driver that publishes `sensor` all the same must say "
-              "the same: otherwise photons are dropped (`contradiction`), and log and /diagnostics name the first key "
-              "that differs, as an error.", form="a path"),
+              "a photon file. If a driver publishes another description on `sensor`, photons are dropped "
+              "(`contradiction`), and log and /diagnostics name the first key that differs, as an error.",
+              form="a path"),
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
               "them.", low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
               "IRF, spread to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
               form="auto, spread, consecutive or integers such as 1,2,5", live=True),
-    Parameter("packets_per_frame", 1, "Messages that make one frame; with frame_period_s, 1 is for as many as come.",
+    Parameter("packets_per_frame", 1, "Messages in a frame; with frame_period_s, 1 stands for any number.",
               low=1, high=100_000, live=True),
     Parameter("frame_period_s", 0.0, "Frames by stamp: each holds the stamps of one period and ends with the first "
               "packet of a later one, or with packets_per_frame if all come. Where the packets of a frame share its "
               "stamp, anything up to the time between frames. 0: frames by number only.", "s", 0, 1000, live=True),
-    Parameter("silence_s", 0.5, "With frame_period_s: a frame also ends after so long without a packet.", "s", 0.05,
+    Parameter("silence_s", 0.5, "With frame_period_s: a frame also ends after this time without a packet.", "s", 0.05,
               1000, live=True),
-    Parameter("gap_s", 1.0, "Stamps that fall back or leap ahead by more say that driver, bag or clock began again: "
-              "frame and window begin anew. More than the time between packets.", "s", 1e-3, 10_000, live=True),
-    Parameter("window_frames", 1, "Frames, not messages, that each sketch covers, the newest and those before it: a "
-              "sliding window. With packets_per_frame 2, a window of 3 frames covers 6 messages.",
-              low=1, high=1000, live=True),
-    Parameter("window_stamp", "newest", "Which instant the stamp of a window is, for who looks tf up by it and for the "
-              "latencies in /diagnostics: the start of acquisition of its newest frame, of its oldest, or half-way "
-              "between. With window_frames 1 all three are the start of the frame. With `newest`, tf is right for the "
-              "newest photons, and the oldest are off by the sensor's motion since; with `middle`, both by half of it.",
-              choices=tuple(WINDOW_STAMPS)),
+    Parameter("gap_s", 1.0, "Begin a new frame and a new window when stamps fall back or leap ahead by more: driver, "
+              "bag or clock began again. More than the time between packets.", "s", 1e-3, 10_000, live=True),
+    Parameter("window_frames", 1, "Frames, not messages, in the sliding window that a sketch covers. With "
+              "packets_per_frame 2, a window of 3 frames covers 6 messages.", low=1, high=1000, live=True),
+    Parameter("window_stamp", "newest", "The stamp of a window, for tf and for latencies in /diagnostics: the start of "
+              "acquisition of its newest frame, of its oldest, or half-way between. With `newest`, tf is right for "
+              "the newest photons, and the oldest are off by the sensor's motion since; with `middle`, both by half of "
+              "it.", choices=tuple(WINDOW_STAMPS)),
     Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
               choices=("float32", "int16"), live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),

@@ -1,9 +1,17 @@
-"""What the player plays: a photon file, the simulator or a bag, each as messages that are due one after the other."""
+"""What the player plays: a photon file, the simulator or a bag, each as messages that are due one after the other.
+
+Both sources have `items()`, the messages from the beginning, with a sensor only where it changes; `close()`; and
+    output      "photons" or "gates"
+    sensor      the serialised description to begin with, or None
+    rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
+    start_ns    when the recording began; 0 if nothing was recorded
+    notes       a line for each assumption
+"""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import count
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from srt3d_ros import datasets
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
@@ -20,7 +28,7 @@ from srt3d_ros.messages import sensor as sensor_message
 SIMULATOR = "simulator"
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "fov_deg")
 NS_PER_S = 1_000_000_000
-ALONE_NS = NS_PER_S // 10       # from a bag's only message to itself
+ALONE_NS = NS_PER_S // 10       # between the turns of a bag with one message
 
 
 class Item(NamedTuple):
@@ -29,11 +37,11 @@ class Item(NamedTuple):
     Args:
         topic: "photons", "gates" or "sensor".
         raw: serialised.
-        due_ns: when, at the pace of play, counted from the beginning.
-        acquired_ns: its stamp, counted likewise.
-        stamp_ns: its stamp as it was recorded; None for a frame that is sent as if it were acquired now.
+        due_ns: when, at the pace of play, from the beginning.
+        acquired_ns: its stamp, from the beginning.
+        stamp_ns: its recorded stamp; None for a frame that is sent as if it were acquired now.
         time_ns: when it was recorded; 0 if it was not.
-        photons: in it; None if nobody counted them.
+        photons: in it; None if not counted.
     """
 
     topic: str
@@ -45,31 +53,7 @@ class Item(NamedTuple):
     photons: int | None = None
 
 
-class Source(Protocol):
-    """What the player needs of what it plays.
-
-    Args:
-        output: "photons" or "gates".
-        sensor: the serialised description to begin with; None if there is none.
-        rate: recorded seconds that pass in one; 0: messages are due as soon as those before are answered.
-        start_ns: when the recording began; 0 if nothing was recorded.
-        notes: a line each for what was assumed.
-    """
-
-    output: str
-    sensor: bytes | None
-    rate: float
-    start_ns: int
-    notes: tuple[str, ...]
-
-    def items(self) -> Iterator[Item]:
-        """The messages from the beginning; a sensor among them only where it changes. InvalidInput: a bag breaks."""
-
-    def close(self) -> None:
-        """Give back the files."""
-
-
-def open_source(parameters: Mapping) -> Source:
+def open_source(parameters: Mapping) -> "FrameSource | BagSource":
     """The source that the player's parameters describe; InvalidInput if it cannot be played."""
     if is_bag(parameters["input"]):
         return BagSource(parameters)
@@ -90,11 +74,8 @@ class FrameSource:
     """Frames of the simulator, or that of a photon file: frame k is due k / rate_hz after the first.
 
     Args:
-        sensor: that saw them.
-        frame: gives frame k.
-        frames: how many there are; None: there is no end.
-        parameters: of the player.
-        notes: see Source.
+        frame: returns frame k.
+        frames: their number; None: there is no end.
 
     Raises:
         InvalidInput: the first frame cannot be sent.
@@ -120,7 +101,7 @@ class FrameSource:
         self._encode(frame(0))
 
     def items(self) -> Iterator[Item]:
-        """See Source."""
+        """Frame after frame."""
         for k in count():
             if k == self._frames:
                 return
@@ -129,10 +110,10 @@ class FrameSource:
             yield Item(self.output, self._encode(events), due_ns, due_ns, photons=events.photons)
 
     def close(self) -> None:
-        """See Source."""
+        """Nothing is open."""
 
     def _encode(self, events: PhotonEvents) -> bytes:
-        """The message of a frame; that of a file, which is the same again and again, is written once."""
+        """The message of a frame; that of a file, which repeats, is encoded once."""
         if self._encoded is None or self._encoded[0] is not events:
             sensor = self._sensor
             if self.output == "gates":
@@ -144,13 +125,10 @@ class FrameSource:
 
 
 class BagSource:
-    """The photons of a bag and the sensors that described them, as they were recorded and when.
-
-    Args:
-        parameters: of the player.
+    """The photons of a bag and the descriptions of their sensor, as and when they were recorded.
 
     Raises:
-        InvalidInput: the bag cannot be read, it is not clear which topics are meant, or nothing is left to play.
+        InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
     """
 
     def __init__(self, parameters: Mapping):
@@ -171,11 +149,11 @@ class BagSource:
                 f"a time after which {topics.frames.name} has messages")
         self.sensor = self._sensor_in_force(topics.sensor)
         self.notes = () if self.sensor else (
-            f"no sensor is described beside {topics.frames.name}: somebody else has to publish it",)
+            f"no sensor is described beside {topics.frames.name}: another node has to publish it",)
 
     def items(self) -> Iterator[Item]:
-        """See Source."""
-        described, begun_ns = self.sensor, 0        # how long was played before this turn
+        """The messages, each turn from the start; raises InvalidInput where the bag is broken."""
+        described, begun_ns = self.sensor, 0        # the time played before this turn
         while True:
             if described != self.sensor:
                 described = self.sensor
@@ -197,7 +175,7 @@ class BagSource:
             begun_ns += longest_ns or ALONE_NS      # the mean interval after the last message
 
     def close(self) -> None:
-        """See Source."""
+        """Close the bag."""
         self._bag.close()
 
     def _sensor_in_force(self, topic: BagTopic | None) -> bytes | None:
@@ -217,7 +195,7 @@ class BagSource:
 
 
 def _stamp(raw: bytes, recorded_ns: int) -> int:
-    """The stamp of a message; of one that has none, when it was recorded: those who read it shall count it."""
+    """The stamp of a message, or the time of recording if it has none: the nodes that read it count it as bad."""
     try:
         return cdr.stamp_ns(raw)
     except InvalidInput:

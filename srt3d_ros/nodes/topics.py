@@ -1,11 +1,46 @@
-"""The topics of the pipeline. msg_schemas/ has the layouts of their messages."""
+"""The topics of the pipeline and their QoS. msg_schemas/ has the layouts of their messages."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.nodes.node_spec import Topic
+from srt3d_ros.nodes.parameters import Parameter
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+OVERRIDABLE = QoSOverridingOptions(
+    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
+MAX_DEPTH = 100_000
+POLICIES = {"history": HistoryPolicy, "reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic that a node subscribes to or publishes.
+
+    Args:
+        name: relative, so that namespaces and remappings apply.
+        about: what is in it, in a few words.
+        latched: reliable and transient local: a late subscriber still gets the last message.
+        when: the condition under which it exists; always if empty.
+    """
+
+    name: str
+    type: type
+    about: str
+    latched: bool = False
+    when: str = ""
+
+    @property
+    def type_name(self) -> str:
+        """As `ros2 topic list -t` writes it."""
+        return f"{self.type.__module__.split('.')[0]}/msg/{self.type.__name__}"
+
 
 SENSOR = Topic("sensor", String, "the sensor's description (JSON)", latched=True)
 LENS = Topic("sensor/camera_info", CameraInfo, "the sensor's pinhole and lens, instead of the description's projection",
@@ -26,3 +61,14 @@ CAMERA_INFO = Topic("camera_info", CameraInfo, "the camera of the images", when=
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, "rates, latency, photons, points, drops by cause, last error")
 ROSOUT = Topic("/rosout", Log, "what the nodes log")
 PARAMETER_EVENTS = Topic("/parameter_events", ParameterEvent, "changes of the nodes' parameters")
+
+
+def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:
+    """The parameters `qos_overrides.…` of topics, by their final names. rclpy declares them and checks no value."""
+    for entity, topics in (("subscription", subscribed), ("publisher", published)):
+        for topic in topics:
+            prefix = f"qos_overrides.{topic}.{entity}."
+            yield Parameter(f"{prefix}depth", 1, "Messages that may wait.", low=1, high=MAX_DEPTH)
+            for policy, values in POLICIES.items():
+                choices = tuple(value.name.lower() for value in values if value.name != "UNKNOWN")
+                yield Parameter(f"{prefix}{policy}", "system_default", f"The {policy} policy.", choices=choices)

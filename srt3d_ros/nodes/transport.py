@@ -1,4 +1,4 @@
-"""What big messages need, set before rclpy is imported: shared memory between processes, and memory that is kept.
+"""Settings that a process needs for large messages: a shared-memory profile for Fast DDS, and memory that is kept.
 
 With the defaults, an 8 MB message takes 25 ms between two processes and a best-effort one rarely arrives at all; with
 both settings it takes 4 ms and none is lost.
@@ -16,14 +16,14 @@ from srt3d_ros import shared_files
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 SHARED_MEMORY = Path("/dev/shm")
 SEGMENTS_MB = (64, 32, 16, 4)
-ROOM_FOR = 4            # processes: each allocates all of its segment when it starts, or has no shared memory at all
+PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
 LEAK_AGE_S = 10.0       # older than any segment whose process is still starting
 
 M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD = -1, -2, -3      # glibc's malloc.h
 
 
 def prepare_process() -> None:
-    """Choose the shared-memory profile, unless the user chose one, and keep freed memory in the process."""
+    """Prepare this process for large messages. Call it before rclpy.init; a profile that the user chose is kept."""
     remove_leaked_segments()
     profile = choose_profile()
     if profile is not None:
@@ -32,9 +32,9 @@ def prepare_process() -> None:
 
 
 def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
-    """Give back the segments of processes that were killed: nobody else does, and each holds up to 64 MB for good.
+    """Remove the shared memory of killed processes, up to 64 MB each, which nobody else removes.
 
-    A process that lives holds a lock on the file `<segment>_el` beside its segment.
+    A running process holds a lock on the file `<segment>_el` beside its segment.
     """
     for lock in shared_memory.glob("fastrtps_" + "[0-9a-f]" * 16 + "_el"):
         with contextlib.suppress(OSError):      # in use, another user's, or removed by another process just now
@@ -47,17 +47,14 @@ def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
 
 
 def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
-    """The Fast DDS profile with the largest segment of which four fit into free shared memory; None if none does.
-
-    The profiles are config/fastdds_<size>mb.xml, of the source tree or of share/srt3d_ros.
-    """
+    """config/fastdds_<size>mb.xml with the largest segment that fits four times into free shared memory, or None."""
     try:
         room = os.statvfs(shared_memory)
     except OSError:
         return None
     free_mb = room.f_bavail * room.f_frsize / 2**20
     for size_mb in SEGMENTS_MB:
-        if free_mb >= ROOM_FOR * size_mb:
+        if free_mb >= PROCESSES * size_mb:
             return shared_files.find(f"config/fastdds_{size_mb}mb.xml")
     return None
 

@@ -1,4 +1,4 @@
-"""One thread that does a node's work, so that the executor never blocks."""
+"""Worker: one thread that does a node's work, so that the executor never blocks."""
 
 import threading
 import time
@@ -7,63 +7,61 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 NEWEST_ONLY = 1
-PATIENCE_S = 0.25       # for which frames may wait while a busy machine catches up
-CALM_S = 1.0            # without a frame given up: it has caught up
-MOST_WAITING = 64       # messages, however patient: bounds the memory
-LOSSLESS = 256          # frames that may wait when none may be dropped; bounds the memory if the sender does not
+CATCH_UP_S = 0.25       # how long frames may wait while a busy machine catches up
+RECOVERY_S = 1.0        # without a dropped frame: the worker has caught up
+MAX_WAITING = 64        # messages that wait while it catches up: bounds the memory
+LOSSLESS = 256          # frames that may wait where none may be dropped: bounds the memory if the sender does not
 
 
 class Dropped(Exception):
-    """Raised by a job for a frame it cannot use, through nobody's mistake.
-
-    Args:
-        cause: under which it is counted.
-        why: for the log.
-    """
+    """Raised by a job for a frame that it cannot use through nobody's mistake; `cause` is counted, `why` is logged."""
 
     def __init__(self, cause: str, why: str):
         super().__init__(why)
         self.cause = cause
 
 
+class Refused(Exception):
+    """Raised by the job of a service; its text is the answer."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Job:
     function: Callable
     args: tuple
-    is_frame: bool
-    photons: int = 0
+    frames: int         # 1, or 0 if it is not for a frame
+    size: int = 0
     since_s: float = field(default_factory=lambda: time.monotonic())
 
 
 class Worker:
-    """Runs jobs in the order in which they came. Frames may push each other out of the queue; other jobs never are.
+    """Runs jobs in the order in which they came. Newer frames may push older ones out of the queue; other jobs stay.
 
-    A machine that is held up for a moment catches up: nothing is lost while no frame waits longer than `patience_s`.
-    One that cannot keep up has only `limit` frames wait, so that none is older than it has to be, until no frame was
-    given up for CALM_S.
+    While no frame has waited for `catch_up_s`, all wait. When the worker falls further behind, only the newest `limit`
+    frames are kept, to bound latency, until none was dropped for RECOVERY_S.
 
     Args:
-        limit: frames that may wait. A frame too many pushes out the oldest: with 1, the newest frame is always next.
-            Where several messages make a frame, `messages_per_frame` says how many, and each is a frame to all else.
-        patience_s: how long more frames than that may wait; 0: not at all.
-        failed: called with (exception, frames, photons) when a job raises, 1 frame or none; the worker goes on.
-        dropped: called with (cause, frames, photons) for frames that are given up: "queue" if newer ones push them out.
-        done: called after each job, when nothing is in hand.
+        limit: frames that may wait, times `messages_per_frame` where several messages make a frame. Each message is a
+            frame to all else here.
+        failed: called with (exception, frames, size) when a job raises, frames 1 or 0; the worker goes on.
+        dropped: called with (cause, frames, size) for dropped frames; the cause is "queue" if newer ones push them
+            out. A frame's size is what its node counts beside frames, such as photons or bytes.
+        done: called after each job, when none is running.
 
     Attributes:
-        lock: held while frames are put, taken or given up; who counts frames beside that holds it too.
+        lock: held while frames are queued, taken or dropped; whoever counts frames beside that holds it too.
     """
 
     def __init__(self, limit: int, failed: Callable[[Exception, int, int], None],
-                 dropped: Callable[[str, int, int], None], patience_s: float = 0.0,
+                 dropped: Callable[[str, int, int], None], catch_up_s: float = 0.0,
                  done: Callable[[], None] = lambda: None):
-        self.limit, self._failed, self._dropped, self._patience_s = limit, failed, dropped, patience_s
+        self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
         self._done = done
         self.messages_per_frame = 1
-        self._calm_from_s = 0.0
+        self.waiting = 0, 0         # frames in the queue, and their sizes' sum
+        self._recovered_from_s = 0.0
         self._jobs: deque[_Job] = deque()
-        self._frames_waiting = self._photons_waiting = 0
-        self._in_hand: _Job | None = None
+        self._current: _Job | None = None
         self._holding = False
         self._closing = False
         self.lock = self._changed = threading.Condition()
@@ -71,25 +69,20 @@ class Worker:
         self._thread.start()
 
     def call(self, function: Callable, *args) -> None:
-        """Run function(*args) after what is already waiting."""
-        self._put(_Job(function, args, is_frame=False))
+        """Run function(*args) after the jobs that wait."""
+        self._put(_Job(function, args, frames=0))
 
-    def offer(self, function: Callable, *args, photons: int = 0) -> None:
-        """Run function(*args) for a frame of so many photons, unless newer frames push it out first."""
-        self._put(_Job(function, args, is_frame=True, photons=photons))
+    def offer(self, function: Callable, *args, size: int = 0) -> None:
+        """Run function(*args) for a frame of a size, unless newer frames push it out first."""
+        self._put(_Job(function, args, 1, size))
 
     @property
     def busy(self) -> bool:
-        """Whether a job is in hand."""
-        return self._in_hand is not None
-
-    @property
-    def waiting(self) -> tuple[int, int]:
-        """Frames that wait, and their photons."""
-        return self._frames_waiting, self._photons_waiting
+        """Whether a job is running."""
+        return self._current is not None
 
     def hold_frames(self) -> None:
-        """Let frames wait in the queue (other jobs run) until `release_frames`."""
+        """Let frames wait in the queue, but no other jobs, until `release_frames`."""
         self._holding = True
 
     def release_frames(self) -> None:
@@ -99,76 +92,75 @@ class Worker:
             self._changed.notify_all()
 
     def clear(self, cause: str) -> None:
-        """Give up the frames that wait; other jobs stay."""
+        """Drop the frames that wait; other jobs stay."""
         with self._changed:
-            self._give_up(cause, [job for job in self._jobs if job.is_frame])
+            self._drop(cause, [job for job in self._jobs if job.frames])
 
     def finish(self, timeout_s: float) -> bool:
-        """Wait until all jobs that there are now have been done; false if that took too long."""
+        """Wait until all present jobs are done; false after a timeout."""
         done = threading.Event()
         self.call(done.set)
         return done.wait(timeout_s)
 
     def close(self, timeout_s: float) -> None:
-        """End the thread after all jobs that wait, held frames among them; after `timeout_s`, give them up."""
+        """End the thread after all jobs, held frames among them; after `timeout_s`, drop what is left."""
         with self._changed:
             self._holding = False
             self._closing = True
             self._changed.notify_all()
         self._thread.join(timeout_s)
         with self._changed:
-            self._give_up("shutdown", [job for job in self._jobs if job.is_frame])
-            if self._in_hand is not None and self._in_hand.is_frame:
-                self._dropped("shutdown", 1, self._in_hand.photons)
-            self._in_hand = None
+            self._drop("shutdown", [job for job in self._jobs if job.frames])
+            if self._current is not None and self._current.frames:
+                self._dropped("shutdown", 1, self._current.size)
+            self._current = None
 
     def _put(self, job: _Job) -> None:
         with self._changed:
             if self._closing:
-                if job.is_frame:
-                    self._dropped("shutdown", 1, job.photons)
+                if job.frames:
+                    self._dropped("shutdown", 1, job.size)
                 return
-            if job.is_frame:
-                most = self.limit * self.messages_per_frame
-                if self._frames_waiting >= most:
-                    self._push_out(most, job.since_s)
-                self._count_waiting(job, 1)
+            most = self.limit * self.messages_per_frame
+            if job.frames and self.waiting[0] >= most:
+                self._push_out(most, job.since_s)
             self._jobs.append(job)
+            self._count_waiting(job, 1)
             self._changed.notify_all()
 
     def _push_out(self, most: int, now_s: float) -> None:
-        """Make room for a frame if that has to be, and then for all but `most`."""
-        frames = [job for job in self._jobs if job.is_frame]
-        patient = now_s >= self._calm_from_s and now_s - frames[0].since_s < self._patience_s
-        if patient and len(frames) < MOST_WAITING:
+        """Make room for one frame among `most`, unless the worker may still catch up."""
+        frames = [job for job in self._jobs if job.frames]
+        may_catch_up = now_s >= self._recovered_from_s and now_s - frames[0].since_s < self._catch_up_s
+        if may_catch_up and len(frames) < MAX_WAITING:
             return
-        self._give_up("queue", frames[:len(frames) - most + 1])
-        self._calm_from_s = now_s + CALM_S
+        self._drop("queue", frames[:len(frames) - most + 1])
+        self._recovered_from_s = now_s + RECOVERY_S
 
-    def _give_up(self, cause: str, frames: list[_Job]) -> None:
+    def _drop(self, cause: str, frames: list[_Job]) -> None:
         for job in frames:
-            self._jobs.remove(job)
-            self._count_waiting(job, -1)
+            self._remove(job)
         if frames:
-            self._dropped(cause, len(frames), sum(job.photons for job in frames))
+            self._dropped(cause, len(frames), sum(job.size for job in frames))
+
+    def _remove(self, job: _Job) -> None:
+        self._jobs.remove(job)
+        self._count_waiting(job, -1)
 
     def _count_waiting(self, job: _Job, sign: int) -> None:
-        if job.is_frame:
-            self._frames_waiting += sign
-            self._photons_waiting += sign * job.photons
+        frames, size = self.waiting
+        self.waiting = frames + sign * job.frames, size + sign * job.size
 
     def _take(self) -> _Job | None:
         """The next job that may run, or None when closed and nothing is left."""
         with self._changed:
             while True:
-                for job in self._jobs:
-                    if not (job.is_frame and self._holding):
-                        self._jobs.remove(job)
-                        self._count_waiting(job, -1)
-                        self._in_hand = job
-                        return job
-                if self._closing:
-                    return None
+                job = next((job for job in self._jobs if not (job.frames and self._holding)), None)
+                if job is not None:
+                    self._remove(job)
+                    self._current = job
+                if job is not None or self._closing:
+                    return job
                 self._changed.wait()
 
     def _run(self) -> None:
@@ -176,6 +168,6 @@ class Worker:
             try:
                 job.function(*job.args)
             except Exception as error:      # whatever a frame does to a job, the next frame is served
-                self._failed(error, int(job.is_frame), job.photons)
-            self._in_hand = None
+                self._failed(error, job.frames, job.size)
+            self._current = None
             self._done()

@@ -10,24 +10,25 @@ from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle,
 from srt3d_ros.viewpoint import Viewpoint
 
 TEXT, DIM = "#e8eaed", "#8b939e"
+BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours
 DPI = 100
 _BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
-_RANGE_BAR = 0.16, 0.012                # of the picture's width and height
+_RANGE_BAR = 0.16, 0.012                # width and height, of the picture's
 _TITLE_PX, _FIGURES_PX = 84, 56         # heights of the bands above and below the cloud
 
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
     """A figure of this size on the background of clouds."""
-    figure = Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=hex_colour(BACKGROUND))
+    figure = Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=BEHIND)
     FigureCanvasAgg(figure)
     return figure
 
 
-def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray, **options) -> Axes:
+def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray) -> Axes:
     """Axes at (left, bottom, width, height) of the figure, filled by an image."""
     axes = figure.add_axes(box)
     axes.set_axis_off()
-    axes.imshow(image, interpolation="nearest", aspect="auto", **options)
+    axes.imshow(image, interpolation="nearest", aspect="auto")
     return axes
 
 
@@ -50,14 +51,11 @@ def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
 
 def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     """Draw the colours of the range at the lower left, with the metres at their ends."""
-    height, width = axes.images[0].get_array().shape[:2]
-    wide, tall = _RANGE_BAR[0] * width, _RANGE_BAR[1] * height
-    left, bottom = 0.02 * width, height - 0.03 * height
-    limits = axes.get_xlim(), axes.get_ylim()
-    axes.imshow(RANGE_MAP[None] / 255, extent=(left, left + wide, bottom, bottom - tall), aspect="auto", zorder=3)
-    axes.set(xlim=limits[0], ylim=limits[1])
-    for x, metres, side in ((left, style.near_m, "left"), (left + wide, style.far_m, "right")):
-        axes.text(x, bottom - tall - 0.012 * height, f"{metres:.3g} m", color=DIM, size=size, ha=side, va="bottom")
+    bar = axes.inset_axes((0.02, 0.03, *_RANGE_BAR))
+    bar.set_axis_off()
+    bar.imshow(RANGE_MAP[None], aspect="auto")
+    for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):
+        bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM, size=size, ha=side, va="bottom")
 
 
 def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint, title: str = "", figures: dict | None = None
@@ -98,8 +96,3 @@ def caption(figures: dict) -> str:
         return f"{value:.3g}" if isinstance(value, (float, np.floating)) else str(value)
 
     return "     ".join(f"{name}: {text(value)}" for name, value in figures.items())
-
-
-def hex_colour(colour: tuple[int, int, int]) -> str:
-    """#rrggbb."""
-    return "#" + bytes(colour).hex()

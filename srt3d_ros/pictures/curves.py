@@ -1,4 +1,4 @@
-"""Curves of an evaluation: metrics against photons per pixel, and observed against nominal shares of errors."""
+"""Curves: metrics, times and memory against photons per pixel, and observed against nominal shares of errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 
 from srt3d_ros.pictures.png import save_png
@@ -16,7 +17,14 @@ DPI = 100
 # Okabe and Ito's colours (2008), distinct for any colour vision. Markers and dashes differ as well.
 METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
 _STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
-_GRID, _GOAL = "#d9dce0", "#b8bec6"
+# The same of each method in `draw_growth`, and its marker; only our line is thick.
+GROWTH_STYLES = {"pooled": ("#d55e00", "o"), "srt3d": ("#0072b2", "s"), "smle": ("#009e73", "^"),
+                 "xcorr": ("#000000", "D"), "rt3d": ("#a0527f", "v"), "sketching": ("#8a8f98", ".")}
+_OURS = "pooled"
+_TIME_LABELS = {"sketching": "sketching, while photons come", "rt3d": "rt3d (all photons)",
+                "xcorr": "xcorr (histograms)"}
+_INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", "pooled": "sketch, for the others"}
+_GRID, _GOAL, _GOAL_LINE = "#d9dce0", "#b8bec6", "#6b7280"
 # Lighter and warmer along a series.
 _SERIES_MAP = LinearSegmentedColormap.from_list(
     "series", [(0, 0.2, 0.45), (0, 0.5, 0.6), (0.55, 0.6, 0.3), (0.9, 0.5, 0.0)])
@@ -24,15 +32,11 @@ _SERIES_MAP = LinearSegmentedColormap.from_list(
 
 @dataclass(frozen=True)
 class Metric:
-    """A row of panels: a column of the results, the label and limits of its axis.
-
-    Args:
-        scale: linear, log, or symlog: linear up to 1, logarithmic above.
-    """
+    """A row of panels: a column of the results, the label and limits of its axis."""
 
     column: str
     label: str
-    scale: str = "linear"
+    scale: str = "linear"       # or log, or symlog: linear up to 1, logarithmic above
     limits: tuple[float, float] | None = None
 
 
@@ -90,10 +94,31 @@ def draw_calibration(path: Path, curves: dict[str, dict[str, Sequence[float]]], 
         for (label, observed), shade, (marker, _) in zip(lines.items(), shades, _STYLES * 9):
             ax.plot(nominal_percent, observed, marker=marker, markersize=5, color=_SERIES_MAP(shade), label=label)
         ax.set(title=heading, xlim=(0, 101), ylim=(0, 101), xlabel="nominal share, %")
-        ax.grid(color=_GRID)
-        ax.set_axisbelow(True)
+        _grid(ax)
         ax.legend(loc="upper left", fontsize=8.5, framealpha=0.85)
     axes[0, 0].set_ylabel("observed share of depth errors, %")
+    save_png(figure, path)
+
+
+def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float, str] | None,
+                stopped: dict[str, str]) -> None:
+    """Draw two panels on logarithmic axes.
+
+    Left: median times in milliseconds, with the range from the fastest to the slowest run shaded. Right: the bytes of
+    a frame's photons, histograms or sketch, and dotted the growth of the process during the reconstruction.
+
+    Args:
+        lines: with `method`, `ppp`, `ms` (min, median, max) and, where known, `input_bytes` and `growth_bytes`.
+        goal: a time in milliseconds to draw as a line across, and its label; or None.
+        stopped: methods whose lines end early, and a few words why.
+    """
+    figure = Figure((14.2, 6.0), dpi=DPI, layout="constrained")
+    figure.suptitle(title, size=13, parse_math=False)
+    by_method = {name: [line for line in lines if line["method"] == name] for name in GROWTH_STYLES}
+    by_method = {name: of_method for name, of_method in by_method.items() if of_method}
+    time_ax, memory_ax = figure.subplots(1, 2)
+    _draw_times(time_ax, by_method, goal, stopped)
+    _draw_memory(memory_ax, by_method)
     save_png(figure, path)
 
 
@@ -132,5 +157,57 @@ def _format_axes(ax: Axes, metric: Metric) -> None:
         ax.set_ylim(*metric.limits)
     ax.yaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_major_formatter("{x:g}")
+    _grid(ax)
+
+
+def _draw_times(ax: Axes, by_method: dict[str, list[dict]], goal: tuple[float, str] | None,
+                stopped: dict[str, str]) -> None:
+    for name, lines in by_method.items():
+        x = [line["ppp"] for line in lines]
+        low, median, high = ([line["ms"][which] for line in lines] for which in ("min", "median", "max"))
+        ax.fill_between(x, low, high, color=GROWTH_STYLES[name][0], alpha=0.18, linewidth=0)
+        label = f"{_TIME_LABELS.get(name, name)}{': ' * (name in stopped)}{stopped.get(name, '')}"
+        ax.plot(x, median, label=label, **_growth_style(name) | {"linestyle": "--" if name == "sketching" else "-"})
+    drawn = list(ax.get_lines())
+    if goal is not None:
+        ax.axhline(goal[0], color=_GOAL_LINE, linewidth=1.5, linestyle=(0, (6, 3)))
+        ax.annotate(goal[1], (0.01, goal[0]), (0, -3), ("axes fraction", "data"), "offset points", va="top", size=9,
+                    color=_GOAL_LINE, bbox={"color": "white", "alpha": 0.8, "pad": 0.5}, zorder=4)
+    _format_growth_axes(ax, drawn, "time of a frame, ms", "Time: from a sketch, or all photons, to the cloud")
+
+
+def _draw_memory(ax: Axes, by_method: dict[str, list[dict]]) -> None:
+    dotted = {"linestyle": ":", "linewidth": 1.3, "markersize": 3}
+    for name, lines in by_method.items():
+        for column, label, style in (("input_bytes", _INPUT_LABELS.get(name), {}),
+                                     ("growth_bytes", f"{name}, working" if name != "sketching" else None, dotted)):
+            known = [(line["ppp"], line[column] / 1e6) for line in lines if line.get(column)]
+            if label and known:
+                ax.plot(*zip(*known), label=label, **_growth_style(name) | style)
+    _format_growth_axes(ax, ax.get_lines(), "memory, MB",
+                        "Memory: a frame's data (solid), and what the process grew by (dotted)")
+
+
+def _growth_style(name: str) -> dict:
+    colour, marker = GROWTH_STYLES[name]
+    ours = name == _OURS
+    return {"color": colour, "marker": marker, "markersize": 6 if ours else 4.5,
+            "linewidth": 3.0 if ours else 1.6, "zorder": 3 if ours else 2}
+
+
+def _format_growth_axes(ax: Axes, lines: Sequence[Line2D], label: str, title: str) -> None:
+    ax.set_title(title, size=11, loc="left")
+    ax.set(xscale="log", yscale="log", xlabel="photons per pixel (mean, with background)", ylabel=label)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(numticks=12))
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if value >= 1 else f"{value:g}")
+    _grid(ax)
+    ax.spines[["top", "right"]].set_visible(False)
+    lines = sorted(lines, key=lambda line: line.get_ydata()[-1], reverse=True)         # as their ends are
+    ax.legend(handles=lines, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=9.5)
+
+
+def _grid(ax: Axes) -> None:
     ax.grid(color=_GRID)
     ax.set_axisbelow(True)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
@@ -97,16 +96,12 @@ def _panel(figure: Figure, left: float, width: float, image: np.ndarray, heading
 
 def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, style: CloudStyle) -> None:
     rows, cols = range_m.shape
-    # As large as fits, in the middle of the panel's height; sizes as shares of the figure.
-    size_px = min(width * _WIDTH_PX / cols, (_TOP - _BOTTOM) * _HEIGHT_PX / rows)
-    width, height = cols * size_px / _WIDTH_PX, rows * size_px / _HEIGHT_PX
-    bottom = (_TOP + _BOTTOM - height) / 2
-    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=annotations.hex_colour(BACKGROUND))
-    scale = Normalize(style.near_m, style.far_m)
-    annotations.image_axes(figure, (left, bottom, width, height), range_m, cmap=colours, norm=scale)
     _heading(figure, left, "depth map", f"{rows} × {cols} pixels, range in metres")
-    beside = figure.add_axes((left + width + 0.008, bottom, 0.007, height))
-    bar = figure.colorbar(ScalarMappable(scale, colours), cax=beside)
+    axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM), anchor="W")      # as large as fits
+    axes.set_axis_off()
+    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=annotations.BEHIND)
+    image = axes.imshow(range_m, colours, Normalize(style.near_m, style.far_m), interpolation="nearest")
+    bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
     bar.outline.set_visible(False)
     bar.ax.invert_yaxis()
     bar.ax.tick_params(colors=DIM, labelsize=13, length=0)

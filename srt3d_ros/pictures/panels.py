@@ -1,6 +1,6 @@
 """Reconstructions side by side: clouds of the same scene by several methods, and maps of their errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,59 +12,40 @@ from matplotlib.figure import Figure
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.pictures.cloud_renderer import CloudStyle
+from srt3d_ros.pictures.cloud_renderer import BACKGROUND, CloudStyle, draw_surface
 from srt3d_ros.pictures.png import save_png
 from srt3d_ros.viewpoint import look_at
 
 DPI = 100
-# Picture elements: side of an image, gap, margin, height of the title, offset of the images in a row, height of a row.
-_SIDE_PX, _GAP_PX, _EDGE_PX, _TITLE_PX, _IMAGE_PX, _ROW_PX = 240, 8, 14, 40, 44, 318
-_SCALE_PX, _LEAST_WIDTH_PX = 84, 640
+_PANEL_IN, _ROW_IN, _TITLE_IN, _SCALE_IN = 2.5, 3.2, 0.4, 0.9
+_CLOUD_PX = 480                 # side of a drawn cloud, which matplotlib makes smaller: smooth edges
 _NO_POINT, _NO_REFERENCE = (0.0, 0.0, 0.0), (0.72, 0.72, 0.72)
 _ERROR_MAP = "RdBu_r"           # distinct ends for any colour vision
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One cloud.
-
-    Args:
-        heading: the method.
-        caption: the figures of merit.
-        error_mm: float [rows, cols], depth error of the strongest point, NaN = no point; None for the truth.
-    """
+    """One cloud: `heading` names the method, `caption` gives the figures of merit."""
 
     heading: str
     cloud: PointCloud
     caption: str
-    error_mm: np.ndarray | None = None
+    error_mm: np.ndarray | None = None      # float [rows, cols], of the strongest points, NaN = none; None: the truth
 
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A row of panels: one observation.
-
-    Args:
-        label: of the observation.
-        sensor: its sensor.
-        panels: the first one (the truth if it is known) sets viewpoint and colours.
-        known: bool [rows, cols], pixels whose truth is known.
-    """
+    """A row of panels: one observation. The first panel (the truth if it is known) sets viewpoint and colours."""
 
     label: str
     sensor: SensorModel
     panels: Sequence[Panel]
-    known: np.ndarray | None = None
+    known: np.ndarray | None = None         # bool [rows, cols]: the truth is known
 
 
 def draw_clouds(path: Path, strips: Sequence[Strip], title: str) -> None:
     """Draw the clouds, one viewpoint for each row, coloured by range, shaded by intensity."""
-    def prepared(strip: Strip) -> Callable[[Panel], np.ndarray]:
-        first = strip.panels[0].cloud
-        style, eye = CloudStyle.of(first, strip.sensor), look_at(first.xyz, strip.sensor.projection)
-        return lambda panel: style.draw(panel.cloud, eye, _SIDE_PX, _SIDE_PX)
-
-    _draw(path, strips, title, prepared)
+    _draw(path, strips, title, [_cloud_images(strip) for strip in strips])
 
 
 def draw_errors(path: Path, strips: Sequence[Strip], title: str) -> None:
@@ -73,9 +54,16 @@ def draw_errors(path: Path, strips: Sequence[Strip], title: str) -> None:
               for strip in strips]
     strips = [strip for strip in strips if strip.panels]
     if strips:
-        scales = {strip: _error_scale(strip) for strip in strips}
-        _draw(path, strips, title, lambda strip: lambda panel: _error_image(panel, strip, scales[strip]),
-              list(scales.values()))
+        scales_mm = [_error_scale(strip) for strip in strips]
+        _draw(path, strips, title, [_error_images(strip, scale_mm) for strip, scale_mm in zip(strips, scales_mm)],
+              scales_mm)
+
+
+def _cloud_images(strip: Strip) -> list[np.ndarray]:
+    first = strip.panels[0].cloud
+    style, eye = CloudStyle.of(first, strip.sensor), look_at(first.xyz, strip.sensor.projection)
+    return [draw_surface(panel.cloud.xyz, style.shaded(panel.cloud), eye, _CLOUD_PX, _CLOUD_PX, style.radius_m,
+                         BACKGROUND) for panel in strip.panels]
 
 
 def _error_scale(strip: Strip) -> float:
@@ -87,55 +75,34 @@ def _error_scale(strip: Strip) -> float:
     return next(float(step * factor) for factor in (1, 2, 5, 10) if step * factor >= wanted)
 
 
-def _error_image(panel: Panel, strip: Strip, scale_mm: float) -> np.ndarray:
-    image = colormaps[_ERROR_MAP](Normalize(-scale_mm, scale_mm)(panel.error_mm))[..., :3]
-    image[~np.isfinite(panel.error_mm)] = _NO_POINT
-    image[~strip.known] = _NO_REFERENCE
-    return image
+def _error_images(strip: Strip, scale_mm: float) -> list[np.ndarray]:
+    images = []
+    for panel in strip.panels:
+        image = colormaps[_ERROR_MAP](Normalize(-scale_mm, scale_mm)(panel.error_mm))[..., :3]
+        image[~np.isfinite(panel.error_mm)] = _NO_POINT
+        image[~strip.known] = _NO_REFERENCE
+        images.append(image)
+    return images
 
 
-def _draw(path: Path, strips: Sequence[Strip], title: str, prepared: Callable, scales_mm: Sequence[float] = ()) -> None:
-    """Draw a grid of images: headings above, captions below, labels of the rows, and a colour bar for each scale."""
+def _draw(path: Path, strips: Sequence[Strip], title: str, images: Sequence[Sequence[np.ndarray]],
+          scales_mm: Sequence[float] = ()) -> None:
+    """Draw a row of images for each strip, and a colour bar for each scale."""
     columns = max(len(strip.panels) for strip in strips)
-    page = _Page(max(_EDGE_PX + columns * (_SIDE_PX + _GAP_PX) + (_SCALE_PX if scales_mm else _EDGE_PX - _GAP_PX),
-                     _LEAST_WIDTH_PX), _TITLE_PX + len(strips) * _ROW_PX)
-    page.text(_EDGE_PX, 18, title, 13)
-    for r, strip in enumerate(strips):
-        top, draw = _TITLE_PX + r * _ROW_PX, prepared(strip)
-        page.text(_EDGE_PX, top + 10, strip.label, 11, weight="bold")
-        for c, panel in enumerate(strip.panels):
-            left = _EDGE_PX + c * (_SIDE_PX + _GAP_PX)
-            page.text(left, top + 32, panel.heading, 10)
-            page.axes(left, top + _IMAGE_PX, _SIDE_PX).imshow(draw(panel), interpolation="nearest", aspect="equal")
-            page.text(left, top + _IMAGE_PX + _SIDE_PX + 11, panel.caption, 8.5)
+    size_in = _PANEL_IN * max(columns, 2) + _SCALE_IN * bool(scales_mm), _ROW_IN * len(strips) + _TITLE_IN
+    figure = Figure(size_in, dpi=DPI, layout="constrained")
+    figure.suptitle(title, size=13, parse_math=False)
+    rows = figure.subfigures(len(strips), 1, squeeze=False)[:, 0]
+    for k, (row, strip) in enumerate(zip(rows, strips)):
+        row.suptitle(strip.label, x=0.01, ha="left", size=11, weight="bold", parse_math=False)
+        all_axes = row.subplots(1, columns, squeeze=False)[0]
+        for axes in all_axes:
+            axes.set_axis_off()
+        for axes, panel, image in zip(all_axes, strip.panels, images[k]):
+            axes.imshow(image, interpolation="nearest" if scales_mm else None)
+            axes.set_title(panel.heading, loc="left", size=10, parse_math=False)
+            axes.text(0, -0.03, panel.caption, transform=axes.transAxes, va="top", size=8.5, parse_math=False)
         if scales_mm:
-            left = _EDGE_PX + len(strip.panels) * (_SIDE_PX + _GAP_PX)
-            _scale(page.figure, scales_mm[r], page.axes(left, top + _IMAGE_PX, 12, _SIDE_PX))
-    save_png(page.figure, path)
-
-
-class _Page:
-    """A figure with positions in picture elements from its upper left corner."""
-
-    def __init__(self, width: int, height: int):
-        self._size = (width, height)
-        self.figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
-
-    def text(self, left: int, middle: int, text: str, size: float, **style) -> None:
-        width, height = self._size
-        self.figure.text(left / width, 1 - middle / height, text, size=size, va="center", parse_math=False, **style)
-
-    def axes(self, left: int, top: int, side: int, tall: int | None = None):
-        width, height = self._size
-        tall = side if tall is None else tall
-        axes = self.figure.add_axes((left / width, 1 - (top + tall) / height, side / width, tall / height))
-        axes.set_axis_off()
-        return axes
-
-
-def _scale(figure: Figure, scale_mm: float, axes) -> None:
-    axes.set_axis_on()
-    bar = figure.colorbar(ScalarMappable(Normalize(-scale_mm, scale_mm), colormaps[_ERROR_MAP]), cax=axes,
-                          extend="both", extendfrac=0.03)
-    bar.set_label("depth error, mm", size=9)
-    axes.tick_params(labelsize=8)
+            scale = ScalarMappable(Normalize(-scales_mm[k], scales_mm[k]), colormaps[_ERROR_MAP])
+            row.colorbar(scale, ax=all_axes, extend="both", extendfrac=0.03, label="depth error, mm")
+    save_png(figure, path)

@@ -2,41 +2,46 @@
 
 import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from srt3d_ros.colours import AdaptiveRange
+from srt3d_ros.colours import CLOUD_MAP, AdaptiveRange, levels, packed, visible_table
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles, still_blueprint
-from srt3d_ros.recording.colouring import CloudColours, Colouring
 from srt3d_ros.recording.rerun_streams import send_blueprint
 from srt3d_ros.recording.rrd_file import RrdFile
-from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m
+from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m, sensor_axes
 
+COLOUR_BY = ("intensity", "height", "depth_std", "range")
+_COLOURS = 64           # distinct ones: more look the same and cost a byte per point
 _RADIUS_SAMPLES = 4096
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
 _CLOUD_APPLICATION_ID = "srt3d_ros_cloud"   # the viewer keeps one blueprint for each application
 
 
 @dataclass(frozen=True)
+class Colouring:
+    """How points are coloured."""
+
+    by: str = "intensity"           # one of COLOUR_BY
+    map: str = CLOUD_MAP            # one of colours.COLOUR_MAPS
+    fixed_range: tuple[float, float] | None = None      # in photons or metres; None: follow the clouds slowly
+
+
+@dataclass(frozen=True)
 class Style:
-    """How clouds and images are recorded.
+    """How clouds and images are recorded."""
 
-    Args:
-        colouring: of the points.
-        exact: keep the order of points and float32 values; otherwise a third of the size is saved.
-        blueprint: makes the blueprint from the eye, the sensor and the names of the images.
-    """
-
-    colouring: Colouring = field(default_factory=Colouring)
-    exact: bool = False
-    blueprint: Callable[..., rrb.Blueprint] = film_blueprint
+    colouring: Colouring = Colouring()
+    exact: bool = False             # keep the order of points and float32 values, in a file half as large again
+    blueprint: Callable[..., rrb.Blueprint] = film_blueprint        # from eye, sensor and the names of the images
 
 
 class FrameLog:
@@ -55,7 +60,7 @@ class FrameLog:
         self._sensor, self._style, self._images = sensor, style, images
         self._properties = {name: dict(facts) for name, facts in properties.items()}
         self._projection = sensor.projection if sensor else None
-        self._colours = CloudColours(style.colouring, self._projection)
+        self._colours = _CloudColours(style.colouring, self._projection)
         self._depth_range, self._in_mm = AdaptiveRange(), schema.fits_mm(sensor) and not style.exact
         self._image_ranges: dict[str, AdaptiveRange] = {}
         self._eye: Viewpoint | None = None
@@ -141,6 +146,25 @@ class FrameLog:
         if self._field_of_view:
             stream.log(schema.SENSOR_PATH, *self._field_of_view, static=True)
         send_blueprint(stream, self._style.blueprint(self._eye, self._sensor, self._images))
+
+
+class _CloudColours:
+    """Computes the colours of one cloud after the other; `projection` says which way is up."""
+
+    def __init__(self, colouring: Colouring, projection: Projection | None):
+        self._by, self._table = colouring.by, packed(visible_table(colouring.map, _COLOURS))
+        self._up = sensor_axes(projection)[2].astype(np.float32)
+        self._range = AdaptiveRange(fixed=colouring.fixed_range)
+
+    def __call__(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """uint32 [N], 0xRRGGBBAA. By the intensity where the quantity to colour by is missing."""
+        by = self._by if self._by in ("height", "range", *columns) else "intensity"
+        if by == "height":
+            values = columns["xyz"] @ self._up
+        else:
+            values = np.linalg.norm(columns["xyz"], axis=1) if by == "range" else columns[by]
+        low, high = self._range.update(values)
+        return self._table[levels(values, low, high, root=by == "intensity")]
 
 
 def save_cloud(cloud: PointCloud, path: Path, sensor: SensorModel, properties: dict) -> None:

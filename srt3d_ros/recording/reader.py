@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from rerun import ChannelDatatype
 from rerun.chunk import Chunk, RrdReader
 from tqdm import tqdm
 
@@ -15,32 +16,21 @@ from srt3d_ros.recording import schema
 from srt3d_ros.recording.repair import examine
 
 _ROW_ID = "rerun.controls.RowId"
-_TYPES = {6: np.uint8, 7: np.int8, 8: np.uint16, 9: np.int16, 10: np.uint32, 11: np.int32, 12: np.uint64, 13: np.int64,
-          33: np.float16, 34: np.float32, 35: np.float64}      # rerun's ChannelDatatype
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedCloud:
-    """A recorded cloud.
-
-    Args:
-        stamp_ns, frame_index: its times on the two timelines.
-        xyz: float32 [N, 3], metres.
-        intensity: float32 [N], photons.
-        colour: uint32 [N], 0xRRGGBBAA, as shown.
-        depth_std_m: float32 [N], metres, or None if not recorded.
-        row, col, surface: uint16, uint16, uint8 [N], the pixel and which of its surfaces, or None if not recorded.
-    """
+    """A recorded cloud; None: not recorded."""
 
     stamp_ns: int
     frame_index: int
-    xyz: np.ndarray
-    intensity: np.ndarray
-    colour: np.ndarray
-    depth_std_m: np.ndarray | None = None
-    row: np.ndarray | None = None
-    col: np.ndarray | None = None
-    surface: np.ndarray | None = None
+    xyz: np.ndarray                         # float32 [N, 3], metres
+    intensity: np.ndarray                   # float32 [N], photons
+    colour: np.ndarray                      # uint32 [N], 0xRRGGBBAA, as shown
+    depth_std_m: np.ndarray | None = None   # float32 [N]
+    row: np.ndarray | None = None           # uint16 [N]
+    col: np.ndarray | None = None           # uint16 [N]
+    surface: np.ndarray | None = None       # uint8 [N], which of its pixel's
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -137,7 +127,8 @@ class RecordingReader:
                     buffer, image_format = _array(buffers[k]), formats[k].as_py()[0]
                     shape = image_format["height"], image_format["width"]
                     if meters is None:
-                        image = buffer.view(_TYPES[image_format["channel_datatype"]]).reshape(shape)
+                        dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
+                        image = buffer.view(dtype).reshape(shape)
                     else:
                         image = schema.depth_in_metres(buffer, shape, _array(meters[k])[0])
                     yield int(stamps[k]), int(frames[k]), image

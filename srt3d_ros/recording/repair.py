@@ -5,17 +5,13 @@ bytes with its kind and length. The footer, an index of the messages, is written
 recorder or a full disk leaves a file without footer that may end within a message.
 """
 
-import contextlib
 import os
 import struct
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-
-from tqdm import tqdm
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import appearing_whole
@@ -26,29 +22,16 @@ _MARK, _OLD_MARKS, _ANY_MARK = b"RRF2", (b"RRF0", b"RRF1"), b"RRF"
 _END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, number of indices
 _FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chunk, blueprint activation
 _COMPRESSIONS, _PROTOBUF = (0, 1), 2
-_COPY_BYTES = 1 << 20
 _NO_ROOM = "room on the disk for a repaired copy beside it"
-_MEMORY_PER_BYTE = 4                            # memory per byte of the file while rerun makes its index; 2.5 measured
 
 
 @dataclass(frozen=True)
 class FileState:
-    """How much of a file is usable.
-
-    Args:
-        whole_bytes: up to the end of the last whole message.
-        is_finished: the footer is there.
-    """
+    """How much of a file is usable."""
 
     path: Path
-    size_bytes: int
-    whole_bytes: int
-    is_finished: bool
-
-    @property
-    def lost_bytes(self) -> int:
-        """Size of a last message that was not written completely."""
-        return 0 if self.is_finished else self.size_bytes - self.whole_bytes
+    is_finished: bool       # the footer is there
+    lost_bytes: int         # of a last message that was not written completely
 
 
 def examine(path) -> FileState:
@@ -65,21 +48,16 @@ def examine(path) -> FileState:
         file.seek(0)
         _check_header(file.read(_HEADER.size), path)
         if _ends_with_footer(file, size):
-            return FileState(path, size, size, True)
+            return FileState(path, True, 0)
         whole = _whole_bytes(file, size)
     require(whole > _HEADER.size, "recording", str(path), "an .rrd file of which more than its header was written")
-    return FileState(path, size, whole, False)
+    return FileState(path, False, size - whole)
 
 
-def repair(state: FileState, progress: bool = False) -> Path:
-    """Copy the whole messages of an unfinished file to NAME_repaired.rrd, with a footer; returns the copy's path.
+def repair(state: FileState) -> Path:
+    """Copy the messages of an unfinished file that can be read to NAME_repaired.rrd, with a footer; returns its path.
 
-    An earlier copy is replaced; the original is not changed. rerun joins the chunks in memory and makes the footer. A
-    file too large for that is cut after its last whole message: it opens, more slowly.
-
-    Args:
-        state: from `examine`.
-        progress: show a bar on the terminal after 2 s.
+    An earlier copy is replaced; the original is not changed.
 
     Raises:
         InvalidInput: the copy cannot be written, or no message can be read.
@@ -90,10 +68,14 @@ def repair(state: FileState, progress: bool = False) -> Path:
             "a finished file, or a folder that can be written for a repaired copy")
     try:
         with appearing_whole(target) as part:
-            if state.whole_bytes * _MEMORY_PER_BYTE < _available_bytes():
-                _index(state, part, progress)
-            else:
-                _cut(state, part)
+            # `filter` copies chunk by chunk; `merge` and `optimize` hold the whole recording in memory.
+            command = [sys.executable, "-m", "rerun_cli", "rrd", "filter", "--continue-on-error", "-o", part, path]
+            done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                                  env=os.environ | {"NO_COLOR": "1", "RUST_LOG": "error"})
+            error = done.stderr.decode(errors="replace").strip().split("\n")[-1] or "no output of rerun"
+            require(done.returncode == 0, "recording", str(path), f"chunks that can be read ({error})")
+            with open(part, "rb") as copy:      # on a full disk rerun exits with 0
+                require(_ends_with_footer(copy, part.stat().st_size), "recording", str(path), _NO_ROOM)
     except OSError as e:
         raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
     return target
@@ -130,40 +112,3 @@ def _whole_bytes(file, size: int) -> int:
             break
         end += _MESSAGE.size + length
     return end
-
-
-def _available_bytes() -> int:
-    """Memory available without swapping."""
-    facts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-    return int(facts["MemAvailable"].split()[0]) * 1024
-
-
-def _cut(state: FileState, part: Path) -> None:
-    """Copy the whole messages, without a footer."""
-    with open(state.path, "rb") as file, open(part, "wb") as copy:
-        left = state.whole_bytes
-        while left and (data := file.read(min(left, _COPY_BYTES))):
-            left -= copy.write(data)
-
-
-def _index(state: FileState, part: Path, progress: bool) -> None:
-    """Copy the readable messages, with a footer."""
-    command = [sys.executable, "-m", "rerun_cli", "rrd", "optimize", "--continue-on-error", "-o", str(part)]
-    bar = tqdm(total=state.whole_bytes, unit="B", unit_scale=True, desc="repairing", delay=2, leave=False,
-               disable=not progress)
-    quiet = os.environ | {"NO_COLOR": "1", "RUST_LOG": "error"}
-    with bar, tempfile.TemporaryFile() as errors:
-        with open(state.path, "rb") as file, subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, env=quiet) as process:
-            left = state.whole_bytes
-            with contextlib.suppress(BrokenPipeError):          # rerun has ended: its output says why
-                while left and (data := file.read(min(left, _COPY_BYTES))):
-                    process.stdin.write(data)
-                    left -= len(data)
-                    bar.update(len(data))
-                process.stdin.close()
-        errors.seek(0)
-        error = errors.read().decode(errors="replace").strip().split("\n")[-1] or "no output of rerun"
-    require(process.returncode == 0, "recording", str(state.path), f"chunks that can be read ({error})")
-    with open(part, "rb") as copy:      # on a full disk rerun exits with 0
-        require(_ends_with_footer(copy, part.stat().st_size), "recording", str(state.path), _NO_ROOM)

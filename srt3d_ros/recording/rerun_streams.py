@@ -1,7 +1,7 @@
-"""Release rerun's streams. rerun 0.41 keeps each stream, with its threads, until the process ends.
+"""Release rerun's streams, which rerun 0.41 keeps, each with its threads, until the process ends.
 
-A recorder that begins a file every few minutes would grow forever. This is the only module that uses private names of
-rerun. It can go once `RecordingStream.disconnect` and `send_blueprint` of rerun release their streams.
+Otherwise a recorder that begins a file every few minutes would grow forever. This is the only module that uses private
+names of rerun. It can go once https://github.com/rerun-io/rerun/issues/2116 is solved.
 """
 
 import rerun as rr

@@ -37,21 +37,22 @@ class RrdFile:
     """
 
     def __init__(self, path: Path, application_id: str, recording_id: str):
-        self._pump = PipeToFile(path)
+        self._file = open(path, "wb", buffering=0)
+        self._read_end, write_end = os.pipe()
+        self.bytes_written = 0
+        self._error: str | None = None
+        self._copying = threading.Lock()        # held from before a read until its data is written
+        self._thread = threading.Thread(target=self._copy_all, name="recording file", daemon=True)
+        self._thread.start()
         batches = rr.ChunkBatcherConfig(flush_tick=TICK_S)
         self.stream = rr.RecordingStream(application_id, recording_id=recording_id, batcher_config=batches)
-        self.stream.save(self._pump.pipe_path)
-        self._pump.release_pipe()
-
-    @property
-    def bytes_written(self) -> int:
-        """Size of the file so far."""
-        return self._pump.bytes_written
+        self.stream.save(f"/dev/fd/{write_end}")
+        os.close(write_end)     # rerun's own handle is now the pipe's only writer: when rerun closes it, the file ends
 
     def check(self) -> None:
         """Raise the OSError of a write that failed."""
-        if self._pump.error is not None:
-            raise OSError(self._pump.error)
+        if self._error is not None:
+            raise OSError(self._error)
 
     def flush(self) -> None:
         """Return when all data logged so far is in the file; OSError if the disk accepts nothing for 20 s."""
@@ -61,7 +62,7 @@ class RrdFile:
                 self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
             except RuntimeError:        # timeout: a slow disk
                 continue
-            if self._pump.drain(_FLUSH_TIMEOUT_S):
+            if self._drain(_FLUSH_TIMEOUT_S):
                 self.check()
                 return
         raise OSError(f"the disk accepted nothing for {_FLUSH_TRIES * _FLUSH_TIMEOUT_S:g} s")
@@ -79,38 +80,12 @@ class RrdFile:
 
     def _end(self) -> None:
         self.stream.disconnect()
-        self._pump.join()
+        self._thread.join()
         rerun_streams.abandoned.discard(self)
         self.stream = None
         rerun_streams.free_ended()
 
-
-class PipeToFile:
-    """A thread that copies what is written to `pipe_path` into a file, until every writer has closed the pipe.
-
-    Raises:
-        OSError: if the file cannot be opened for writing.
-    """
-
-    def __init__(self, path: Path):
-        self._file = open(path, "wb", buffering=0)
-        self._read_end, self._write_end = os.pipe()
-        self.error: str | None = None
-        self.bytes_written = 0
-        self._copying = threading.Lock()        # held from before a read until its data is written
-        self._thread = threading.Thread(target=self._run, name="recording file", daemon=True)
-        self._thread.start()
-
-    @property
-    def pipe_path(self) -> str:
-        """The path that rerun is to open before `release_pipe()`."""
-        return f"/dev/fd/{self._write_end}"
-
-    def release_pipe(self) -> None:
-        """Leave rerun's own handle as the pipe's only writer, so that the file ends when rerun closes it."""
-        os.close(self._write_end)
-
-    def drain(self, timeout_s: float) -> bool:
+    def _drain(self, timeout_s: float) -> bool:
         """Wait until all data in the pipe is in the file; False after `timeout_s` seconds."""
         deadline_s = time.monotonic() + timeout_s
         while (left_s := deadline_s - time.monotonic()) > 0:
@@ -123,11 +98,7 @@ class PipeToFile:
             time.sleep(_POLL_S)
         return False
 
-    def join(self) -> None:
-        """Wait until every writer has closed the pipe and all of it is in the file."""
-        self._thread.join()
-
-    def _run(self) -> None:
+    def _copy_all(self) -> None:
         readable = select.poll()
         readable.register(self._read_end, select.POLLIN)
         with open(self._read_end, "rb", buffering=0) as pipe, self._file:
@@ -135,17 +106,18 @@ class PipeToFile:
                 pass
 
     def _copy(self, pipe) -> bool:
+        """Copy what the pipe holds; False once rerun has closed it."""
         with self._copying:
             data = pipe.read(_CHUNK_BYTES)
-            if data and self.error is None:
-                self._write(data)
+            if data and self._error is None:
+                try:
+                    self._write(data)
+                except OSError as e:
+                    self._error = e.strerror or str(e)
             return bool(data)
 
     def _write(self, data: bytes) -> None:
-        try:
-            rest = memoryview(data)
-            while len(rest):
-                rest = rest[self._file.write(rest):]
-            self.bytes_written += len(data)
-        except OSError as e:
-            self.error = e.strerror or str(e)
+        rest = memoryview(data)
+        while len(rest):
+            rest = rest[self._file.write(rest):]
+        self.bytes_written += len(data)

@@ -20,7 +20,7 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from srt3d_ros.children import wait_or_kill
+from srt3d_ros.processes import wait_or_kill
 from srt3d_ros.viewpoint import Viewpoint
 
 FOV_DEG = 55                    # of the viewer's eye, across the height of its view

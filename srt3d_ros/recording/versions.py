@@ -10,6 +10,7 @@ from pathlib import Path
 from srt3d_ros import __version__
 
 _PACKAGES = {"numpy": "numpy", "torch": "torch", "numba": "numba", "rerun": "rerun-sdk"}
+_ROOT = Path(__file__).resolve().parents[2]
 _GIT_TIMEOUT_S = 5.0
 UNKNOWN = "unknown"
 ABSENT = "not installed"
@@ -17,26 +18,26 @@ ABSENT = "not installed"
 
 def versions() -> dict[str, str]:
     """Versions by name; "unknown" for what cannot be found out, "not installed" for packages that are not."""
-    return {"srt3d_ros": __version__, "git_revision": git_revision(), "python": platform.python_version(),
+    return {"srt3d_ros": __version__, "git_revision": _git_revision(), "python": platform.python_version(),
             **{name: _version(package) for name, package in _PACKAGES.items()}, "ros_distro": _ros_distro()}
 
 
-def git_revision(root: Path = Path(__file__).resolve().parents[2]) -> str:
-    """The first 12 digits of the revision that is checked out at `root`, and "+changes" if files were changed.
+def _git_revision() -> str:
+    """The first 12 digits of the revision that is checked out here, and "+changes" if files were changed.
 
-    "unknown" if `root` is not the top of a checkout: a package installed somewhere into one does not count.
+    "unknown" unless the package lies in the top of the checkout: one installed somewhere into it does not count.
     """
     try:
-        top, revision = _git(root, "rev-parse", "--show-toplevel", "HEAD").split("\n")
-        if Path(top).resolve() != root:
+        top, revision = _git("rev-parse", "--show-toplevel", "HEAD").split("\n")
+        if Path(top).resolve() != _ROOT:
             return UNKNOWN
-        return revision[:12] + ("+changes" if _git(root, "status", "--porcelain", "--untracked-files=no") else "")
+        return revision[:12] + ("+changes" if _git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError, ValueError):
         return UNKNOWN
 
 
-def _git(folder: Path, *arguments: str) -> str:
-    return subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True,
+def _git(*arguments: str) -> str:
+    return subprocess.run(["git", "-C", _ROOT, *arguments], capture_output=True, text=True, check=True,
                           timeout=_GIT_TIMEOUT_S).stdout.strip()
 
 

@@ -25,7 +25,7 @@ class WriteQueue:
     """A queue from any number of threads to one.
 
     Args:
-        most_bytes: of clouds and images that may wait; one always may. `dropped` counts those that gave way.
+        most_bytes: of clouds and images that may wait; one always may. `dropped` counts those it removed.
     """
 
     def __init__(self, most_bytes: int):

@@ -38,7 +38,6 @@ class RecordingWriter:
     Args:
         path: the .rrd file, replaced if it exists; with a split and without `names`, what PartNames makes of it.
         sensor: sets the axes, the size of the points and the precision of the depth image.
-        application_id: the viewer keeps one blueprint per application.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         names: of the files after the first.
         images: entity paths of the images that will be logged, for the blueprint.
@@ -50,16 +49,15 @@ class RecordingWriter:
             or from here if the first file does not open.
     """
 
-    def __init__(self, path, sensor: SensorModel | None, application_id: str = schema.APPLICATION_ID,
-                 properties: Mapping[str, Mapping] | None = None, *, names: PartNames | None = None,
-                 images: tuple[str, ...] = (schema.DEPTH,), style: Style = Style(), split: Split = Split(),
-                 live: tuple[int, int] | None = None, queue_mb: float = 32.0,
+    def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
+                 names: PartNames | None = None, images: tuple[str, ...] = (schema.DEPTH,), style: Style = Style(),
+                 split: Split = Split(), live: tuple[int, int] | None = None, queue_mb: float = 32.0,
                  on_error: Callable[[str], None] = lambda line: None,
                  on_recovery: Callable[[Path], None] = lambda path: None):
         self.error: str | None = None
         self.parts = 0                      # files begun
         self._on_error, self._on_recovery = on_error, on_recovery
-        self._ids = application_id, str(uuid.uuid4())
+        self._ids = schema.APPLICATION_ID, str(uuid.uuid4())
         self._live = LiveServer(*live, *self._ids) if live else None
         self._log = FrameLog(sensor, properties or {}, images, style)
         if self._live is not None:

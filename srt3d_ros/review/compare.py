@@ -9,8 +9,7 @@ from tqdm import tqdm
 from srt3d_ros.errors import require
 from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import latency, spread
-from srt3d_ros.review.summary_text import align
+from srt3d_ros.review.summary import align, latency, spread
 
 _MM_PER_M = 1e3
 _DECIMALS = 4

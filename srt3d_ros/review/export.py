@@ -1,27 +1,31 @@
 """Export a cloud of a recording as a cloud file, a picture or a turning film; or all clouds as a bag."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from tqdm import tqdm
 
 from srt3d_ros import cloud_files
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.pictures import film
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.reader import RecordedCloud
-from srt3d_ros.review.gallery import figures_of, title_of
+from srt3d_ros.review.gallery import draw, figures_of, title_of
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.renderer import Renderer
+from srt3d_ros.viewpoint import Viewpoint, look_at
 
 _PICTURE_PX = (1400, 800)
 _PICTURE = ".png"
 FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", _PICTURE)
-TURNTABLE_SUFFIXES = film.SUFFIXES
+TURNTABLE_SUFFIXES = (".gif", ".mp4")
+_FILM_PX, _FILM_FRAMES, _FILM_RATE_HZ = (640, 480), 60, 20
+_FILM_COLOURS = 128
+_SWING_DEG = 40             # a cloud seen from one side has no back to show
 
 
 def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
@@ -38,10 +42,9 @@ def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = 
     """
     cloud = _cloud(recorded, position)
     if output.suffix.lower() == _PICTURE:
-        renderer = Renderer(pictures, cloud, CloudStyle.of(cloud, recorded.sensor), recorded.projection, *_PICTURE_PX)
-        (image,) = renderer.draw([cloud])
-        picture = annotated(image, renderer.style, renderer.eye, title_of(recorded, position),
-                            figures_of(recorded, position))
+        style = CloudStyle.of(cloud, recorded.sensor)
+        (image,), eye, _ = draw([cloud], cloud, style, recorded.projection, _PICTURE_PX, pictures)
+        picture = annotated(image, style, eye, title_of(recorded, position), figures_of(recorded, position))
         try:
             picture.save(output, optimize=True)
         except OSError as e:
@@ -55,9 +58,17 @@ def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = 
 
 
 def save_turntable(recorded: Recorded, position: int, output: Path) -> None:
-    """Save a film of the cloud at a position of the index; InvalidInput as film.save_turntable."""
-    cloud = _cloud(recorded, position)
-    film.save_turntable(output, cloud, CloudStyle.of(cloud, recorded.sensor), recorded.projection)
+    """Save a .gif, or with imageio-ffmpeg an .mp4, of a cloud that turns to either side and back, to be looped.
+
+    Raises:
+        InvalidInput: it cannot be written there, or imageio-ffmpeg is missing.
+    """
+    write = {".gif": _write_gif, ".mp4": _write_mp4}[output.suffix.lower()]
+    try:
+        write(output, tqdm(_turning(recorded, _cloud(recorded, position)), "drawing", _FILM_FRAMES, delay=2,
+                           leave=False, unit="picture"))
+    except OSError as e:
+        raise InvalidInput("turntable", str(output), f"a file that can be written ({e.strerror or e})") from None
 
 
 def save_bag(recorded: Recorded, folder: Path, topic: str = "/points") -> int:
@@ -114,3 +125,39 @@ def _ranks(row: np.ndarray, col: np.ndarray) -> np.ndarray:
 
 def _cloud(recorded: Recorded, position: int) -> RecordedCloud:
     return next(iter(recorded.reader.clouds({int(recorded.index.frame_index[position])})))
+
+
+def _turning(recorded: Recorded, cloud: RecordedCloud) -> Iterator[np.ndarray]:
+    """The pictures of the film, all from the same distance of the same target."""
+    width, height = _FILM_PX
+    style = CloudStyle.of(cloud, recorded.sensor)
+    middle = look_at(cloud.xyz, recorded.projection, yaw_deg=0, aspect=width / height, margin=1.25)
+    distance = np.linalg.norm(middle.position - middle.target)
+    drawn: dict[float, np.ndarray] = {}         # by angle: each comes twice
+    for k in range(_FILM_FRAMES):
+        yaw_deg = round(_SWING_DEG * np.sin(2 * np.pi * k / _FILM_FRAMES), 3)
+        if yaw_deg not in drawn:
+            towards = look_at(cloud.xyz, recorded.projection, yaw_deg=yaw_deg).axes()[2]
+            eye = Viewpoint(middle.target - distance * towards, middle.target, middle.up, middle.fov_deg)
+            drawn[yaw_deg] = style.draw(cloud, eye, width, height)
+        yield drawn[yaw_deg]
+
+
+def _write_gif(path: Path, images: Iterator[np.ndarray]) -> None:
+    # One palette for all pictures, which are stacked to choose it: the background does not flicker.
+    strip = Image.fromarray(np.concatenate(list(images))).quantize(_FILM_COLOURS, dither=Image.Dither.NONE)
+    width, height = _FILM_PX
+    first, *rest = (strip.crop((0, top, width, top + height)) for top in range(0, strip.height, height))
+    first.save(path, save_all=True, append_images=rest, duration=1000 / _FILM_RATE_HZ, loop=0)
+
+
+def _write_mp4(path: Path, images: Iterator[np.ndarray]) -> None:
+    try:
+        from imageio_ffmpeg import write_frames
+    except ModuleNotFoundError:
+        raise InvalidInput("turntable", str(path), "a .gif; for .mp4: pip install imageio-ffmpeg") from None
+    film = write_frames(str(path), _FILM_PX, fps=_FILM_RATE_HZ, quality=8)
+    film.send(None)
+    for image in images:
+        film.send(np.ascontiguousarray(image))
+    film.close()

@@ -1,19 +1,26 @@
-"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame."""
+"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame.
+
+The rerun viewer draws the clouds where it can run, else our own renderer.
+"""
 
 import base64
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
 
 from srt3d_ros.colours import colour_table, levels, percentile_range
+from srt3d_ros.core.projection import Projection
+from srt3d_ros.errors import require
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import schema, screenshot
+from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.renderer import Renderer
 from srt3d_ros.review.summary import iso_time, notable_frames
+from srt3d_ros.viewpoint import Viewpoint, look_at
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12
@@ -21,6 +28,35 @@ _JPEG = {"quality": 88, "subsampling": 0}
 _IMAGES = {schema.DEPTH: ("depth", "m"), schema.INTENSITY_IMAGE: ("intensity", "photons"),
            schema.BACKGROUND: ("background", "photons"), schema.PHOTONS: ("photons as they came", "photons")}
 _MAP = "inferno"
+
+
+def draw(clouds: Sequence[RecordedCloud], framed: RecordedCloud, style: CloudStyle, projection: Projection | None,
+         size_px: tuple[int, int], by: str = "own") -> tuple[list[np.ndarray], Viewpoint, bool]:
+    """Draw clouds from one viewpoint.
+
+    Args:
+        framed: the cloud that fills the pictures.
+        projection: the sensor's, which says where up is; or None.
+        size_px: width and height.
+        by: "viewer", "own", or "auto": the viewer if possible, else own.
+
+    Returns:
+        The pictures, uint8 [height, width, 3] each; their viewpoint; and whether the viewer has drawn them.
+
+    Raises:
+        InvalidInput: `by` is "viewer", which cannot run here or failed.
+    """
+    width, height = size_px
+    if by != "own" and screenshot.is_possible():
+        eye = look_at(framed.xyz, projection, fov_deg=screenshot.FOV_DEG, aspect=width / height)
+        coloured = [(cloud.xyz, style.shaded(cloud)) for cloud in clouds]
+        try:
+            return screenshot.screenshots(coloured, style.radius_m, eye, width, height, BACKGROUND), eye, True
+        except screenshot.ScreenshotError as error:
+            require(by == "auto", "pictures", by, f"a viewer that draws ({error})")
+    require(by != "viewer", "pictures", by, f"Vulkan, which the viewer needs: {screenshot.INSTALL}")
+    eye = look_at(framed.xyz, projection, aspect=width / height)
+    return [style.draw(cloud, eye, width, height) for cloud in clouds], eye, False
 
 
 @dataclass(frozen=True)
@@ -32,46 +68,32 @@ class Picture:
     uri: str
 
 
-@dataclass(frozen=True)
-class Gallery:
-    """The pictures of a report.
+def make_gallery(recorded: Recorded, pictures: str) -> dict:
+    """Choose, read and draw the clouds; `pictures` says who draws, as `by` of `draw`.
 
-    Args:
-        typical: a typical cloud.
-        ends: the clouds with the fewest and the most points.
-        strip: clouds evenly spaced over the recording.
-        images: the recorded images of the typical cloud's frame.
-        by: who drew the large pictures.
+    Returns:
+        typical, a Picture of a typical cloud; ends, of the clouds with the fewest and the most points; strip, of clouds
+        evenly spaced over the recording; images, those recorded with the typical cloud; by, who drew the large ones.
     """
-
-    typical: Picture
-    ends: list[Picture]
-    strip: list[Picture]
-    images: list[Picture]
-    by: str
-
-
-def make_gallery(recorded: Recorded, pictures: str) -> Gallery:
-    """Choose, read and draw the clouds; `pictures` is the kind of Renderer."""
     index = recorded.index
     typical, fewest, most = notable_frames(recorded)
     strip = np.unique(np.linspace(0, len(index) - 1, min(_STRIP, len(index))).round().astype(int))
     frames = {position: int(index.frame_index[position]) for position in (typical, fewest, most, *strip)}
     by_frame = {cloud.frame_index: cloud for cloud in recorded.reader.clouds(set(frames.values()))}
     clouds = {position: by_frame[frame] for position, frame in frames.items()}
-    style = CloudStyle.of(clouds[typical], recorded.sensor)
-    renderer, small = (Renderer(kind, clouds[typical], style, recorded.projection, *size)
-                       for kind, size in ((pictures, _LARGE_PX), ("own", _SMALL_PX)))
-    notable = list(dict.fromkeys((typical, fewest, most)))
-    large = dict(zip(notable, renderer.draw([clouds[position] for position in notable])))
-    titles = {fewest: "Fewest points", most: "Most points"}
-    return Gallery(
-        _cloud_picture(recorded, typical, "A typical cloud", large[typical], renderer),
-        [_cloud_picture(recorded, position, title, large[position], renderer) for position, title in titles.items()
-         if position != typical],
-        [_thumbnail(recorded, position, image)
-         for position, image in zip(strip, small.draw([clouds[position] for position in strip]))],
-        _images(recorded, frames[typical], style), "the rerun viewer" if renderer.by_viewer else "srt3d_ros")
+    framed, style = clouds[typical], CloudStyle.of(clouds[typical], recorded.sensor)
+    titles = {fewest: "Fewest points", most: "Most points", typical: "A typical cloud"}
+    images, eye, by_viewer = draw([clouds[position] for position in titles], framed, style, recorded.projection,
+                                  _LARGE_PX, pictures)
+    large = {position: _cloud_picture(recorded, position, title, annotated(image, style, eye))
+             for (position, title), image in zip(titles.items(), images)}
+    small, _, _ = draw([clouds[position] for position in strip], framed, style, recorded.projection, _SMALL_PX)
+    return {
+        "typical": large.pop(typical), "ends": list(large.values()),
+        "strip": [_thumbnail(recorded, position, image) for position, image in zip(strip, small)],
+        "images": _images(recorded, frames[typical], style),
+        "by": "the rerun viewer" if by_viewer else "srt3d_ros",
+    }
 
 
 def figures_of(recorded: Recorded, position: int) -> dict:
@@ -91,11 +113,10 @@ def title_of(recorded: Recorded, position: int) -> str:
     return f"Frame {recorded.index.frame_index[position]}, {stamp}"
 
 
-def _cloud_picture(recorded: Recorded, position: int, title: str, image: np.ndarray, renderer: Renderer) -> Picture:
+def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.Image) -> Picture:
     figures = ", ".join(f"{value:,} {name}" if isinstance(value, int) else f"{name} {value}"
                         for name, value in figures_of(recorded, position).items())
-    picture = annotated(image, renderer.style, renderer.eye)
-    return Picture(title, f"{title_of(recorded, position)}: {figures}", _uri(picture, "jpeg", **_JPEG))
+    return Picture(title, f"{title_of(recorded, position)}: {figures}", _uri(image, "jpeg", **_JPEG))
 
 
 def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:

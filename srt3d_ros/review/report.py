@@ -2,17 +2,16 @@
 
 from pathlib import Path
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import appearing_whole
-from srt3d_ros.review import summary_text
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.report_template import TEMPLATE
+from srt3d_ros.review.summary import headlines, log_counts, rows, subtitle
 
 _MOST_LOG_LINES = 500
 _LONGEST_LIST = 24          # values; of a longer list (an IRF), only the length is shown
@@ -24,7 +23,7 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
 
     Args:
         summary: from `summarise`.
-        pictures: who draws the clouds: the kind of Renderer.
+        pictures: who draws the clouds, as `by` of gallery.draw.
         notes: for the top of the page, such as that the recording was repaired.
 
     Raises:
@@ -40,14 +39,15 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
 
 
 def _page(recorded: Recorded, summary: dict, pictures: str, notes: tuple[str, ...]) -> str:
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return environment.from_string(TEMPLATE).render(
+    templates = FileSystemLoader(Path(__file__).parent)
+    environment = Environment(loader=templates, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
-        subtitle=summary_text.subtitle(summary), notes=notes, headlines=summary_text.headlines(summary),
+        subtitle=subtitle(summary), notes=notes, headlines=headlines(summary),
         gallery=make_gallery(recorded, pictures),
         plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
-        log_summary=summary_text.log_counts(summary), rows=summary_text.rows(summary), tables=_tables(summary))
+        log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))
 
 
 def _log(recorded: Recorded) -> list[dict]:

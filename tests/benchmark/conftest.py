@@ -9,10 +9,10 @@ class SilentBar:
     """Remembers what a Progress would show."""
 
     def __init__(self):
-        self.n, self.said = 0, []
+        self.n, self.shown = 0, []
 
-    def says(self, what: str) -> None:
-        self.said.append(what)
+    def show(self, activity: str) -> None:
+        self.shown.append(activity)
 
     def update(self, n: int = 1) -> None:
         self.n += n

@@ -5,12 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from srt3d_ros.benchmark import placement
+from srt3d_ros.benchmark import frames, placement
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(rows=4, cols=4, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
+SUMS, PHOTONS = np.ones((4, 4, 1), np.complex64), np.ones((4, 4), np.uint32)
 
 
 class Method:
@@ -23,13 +24,6 @@ class Method:
         if device not in self.devices:
             raise InvalidInput("device", device, " or ".join(self.devices))
         return SimpleNamespace(device=device, warm_up=lambda: None)
-
-
-def test_a_method_without_cuda_stays_on_the_cpu():
-    assert placement.built(Method("cpu", "cuda"), SENSOR, (1,), "cuda").device == "cuda"
-    assert placement.built(Method("cpu"), SENSOR, (1,), "cuda").device == "cpu"
-    with pytest.raises(InvalidInput):
-        placement.built(Method("cuda"), SENSOR, (1,), "cpu")
 
 
 class Tensor:
@@ -45,45 +39,55 @@ class Tensor:
         return self.array
 
 
-SUMS, PHOTONS = np.ones((4, 4, 1), np.complex64), np.ones((4, 4), np.uint32)
+class Reconstructor:
+    """Returns where the arrays of a sketch lie; keeps the order of submitted and awaited frames."""
+
+    def __init__(self, device):
+        self.device, self.events = device, []
+
+    def __call__(self, sketch):
+        return type(sketch.sums), type(sketch.photons)
+
+    def submit(self, sketch):
+        number = sum(event == "submit" for event, _ in self.events)
+        self.events.append(("submit", number))
+        return lambda: self.events.append(("wait", number))
+
+
+def calls_of(works):
+    """The function of each work, by where its frame lies."""
+    return {work.facts["frame_from"]: work.call for work in works}
+
+
+def test_a_method_without_cuda_stays_on_the_cpu():
+    assert placement.built(Method("cpu", "cuda"), SENSOR, (1,), "cuda").device == "cuda"
+    assert placement.built(Method("cpu"), SENSOR, (1,), "cuda").device == "cpu"
+    with pytest.raises(InvalidInput):
+        placement.built(Method("cuda"), SENSOR, (1,), "cpu")
 
 
 def test_a_sketch_on_the_device_is_timed_from_there_and_from_the_host():
-    def reconstructor(sketch):
-        return type(sketch.sums), type(sketch.photons)
-
-    reconstructor.device = "cuda"
-    there = Sketch((1,), Tensor(SUMS), Tensor(PHOTONS))
-    calls = placement.reconstructions(reconstructor, there)
-    assert {place: call() for place, call in calls.items()} == {
-        "host": (np.ndarray, np.ndarray), "device": (Tensor, Tensor)}
-    reconstructor.device = "cpu"
-    assert list(placement.reconstructions(reconstructor, there)) == ["host"]
-    reconstructor.device = "cuda"
-    assert list(placement.reconstructions(reconstructor, Sketch((1,), SUMS, PHOTONS))) == ["host"]
+    there, here = Sketch((1,), Tensor(SUMS), Tensor(PHOTONS)), Sketch((1,), SUMS, PHOTONS)
+    calls = calls_of(placement.reconstructions(Reconstructor("cuda"), there, "", {}))
+    assert (calls["host"](), calls["device"]()) == ((np.ndarray, np.ndarray), (Tensor, Tensor))
+    assert list(calls_of(placement.reconstructions(Reconstructor("cuda"), here, "", {}))) == ["host", "host, pipelined"]
+    assert list(calls_of(placement.reconstructions(Reconstructor("cpu"), there, "", {}))) == ["host"]
 
 
 def test_pipelined_frames_are_awaited_when_the_next_has_been_submitted(monkeypatch):
-    events = []
-
-    class Reconstructor:
-        device = "cuda"
-
-        def submit(self, sketch):
-            number = sum(event[0] == "submit" for event in events)
-            events.append(("submit", number))
-            return lambda: events.append(("wait", number))
-
-    monkeypatch.setitem(placement.FRAMES, placement.PIPELINED, 3)
-    placement.reconstructions(Reconstructor(), Sketch((1,), SUMS, PHOTONS))[placement.PIPELINED]()
-    assert events == [("submit", 0), ("submit", 1), ("wait", 0), ("submit", 2), ("wait", 1), ("wait", 2)]
-    Reconstructor.device = "cpu"
-    assert placement.PIPELINED not in placement.reconstructions(Reconstructor(), Sketch((1,), SUMS, PHOTONS))
+    monkeypatch.setattr(placement, "PIPELINED_FRAMES", 3)
+    reconstructor = Reconstructor("cuda")
+    *_, work = placement.reconstructions(reconstructor, Sketch((1,), SUMS, PHOTONS), "", {})
+    work.call()
+    assert work.frames == 3 and reconstructor.events == [
+        ("submit", 0), ("submit", 1), ("wait", 0), ("submit", 2), ("wait", 1), ("wait", 2)]
 
 
-def test_photons_are_sketched_from_the_device_if_they_can_be():
-    sketcher = SimpleNamespace(add=lambda frame: ("host", frame))
-    assert {place: call() for place, call in placement.sketchings(sketcher, 7, lambda frame: -frame).items()} == {
-        "host": ("host", -7)}
+def test_photons_are_sketched_as_if_just_arrived_and_from_the_device_if_they_can_be():
+    events = frames.photons_of(frames.sensor_of(12), 3)
+    assert events.is_sorted and "is_sorted" in vars(events)
+    sketcher = SimpleNamespace(add=lambda frame: frame)
+    work, = placement.sketchings(sketcher, events, "", {})
+    assert work.call().pixel is events.pixel and "is_sorted" not in vars(work.call())
     sketcher.resident = lambda frame: lambda: ("device", frame)
-    assert placement.sketchings(sketcher, 7, lambda frame: -frame)["device"]() == ("device", 7)
+    assert calls_of(placement.sketchings(sketcher, events, "", {}))["device"]() == ("device", events)

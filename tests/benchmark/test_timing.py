@@ -1,11 +1,14 @@
-"""Works are timed in turns, as often as is asked for, and on a GPU until it is done."""
+"""Works are timed in turns, as often as is asked for, and on a GPU until it is done; their peak memory is measured."""
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from srt3d_ros.benchmark import timing
-from srt3d_ros.benchmark.timing import Work, in_turns, runs, spread
+from srt3d_ros.benchmark.timing import Work, in_turns, peak_memory, runs, spread
+
+MB = 10**6
 
 
 @pytest.fixture
@@ -21,42 +24,34 @@ def clock(monkeypatch):
     return clock
 
 
-def work(calls, name, seconds=0.0, **options):
+def work(calls, name, seconds=0.0, device="cpu", frames=1):
     def call():
         calls.append(name)
         timing.time.now += seconds
-    return Work(call, options.pop("device", "cpu"), name, **options)
+    return Work(call, name, {"device": device}, frames)
 
 
 def test_all_are_timed_once_before_any_is_timed_again(calls, bar):
-    timings = in_turns({name: work(calls, name) for name in "ab"}, 3, bar)
-    assert calls == list("ab" * 4)                                      # the first round settles what later ones use
-    assert [len(timing.seconds) for timing in timings.values()] == [3, 3]
-    assert bar.n == runs(2, 3) and bar.said[:2] == ["a", "b"]
+    works = [work(calls, name) for name in "ab"]
+    in_turns(works, 3, bar)
+    assert calls == list("ab" * 4)                                  # the first round allocates what later ones use
+    assert [len(work.seconds) for work in works] == [3, 3]
+    assert bar.n == runs(2, 3) and bar.shown[:2] == ["a", "b"]
 
 
-def test_a_work_that_settles_nothing_is_timed_from_the_first(calls, bar):
-    timings = in_turns({"a": work(calls, "a", settles=False)}, 3, bar)
-    assert calls == list("aaa") and len(timings["a"].seconds) == 3 and bar.n == runs(1, 3)
-
-
-def test_impatience_ends_the_repeats_of_the_slow_one_only(calls, bar):
-    works = {"slow": work(calls, "slow", 0.02, settles=False), "fast": work(calls, "fast"),
-             "settling": work(calls, "settling", 0.02)}
-    timings = in_turns(works, 4, bar, patience_s=0.01)
-    assert [len(timings[name].seconds) for name in works] == [1, 4, 1]
+def test_a_work_that_takes_long_is_not_repeated(calls, bar):
+    works = [work(calls, "very slow", 0.5), work(calls, "slow", 0.02), work(calls, "fast", 0.001)]
+    in_turns(works, 4, bar, limit_s=0.03)
+    assert [len(work.seconds) for work in works] == [1, 2, 4] and calls.count("very slow") == 1
     assert bar.n == runs(3, 4)
 
 
-def test_what_is_told_of_a_work(calls, bar):
-    figures = in_turns({"a": work(calls, "a", 0.01)}, 3, bar)["a"].figures()
-    assert figures["repeats"] == 3 and figures["ms"] == {"min": 10, "median": 10, "max": 10}
-    assert "device_peak_bytes" not in figures
-
-
-def test_the_time_of_several_frames_is_told_of_one(calls, bar):
-    timings = in_turns({"one": work(calls, "a", 0.05), "of five": work(calls, "a", 0.05, frames=5)}, 1, bar)
-    assert [timing.median_ms for timing in timings.values()] == pytest.approx([50, 10])
+def test_the_line_of_a_work(calls, bar):
+    works = [work(calls, "one", 0.01), work(calls, "of five", 0.05, frames=5)]
+    in_turns(works, 3, bar)
+    for line in (work.line() for work in works):                    # the time of several frames is given for one
+        assert line["repeats"] == 3 and line["ms"] == {"min": 10, "median": 10, "max": 10}
+        assert line["device"] == "cpu" and "growth_bytes" in line and "device_peak_bytes" not in line
 
 
 def test_min_median_max():
@@ -69,9 +64,10 @@ def test_the_time_on_a_gpu_is_until_it_is_done(calls, bar, monkeypatch):
     monkeypatch.setattr(torch.cuda, "reset_peak_memory_stats", lambda: calls.append("reset"))
     monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda: 12_345)
     monkeypatch.setattr(timing, "WAKE_S", 0.0)
-    timings = in_turns({"a": work(calls, "a", device="cuda")}, 1, bar)
+    on_gpu = work(calls, "a", device="cuda")
+    in_turns([on_gpu], 1, bar)
     assert calls == ["reset", *["done", "a", "done"] * 2]
-    assert timings["a"].figures()["device_peak_bytes"] == 12_345
+    assert on_gpu.line()["device_peak_bytes"] == 12_345
 
 
 def test_a_gpu_is_awake_when_it_is_timed(calls, monkeypatch):
@@ -79,6 +75,13 @@ def test_a_gpu_is_awake_when_it_is_timed(calls, monkeypatch):
     monkeypatch.setattr(timing, "WAKE_S", 0.05)
     timing.timed(work(calls, "a", 0.01, device="cuda"))
     assert len(calls) in (6, 7)                 # five or, by rounding, six to wake it, and the one that counts
-    calls.clear()
-    timing.timed(work(calls, "a", 0.01))
-    assert len(calls) == 1
+
+
+def test_the_peak_of_memory_counts_what_is_freed_again_but_no_earlier_peak():
+    np.ones(50 * MB)
+    _, memory = peak_memory(lambda: len(np.ones(10 * MB)))
+    assert 79 * MB < memory["growth_bytes"] < 120 * MB and memory["process_peak_bytes"] > memory["growth_bytes"]
+
+
+def test_without_the_kernels_count_there_is_no_peak(tmp_path):
+    assert peak_memory(lambda: 7, tmp_path / "absent") == (7, {})

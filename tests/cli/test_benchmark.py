@@ -39,12 +39,7 @@ def test_parts_go_to_one_file_and_a_table_each(run, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"here-cpu.jsonl", "here-cpu-figure1.png"}
 
 
-def test_a_quick_look_has_a_file_of_its_own(run, tmp_path):
-    code, printed, lines = run("table1", "--quick")
-    assert code == 0 and [path.name for path in (tmp_path / "out").iterdir()] == ["here-cpu-quick.jsonl"]
-
-
-def test_an_interruption_keeps_and_shows_what_was_measured(run, monkeypatch):
+def test_an_interruption_of_a_quick_look_keeps_and_shows_what_was_measured(run, monkeypatch, tmp_path):
     measure = table1.measure
 
     def interrupted(*args):
@@ -52,29 +47,24 @@ def test_an_interruption_keeps_and_shows_what_was_measured(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(table1, "measure", interrupted)
-    code, printed, lines = run("table1", "sketching")
+    code, printed, lines = run("table1", "sketching", "--quick")
     assert code == 130 and len(lines) == 1 and "| 12² " in printed.out and "Sketching" not in printed.out
     assert "interrupted: the results have what was measured until then" in printed.err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["here-cpu-quick.jsonl"]
 
 
-def test_a_part_that_fails_says_why_and_the_others_go_on(run, monkeypatch):
+def test_a_part_that_fails_says_why_and_the_others_go_on_without_matplotlib(run, monkeypatch, tmp_path):
     def failing(*args):
         raise PartFailed(["the sketcher ended with exit code 3"])
-        yield
 
     monkeypatch.setattr(table1, "measure", failing)
-    code, printed, lines = run("table1", "figure1")
-    assert code == 1 and "srt3d: table1: the sketcher ended with exit code 3" in printed.err
-    assert {line["part"] for line in lines} == {"figure1"} and "Figure 1" in printed.out
-
-
-def test_without_matplotlib_there_is_no_picture_but_a_line(run, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     for name in [name for name in sys.modules if name.startswith(("srt3d_ros.pictures", "matplotlib."))]:
         monkeypatch.delitem(sys.modules, name)
-    code, printed, lines = run("figure1")
-    assert code == 0 and lines and "figure1: no picture: matplotlib" in printed.err
-    assert not list((tmp_path / "out").glob("*.png"))
+    code, printed, lines = run("table1", "figure1")
+    assert code == 1 and "srt3d: table1: the sketcher ended with exit code 3" in printed.err
+    assert {line["part"] for line in lines} == {"figure1"} and "Figure 1" in printed.out
+    assert "figure1: no picture: matplotlib" in printed.err and not list((tmp_path / "out").glob("*.png"))
 
 
 @pytest.mark.parametrize("options, said", [

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rerun.chunk import RrdReader
 
-from scripts.attacks.process import Process, wait
+from srt3d_ros.processes import Process, wait
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
 IMPATIENT = [sys.executable, "-c", """if True:
@@ -113,11 +113,7 @@ def test_no_node_outlives_a_parent_that_is_killed(start):
     wait(lambda: not any(map(runs, nodes.values())), "the end of the nodes")
 
 
-@pytest.mark.parametrize("options, line", [
-    (["-p", "sketcher.sketchsize:=5"], "parameter of sketcher is sketchsize: expected sketch_size"),
-    (["-r", "photon:=/x"], "-r is photon:=/x: expected TOPIC:=NAME, TOPIC one of"),
-])
-def test_a_mistake_is_one_line_before_anything_starts(start, options, line):
-    up = start(UP, *options)
+def test_a_mistake_is_one_line_before_anything_starts(start):
+    up = start(UP, "-p", "sketcher.sketchsize:=5")
     assert up.code() == 2
-    assert len(up.lines) == 1 and up.lines[0].startswith(f"srt3d: error: {line}")
+    assert up.lines == ["srt3d: error: parameter of sketcher is sketchsize: expected sketch_size"]

@@ -40,19 +40,15 @@ def test_what_is_nearer_to_the_command_line_wins(tmp_path):
     (["--config", "nothing"], "--config is nothing: expected a parameter file"),
     (["--config", 300 * "a"], f"--config is {38 * 'a'}..."),
 ])
-def test_a_mistake_is_one_line(options, line, tmp_path):
-    own = tmp_path / "own.yaml"
-    own.touch()
+def test_a_mistake_is_one_line(options, line):
     with pytest.raises(InvalidInput) as refused:
         args = parsed(*options)
         up.parameters_yaml(args, PIPELINE)
-        up.ros_arguments(args, PIPELINE, str(own))
+        up.ros_arguments(args, PIPELINE, "own.yaml")
     assert str(refused.value).startswith(line) and "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("rule", ["points:=/robot/cloud", "/spad/raw:=photons", "sketcher:photons:=raw",
                                   "sketch/sensor:=description", "~/reset:=forget"])
-def test_what_ros_2_can_remap_can_be(rule, tmp_path):
-    own = tmp_path / "own.yaml"
-    own.touch()
-    assert rule in up.ros_arguments(parsed("-r", rule), PIPELINE, str(own))
+def test_what_ros_2_can_remap_can_be(rule):
+    assert rule in up.ros_arguments(parsed("-r", rule), PIPELINE, "own.yaml")

@@ -90,34 +90,30 @@ def frames_in(path) -> int:
             return 0
 
 
-@pytest.mark.parametrize("arguments, said", [
+@pytest.mark.parametrize("arguments, expected", [
     ([], "RECORDING is missing: expected one or more .rrd files, or --connect HOST:PORT"),
     (["absent.rrd"], "recording is absent.rrd: expected an .rrd file that exists"),
     (["--connect", "robot"], "--connect is robot: expected HOST:PORT, such as 127.0.0.1:9876"),
     (["--connect", "127.0.0.1:1"], "expected a recorder that serves there, with live_port:=1"),
 ])
-def test_what_cannot_be_shown_is_one_line(capsys, opened, arguments, said):
-    assert main.main(["view", *arguments]) == 2
-    assert said in capsys.readouterr().err and not opened
+def test_what_cannot_be_shown_is_one_line(refusal, opened, arguments, expected):
+    assert expected in refusal("view", *arguments) and not opened
 
 
-def test_where_there_is_a_screen_the_viewer_opens(monkeypatch, tmp_path, opened, port):
+def test_where_there_is_a_screen_the_viewer_opens(srt3d, monkeypatch, tmp_path, opened, port):
     monkeypatch.setenv("DISPLAY", ":0")
     with record(tmp_path / "a.rrd", live=(port, 16)):
-        with pytest.raises(SystemExit):
-            main.main(["view", str(tmp_path / "a.rrd")])
+        srt3d("view", tmp_path / "a.rrd")
         assert Path(opened[0]).name == "rerun" and opened[1:] == [*HERE, str(tmp_path / "a.rrd")]
-        with pytest.raises(SystemExit):
-            main.main(["view", "--connect", f"127.0.0.1:{port}"])
+        srt3d("view", "--connect", f"127.0.0.1:{port}")
         assert opened[1:] == [*HERE, f"rerun+http://127.0.0.1:{port}/proxy"]
 
 
 @pytest.mark.skipif(not screenshot.is_possible(), reason="no Vulkan: the viewer cannot run here")
-def test_the_viewer_can_be_reached_from_this_machine_alone(monkeypatch, tmp_path, opened, port):
+def test_the_viewer_can_be_reached_from_this_machine_alone(srt3d, monkeypatch, tmp_path, opened, port):
     monkeypatch.setenv("DISPLAY", ":0")
     record(tmp_path / "a.rrd").close()
-    with pytest.raises(SystemExit):
-        main.main(["view", str(tmp_path / "a.rrd")])
+    srt3d("view", tmp_path / "a.rrd")
     viewer = subprocess.Popen([*opened, "--headless", "--window-size", "300x200", "--port", str(port)],
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                               env=os.environ | {"TMPDIR": str(tmp_path)})
@@ -131,23 +127,20 @@ def test_the_viewer_can_be_reached_from_this_machine_alone(monkeypatch, tmp_path
         viewer.wait()
 
 
-def test_a_user_without_an_account_gets_directions(monkeypatch, tmp_path, capsys, port):
+@pytest.mark.parametrize("variables, address", [
+    ({"LOGNAME": "robin"}, f"robin@{socket.gethostname()}"),
+    ({"LOGNAME": "robin", "SSH_CONNECTION": "10.0.0.2 50000 10.0.0.7 22"}, "robin@10.0.0.7"),     # from a laptop
+    ({}, socket.gethostname()),         # without an account
+])
+def test_without_a_screen_the_line_for_ssh_is_printed(srt3d, monkeypatch, tmp_path, port, variables, address):
     for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
         monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
     monkeypatch.setattr(os, "getuid", lambda: 54321)        # as docker run --user has it
     with record(tmp_path / "a.rrd", live=(port, 16)):
-        assert main.main(["view", "--connect", f"127.0.0.1:{port}"]) == 0
-    assert f"  ssh -L {port}:127.0.0.1:{port} {socket.gethostname()}\n" in capsys.readouterr().out
-
-
-def test_without_a_screen_a_recorder_at_work_is_told_with_the_line_for_ssh(monkeypatch, tmp_path, capsys, port):
-    monkeypatch.setenv("LOGNAME", "robin")
-    with record(tmp_path / "a.rrd", live=(port, 16)):
-        assert main.main(["view", "--connect", f"127.0.0.1:{port}"]) == 0
-        assert f"  ssh -L {port}:127.0.0.1:{port} robin@{socket.gethostname()}\n" in capsys.readouterr().out
-        monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 10.0.0.7 22")      # from a laptop, to this machine
-        main.main(["view", "--connect", f"127.0.0.1:{port}"])
-        assert "robin@10.0.0.7\n" in capsys.readouterr().out
+        code, out, _ = srt3d("view", "--connect", f"127.0.0.1:{port}")
+    assert code == 0 and f"  ssh -L {port}:127.0.0.1:{port} {address}\n" in out
 
 
 def test_without_a_screen_recordings_are_served_on_the_loopback_interface(tmp_path):

@@ -11,38 +11,27 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from tests.core import scenes
+from tests.core.scenes import IRF, background_alone, with_photons
 
 T = 600
-IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)
 BINS = np.arange(T)
 SHAPES = {"ramp": 0.1 + BINS / T, "fog": np.exp(-BINS / 60) + 0.02, "lump": 0.1 + 5 * BINS / 60 * np.exp(-BINS / 60)}
 Y, X = np.mgrid[:48, :48]
 DEPTH = np.where(np.hypot(X - 24, Y - 24) < 16, 330 - 0.08 * ((X - 24)**2 + (Y - 24)**2), 450.0)     # a ball, a wall
 
 
-def make_sensor(rows=48, cols=48, irf=IRF, **changes) -> SensorModel:
-    return SensorModel(rows, cols, T, 16e-12, irf, **changes)
+def make_sensor(rows=48, cols=48, **changes) -> SensorModel:
+    return scenes.make_sensor(rows, cols, num_bins=T, **changes)
 
 
-def simulate(sensor: SensorModel, depth_bins=DEPTH, sbr=0.3, ppp=20.0, seed=0) -> PhotonEvents:
-    return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
+def simulate(sensor: SensorModel, depth_bins=DEPTH, sbr=0.3, ppp=20.0) -> PhotonEvents:
+    return scenes.simulate(depth_bins, sbr, ppp, sensor)
 
 
 def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor"):
-    frequencies = choose("auto", sensor)
-    return Pooled(sensor, frequencies, background=background)(sketch_photons(frame, sensor, frequencies))
-
-
-def background_alone(sensor: SensorModel, ppp: float) -> PhotonEvents:
-    rng = np.random.default_rng(0)
-    count = rng.poisson(ppp * sensor.pixels)
-    cumulative = np.cumsum(sensor.background_shape, dtype=np.float64)
-    toa = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right").astype(np.uint16)
-    return PhotonEvents(np.sort(rng.integers(0, sensor.pixels, count)).astype(np.uint32), toa)
+    return scenes.pooled(frame, sensor, background=background)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -118,12 +107,10 @@ def test_a_hot_pixel_does_not_harm_its_neighbours(background):
     frame = simulate(sensor, sbr=3, ppp=20)
     rng = np.random.default_rng(1)
     hot = rng.choice(sensor.pixels, 12, replace=False)
-    shouts = np.repeat(hot, 2000).astype(np.uint32)                             # 100 times the others
-    pixel = np.append(frame.pixel, shouts)
-    toa = np.append(frame.toa, rng.integers(0, T, len(shouts)).astype(np.uint16))
+    frame = with_photons(frame, np.repeat(hot, 2000), rng.integers(0, T, 24_000))       # 100 times the others
     mask = ~np.isin(np.arange(sensor.pixels), hot).reshape(48, 48)
     for known in (True, False):
-        cloud = reconstruct(PhotonEvents(pixel, toa), sensor.replace(mask=mask if known else None), background)
+        cloud = reconstruct(frame, sensor.replace(mask=mask if known else None), background)
         beside = mask[cloud.row, cloud.col]
         error = circular_difference(cloud.depth_bins, DEPTH[cloud.row, cloud.col], T)
         assert beside.sum() > 0.98 * mask.sum() and (np.abs(error[beside]) > 10).mean() < 0.02
@@ -143,8 +130,7 @@ def test_the_shape_of_a_dark_frame_is_its_histogram_at_no_delay():
 def test_a_dark_frame_leaves_hot_pixels_out():
     sensor = make_sensor()
     quiet = background_alone(sensor.replace(background_shape=SHAPES["fog"]), 20)
-    toa = np.append(quiet.toa, np.full(50_000, 300, np.uint16))
-    shape = dark_shape(PhotonEvents(np.append(quiet.pixel, np.full(50_000, 9, np.uint32)), toa), sensor)
+    shape = dark_shape(with_photons(quiet, np.full(50_000, 9), 300), sensor)
     assert shape[300] < 0.001
     assert shape[:60].sum() == pytest.approx(SHAPES["fog"][:60].sum() / SHAPES["fog"].sum(), rel=0.02)
 

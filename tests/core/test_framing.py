@@ -17,24 +17,23 @@ def frames_of(framing: Framing, stamps, contents=None) -> tuple[list[list[int]],
     contents = contents or [str(k).encode() for k in range(len(stamps))]
     for stamp, content in zip(stamps, contents, strict=True):
         placed = framing.place(stamp, content)
-        assert placed.forgotten in (0, len(open_frame)) and not (placed.ended and placed.forgotten)
-        if placed.ended:
-            assert placed.ended == len(open_frame)
-            frames.append(open_frame)
-            open_frame = []
-        if placed.forgotten:
-            dropped.setdefault("incomplete", []).extend(open_frame)
-            open_frame = []
+        assert not (placed.ended and placed.forgotten)
+        for ended, into in ((placed.ended, frames), (placed.forgotten, dropped.setdefault("incomplete", []))):
+            if ended:
+                assert ended == (len(open_frame), sum(open_frame))
+                into.append(open_frame)
+                open_frame = []
         if placed.dropped:
             dropped.setdefault(placed.dropped, []).append(stamp)
-        else:
-            open_frame.append(stamp)
-        if placed.completed:
-            assert placed.completed == len(open_frame)
+            continue
+        open_frame.append(stamp)
+        if completed := framing.add(stamp, photons=stamp):
+            assert completed == (len(open_frame), sum(open_frame))
             frames.append(open_frame)
             open_frame = []
-        assert framing.open == len(open_frame)
-    return [*frames, open_frame], dropped
+        assert framing.open == (len(open_frame), sum(open_frame))
+    dropped["incomplete"] = sum(dropped.get("incomplete", []), [])
+    return [*frames, open_frame], {cause: packets for cause, packets in dropped.items() if packets}
 
 
 def test_a_number_of_packets_makes_a_frame():
@@ -61,8 +60,10 @@ def test_stamps_that_jitter_stay_in_their_period(jitter):
 
 def test_a_frame_that_lacks_packets_ends_with_the_next_and_a_complete_one_at_once():
     framing = Framing(packets=3, period_ns=30)
-    placed = [framing.place(stamp, str(stamp).encode()) for stamp in (0, 10, 20, 30, 50, 60)]
-    assert placed == [Placed(), Placed(), Placed(completed=3), Placed(), Placed(), Placed(ended=2)]
+    events = [(framing.place(stamp, str(stamp).encode()).ended, framing.add(stamp, 1)) for stamp in range(0, 30, 10)]
+    assert events == [(None, None), (None, None), (None, (3, 3))]
+    events = [(framing.place(stamp, str(stamp).encode()).ended, framing.add(stamp, 1)) for stamp in (30, 50, 60)]
+    assert events == [(None, None), (None, None), ((2, 2), None)]
 
 
 def test_packets_older_than_the_last_frame_are_late_and_others_are_not():
@@ -109,13 +110,14 @@ def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_
     assert frames == [BEFORE[:3], BEFORE[3:], again[:3], again[3:]] and dropped == {}
 
 
-def test_what_begins_again_is_told_apart_from_what_is_late():
+def test_a_sensor_that_begins_again_is_not_late():
     framing = Framing(gap_ns=S)
-    assert framing.place(100 * S, b"") == Placed(completed=1)
-    assert framing.place(99 * S, b"") == Placed(dropped="late")
-    assert framing.place(99 * S - 1, b"") == Placed(began_again=True, completed=1)
-    assert framing.place(100 * S - 1, b"") == Placed(completed=1)
-    assert framing.place(101 * S, b"") == Placed(began_again=True, completed=1)
+    placed = []
+    for stamp in (100 * S, 99 * S, 99 * S - 1, 100 * S - 1, 101 * S):
+        placed.append(framing.place(stamp, b""))
+        assert placed[-1].dropped or framing.add(stamp) == (1, 0)
+    again = Placed(began_again=True)
+    assert placed == [Placed(), Placed(dropped="late"), again, Placed(), again]
 
 
 def test_a_stamp_from_far_ahead_costs_one_frame():
@@ -126,14 +128,12 @@ def test_a_stamp_from_far_ahead_costs_one_frame():
 
 def test_silence_ends_a_period_but_not_a_number():
     framing = Framing(period_ns=100)
-    assert framing.end_of_silence() == 0
-    framing.place(0, b"a")
-    framing.place(20, b"b")
-    assert (framing.end_of_silence(), framing.open, framing.end_of_silence()) == (2, 0, 0)
+    assert framing.end_after_silence() is None
+    assert frames_of(framing, [0, 20])[0] == [[0, 20]]
+    assert (framing.end_after_silence(), framing.open, framing.end_after_silence()) == ((2, 20), (0, 0), None)
     assert framing.place(40, b"c").dropped == "late" and framing.place(120, b"d") == Placed()
     counting = Framing(packets=2)
-    counting.place(0, b"a")
-    assert counting.end_of_silence() == 0 and counting.place(S, b"b").completed == 2
+    assert counting.add(0) is None and counting.end_after_silence() is None and counting.add(S) == (2, 0)
 
 
 STREAMS = st.lists(st.tuples(st.integers(0, 4000), st.sampled_from([b"a", b"b", b"c"])), max_size=80)

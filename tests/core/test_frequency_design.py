@@ -85,9 +85,17 @@ def test_designs_are_increasing_and_within_the_band(num_bins, m, width):
     assert all(type(k) is int for k in chosen)
 
 
-def test_a_broader_response_gets_lower_frequencies():
-    tops = [design(make(np.exp(-0.5 * ((np.arange(200) - 100) / width)**2)), 10)[-1] for width in (1, 4, 16)]
-    assert tops[0] > tops[1] > tops[2]
+@pytest.mark.parametrize(("irf", "m", "expected"), [
+    (TAIL, 10, (1, 2, 3, 4, 5, 6, 7, 8, 10, 12)), (BELL, 6, (1, 2, 4, 7, 11, 18)), ([1.0], 4, (1, 7, 25, 79))])
+def test_known_designs(irf, m, expected):
+    assert design(make(irf), m) == expected
+
+
+def test_known_errors_and_photons():
+    np.testing.assert_allclose(bound(make(BELL), (1, 5, 20), [20, 200], [5, 100]), [0.964146, 0.310322], rtol=1e-5)
+    signal, background = nominal_photons(10)
+    np.testing.assert_allclose(signal, [26.95, 55, 4.9, 10, 2.695, 5.5])
+    np.testing.assert_allclose(background, [269.5, 550, 4.9, 10, 0.2695, 0.55])
 
 
 def test_a_response_as_wide_as_the_period_leaves_consecutive_frequencies():

@@ -25,11 +25,7 @@ def test_points_within_the_tolerance_are_true_and_the_others_false():
     reference = [[10, 20, 30], [40, 50, 60]]
     found = evaluate(cloud((0, 0, 12), (0, 1, 17), (0, 2, 34), (1, 0, 40)), reference, 3, T)
     assert found.true_detections == 3 / 6 and found.false_detections == 1 / 6 and found.points == 4
-    assert found.dae_bins == pytest.approx((2 + 3 + 0) / 3)
-
-
-def test_the_tolerance_itself_is_within():
-    assert evaluate(cloud((0, 0, 12)), np.full((2, 3), 10.0), 2, T).true_detections == 1 / 6
+    assert found.dae_bins == pytest.approx((2 + 3 + 0) / 3)          # the tolerance itself is within
     assert evaluate(cloud((0, 0, 12.01)), np.full((2, 3), 10.0), 2, T).true_detections == 0
 
 
@@ -66,21 +62,13 @@ def test_of_several_points_at_one_surface_the_nearest_counts():
     assert (found.true_detections, found.false_detections, found.dae_bins) == (1, 0, 1)
 
 
-@pytest.mark.parametrize("reference", [np.full((2, 3), 10.0), np.full((2, 3), NAN), np.full((2, 2, 3), NAN)])
-def test_an_empty_cloud_finds_nothing(reference):
-    found = evaluate(cloud(), reference, 3, T)
-    assert (found.true_detections, found.false_detections, found.points) == (0, 0, 0) and np.isnan(found.dae_bins)
-
-
-def test_without_any_reference_nothing_is_judged():
-    found = evaluate(cloud((0, 0, 10)), np.full((2, 3), NAN), 3, T)
-    assert (found.true_detections, found.false_detections) == (0, 0) and np.isnan(found.dae_bins)
-
-
-@pytest.mark.parametrize("shape", [(3, 2), (6,), (1, 3, 2), (1, 1, 2, 3)])
-def test_a_reference_of_another_shape_is_refused(shape):
-    with pytest.raises(InvalidInput, match=r"^reference shape is .*: expected \[rows, cols\] = \(2, 3\)"):
-        evaluate(cloud(), np.zeros(shape), 3, T)
+@pytest.mark.parametrize(("points", "reference"), [
+    ([], np.full((2, 3), 10.0)), ([], np.full((2, 3), NAN)), ([], np.full((2, 2, 3), NAN)),
+    ([(0, 0, 10)], np.full((2, 3), NAN))])
+def test_without_points_or_references_nothing_is_found(points, reference):
+    found = evaluate(cloud(*points), reference, 3, T)
+    assert (found.true_detections, found.false_detections, found.points) == (0, 0, len(points))
+    assert np.isnan(found.dae_bins) and np.isnan(found.iae) and np.isnan(found.background_nmse)
 
 
 @pytest.mark.parametrize(("a", "b", "difference"), [(1, 2, -1), (2, 1, 1), (99, 1, -2), (1, 99, 2), (0, 50, -50),
@@ -109,13 +97,9 @@ def test_references_that_do_not_count_are_neither_missed_nor_found_nor_make_poin
     assert found.false_detections == 1 / 9                       # (1, 1, 80) alone
     assert found.dae_bins == pytest.approx((0 + 1) / 2)
     assert found.within_1_std == 1 / 2                           # (1, 0, 51), but not (1, 1, 80)
-
-
-def test_a_pixel_in_which_nothing_counts_is_not_judged():
-    found = evaluate(cloud((0, 0, 80), (0, 1, 80)), [[10, 10, NAN], [NAN] * 3], 3, T,
+    alone = evaluate(cloud((0, 0, 80), (0, 1, 80)), [[10, 10, NAN], [NAN] * 3], 3, T,
                      counted=[[False, True, True], [True] * 3])
-    assert (found.true_detections, found.false_detections) == (0, 1)
-    assert found.within_1_std == 0
+    assert (alone.true_detections, alone.false_detections, alone.within_1_std) == (0, 1, 0)
 
 
 @pytest.mark.parametrize("offset", [13.0, -7.5])
@@ -152,6 +136,7 @@ def test_points_at_surfaces_of_unknown_intensity_do_not_count():
     photons = np.stack([np.full((2, 3), 5.0), np.full((2, 3), NAN)])
     found = [(row, col, at, 4.0) for row, col in np.ndindex(2, 3) for at in (10, 51)]
     assert evaluate(cloud(*found), depth, 3, T, photons).iae == pytest.approx(1 / 5)
+    assert np.isnan(evaluate(cloud((0, 0, 10)), depth[0], 3, T, photons[1]).iae)
 
 
 def test_the_background_error_is_relative_to_its_energy():
@@ -162,20 +147,17 @@ def test_the_background_error_is_relative_to_its_energy():
     assert np.isnan(evaluate(cloud(), reference, 3, T).background_nmse)
 
 
-def test_without_a_reference_of_the_intensity_it_is_not_judged():
-    reference = np.full((2, 3), 10.0)
-    assert np.isnan(evaluate(cloud((0, 0, 10)), reference, 3, T).iae)
-    assert np.isnan(evaluate(cloud((0, 0, 10)), reference, 3, T, np.full((2, 3), NAN)).iae)
-
-
 @pytest.mark.parametrize(("changes", "named"), [
+    *(({"reference_depth_bins": np.ones(shape)}, "reference shape")
+      for shape in ((3, 2), (6,), (1, 3, 2), (1, 1, 2, 3))),
     ({"reference_intensity": np.ones((3, 2))}, "intensity shape"),
     ({"reference_intensity": np.ones((2, 2, 3))}, "intensity shape"),
     ({"reference_background": np.ones((2, 2, 3))}, "background shape"),
     ({"counted": np.ones((3, 2))}, "counted shape")])
 def test_maps_of_another_shape_are_refused(changes, named):
-    with pytest.raises(InvalidInput, match=f"^{named} is "):
-        evaluate(cloud(), np.zeros((2, 3)), 3, T, **changes)
+    with pytest.raises(InvalidInput, match=f"^{named} is .*: expected "):
+        evaluate(**({"cloud": cloud(), "reference_depth_bins": np.zeros((2, 3)), "tolerance_bins": 3, "num_bins": T}
+                    | changes))
 
 
 # ---- Errors of points, and their reported standard deviations
@@ -195,8 +177,5 @@ def test_shares_of_errors_within_their_standard_deviations():
     found = evaluate(cloud(*points), reference, 3, T)
     assert (found.within_1_std, found.within_2_std) == (2 / 4, 3 / 4)           # far ones count as well
     assert shares_within(cloud(*points), reference, T, (0.1, 1.6, 7)) == (1 / 4, 3 / 4, 1)
-
-
-def test_points_without_a_standard_deviation_are_left_out_of_the_shares():
     assert shares_within(cloud((0, 0, 10, 1, 0.0), (0, 1, 11, 1, 2.0)), np.full((2, 3), 10.0), T, (1,)) == (1,)
     assert np.isnan(shares_within(cloud((0, 0, 10, 1, NAN)), np.full((2, 3), 10.0), T, (1,))).all()

@@ -14,11 +14,6 @@ def events(pixel, toa, dtype=np.uint16, stamp_ns=0) -> PhotonEvents:
     return PhotonEvents(np.array(pixel, np.uint32), np.array(toa, dtype), stamp_ns)
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
-def test_three_types_of_toa_are_taken(dtype):
-    assert events([0, 1, 2], [0, 50, 99], dtype).photons == 3
-
-
 @pytest.mark.parametrize("dtype", [np.int32, np.float64, np.int64, np.uint8, np.dtype(">u2"), bool])
 def test_other_types_of_toa_are_refused(dtype):
     with pytest.raises(InvalidInput, match="^toa dtype is"):
@@ -72,15 +67,12 @@ def test_the_last_pixel_and_the_last_bin_are_inside(frame):
     frame.check(SENSOR)
 
 
-@pytest.mark.parametrize("words", [np.zeros((2, 3, 4), np.uint32), np.zeros((2, 3, 4), np.int16)])
-def test_words_of_other_types_are_refused(words):
-    with pytest.raises(InvalidInput, match="^gates dtype"):
+@pytest.mark.parametrize(("words", "named"), [
+    (np.zeros((2, 3, 4), np.uint32), "gates dtype"), (np.zeros((2, 3, 4), np.int16), "gates dtype"),
+    (np.zeros((2, 12), np.uint16), "gates shape")])
+def test_words_of_other_types_or_dimensions_are_refused(words, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
         PhotonGates(words)
-
-
-def test_words_of_another_dimension_are_refused():
-    with pytest.raises(InvalidInput, match="^gates shape"):
-        PhotonGates(np.zeros((2, 12), np.uint16))
 
 
 def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
@@ -106,22 +98,12 @@ def test_no_photons_are_one_empty_cycle():
     assert gates.to_events(SENSOR).photons == 0
 
 
-def test_floats_become_the_bin_that_they_lie_in():
-    gates = PhotonGates.from_events(events([1], [98.75], np.float32), SENSOR)
-    assert gates.words[0, 0, 1] == 109
-
-
 @pytest.mark.parametrize(("gates", "toa", "named"), [
     (None, 3, "sensor.gates is missing"), (GateWords(65_500, 0), 60, "gates word is 65560"),
-    (GateWords(0, 60), 60, "toa is 60"), (GateWords(3, 63), 60, "toa is 60")])
+    (GateWords(0, 60), 60, "toa is 60"), (GateWords(3, 63), 60, "toa is 60"), (GateWords(0, 0), 100, "toa is 100")])
 def test_a_photon_that_no_word_can_say_is_refused(gates, toa, named):
     with pytest.raises(InvalidInput, match=f"^{named}: expected"):
         PhotonGates.from_events(events([4], [toa]), SENSOR.replace(gates=gates))
-
-
-def test_photons_outside_the_sensor_do_not_become_gates():
-    with pytest.raises(InvalidInput, match="^toa is 100"):
-        PhotonGates.from_events(events([4], [100]), SENSOR)
 
 
 def test_one_busy_pixel_cannot_fill_the_memory():
@@ -129,3 +111,14 @@ def test_one_busy_pixel_cannot_fill_the_memory():
     busy = events([4] * (MAX_WORDS // 4_000_000 + 1), [0] * (MAX_WORDS // 4_000_000 + 1))
     with pytest.raises(InvalidInput, match="^gates is 34 cycles of 4000000 pixels: .*send events instead"):
         PhotonGates.from_events(busy, sensor)
+
+
+def test_a_word_below_the_first_is_named_not_wrapped():
+    sensor = SensorModel(2, 3, 65_535, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
+    with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 to 65535, or 0 for no detection"):
+        PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)
+
+
+def test_gates_of_no_cycle_have_no_photons():
+    none = PhotonGates(np.zeros((0, 3, 4), np.uint16)).to_events(SENSOR)
+    assert none.photons == 0 and none.pixel.dtype == np.uint32

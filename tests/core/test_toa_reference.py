@@ -10,14 +10,14 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import phase_table, sketch_photons
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import npz, open_photons
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from tests.core.baselines.scenes import run
+from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse
 PULSE = exponnorm(K=2.0, scale=1.2)           # jitter of a photon's time, bins: steep rise, slow decay
@@ -53,17 +53,12 @@ def mean_range(cloud) -> float:
     return float(np.linalg.norm(cloud.xyz.astype(np.float64), axis=1).mean())
 
 
-def direct(events, sensor, _):
-    return events, sensor
-
-
 def on_photons(events, sensor, _):
     sensor = sensor_message.from_json(sensor_message.to_json(sensor))
     return photons_message.decode_cdr(photons_message.encode_cdr(events, sensor, "spad"), sensor)[1], sensor
 
 
 def on_gates(events, sensor, _):
-    sensor = sensor_message.from_json(sensor_message.to_json(sensor))
     sent = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, "spad")
     return gates_message.decode_cdr(sent, sensor)[1], sensor
 
@@ -74,7 +69,7 @@ def in_a_file(events, sensor, folder):
     return photons.frame, photons.sensor
 
 
-@pytest.mark.parametrize("way", [direct, on_photons, on_gates, in_a_file])
+@pytest.mark.parametrize("way", [on_photons, on_gates, in_a_file])
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_every_driver_gets_the_range_of_the_target(driver, way, tmp_path):
     sensor = make(driver)
@@ -101,14 +96,6 @@ def test_phases_are_those_of_the_bins_centers_and_floats_of_the_same_times():
     np.testing.assert_allclose(words.sums, edge.sums, atol=1e-5)
     half_a_bin = np.exp(1j * np.pi * np.array([1, 76]) / T)
     np.testing.assert_allclose(edge.sums, center.sums * half_a_bin, atol=1e-5)
-
-
-def test_the_default_table_of_phases_has_the_bits_it_always_had():
-    for num_bins in (2, 100, 4613, 65_535):
-        k = np.array([1, 3, max((num_bins - 1) // 2, 1)])
-        turns = np.outer(np.arange(num_bins), k) % num_bins / num_bins
-        before = np.exp(2j * np.pi * turns).astype(np.complex64).view(np.float32)
-        assert phase_table(k, num_bins).tobytes() == before.tobytes()
 
 
 def test_floats_fall_into_their_bins_when_they_become_gates():

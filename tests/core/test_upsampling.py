@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.upsampling import refine
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from tests.core import scenes
+from tests.core.scenes import pooled
 
 T = 300
 IRF = np.exp(-0.5 * ((np.arange(31) - 12) / 4)**2)
@@ -23,13 +20,8 @@ def make_sensor(rows=16, cols=20, **changes) -> SensorModel:
     return SensorModel(rows, cols, T, 100e-12, IRF, **changes)
 
 
-def reconstruct(sensor: SensorModel, frame, **options) -> PointCloud:
-    frequencies = choose("auto", sensor, 10)
-    return Pooled(sensor, frequencies, **options)(sketch_photons(frame, sensor, frequencies))
-
-
-def simulate(sensor: SensorModel, depth_bins: np.ndarray, sbr=5.0, ppp=60.0) -> PhotonEvents:
-    return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=3).frame(0)[0]
+def simulate(sensor: SensorModel, depth_bins: np.ndarray, ppp=60.0) -> PhotonEvents:
+    return scenes.simulate(depth_bins, 5.0, ppp, sensor, seed=3)
 
 
 def plane(start: float, per_col: float, per_row: float, factor=1) -> np.ndarray:
@@ -41,7 +33,7 @@ def plane(start: float, per_col: float, per_row: float, factor=1) -> np.ndarray:
 @pytest.mark.parametrize("factor", [2, 3, 4])
 def test_a_tilted_plane_has_depths_between_those_of_the_pixels(factor):
     sensor = make_sensor()
-    cloud = reconstruct(sensor, simulate(sensor, plane(100, 2.5, -2)), upsampling=factor)
+    cloud = pooled(simulate(sensor, plane(100, 2.5, -2)), sensor, upsampling=factor)
     truth = plane(100, 2.5, -2, factor)
     inside = (slice(2 * factor, -2 * factor),) * 2
     error = (cloud.image("depth_bins") - truth)[inside]
@@ -52,7 +44,7 @@ def test_a_tilted_plane_has_depths_between_those_of_the_pixels(factor):
 
 def test_points_lie_on_the_rays_of_the_finer_pixels():
     sensor = make_sensor()
-    cloud = reconstruct(sensor, simulate(sensor, plane(150, 1, 0.5)), upsampling=3)
+    cloud = pooled(simulate(sensor, plane(150, 1, 0.5)), sensor, upsampling=3)
     finer = sensor.upsampled(3)
     np.testing.assert_allclose(cloud.xyz, finer.xyz(cloud.row, cloud.col, cloud.depth_bins), rtol=1e-6)
     assert cloud.background.shape == (48, 60) and cloud.row.max() == 47 and cloud.col.max() == 59
@@ -63,7 +55,7 @@ def test_points_lie_on_the_rays_of_the_finer_pixels():
 def test_photons_are_shared_out_and_standard_deviations_stay():
     sensor = make_sensor()
     frame = simulate(sensor, plane(150, 1, 0.5))
-    whole, split = (reconstruct(sensor, frame, upsampling=factor) for factor in (1, 3))
+    whole, split = (pooled(frame, sensor, upsampling=factor) for factor in (1, 3))
     assert split.intensity.sum() == pytest.approx(whole.intensity.sum(), rel=1e-5)
     assert split.background.sum() == pytest.approx(whole.background.sum(), rel=1e-5)
     assert split.intensity.sum() + split.background.sum() == pytest.approx(frame.photons, rel=0.02)
@@ -74,14 +66,14 @@ def test_photons_are_shared_out_and_standard_deviations_stay():
 def test_background_alone_shows_points_in_no_larger_a_share_of_the_pixels():
     sensor, rng = make_sensor(32, 32), np.random.default_rng(1)
     frame = PhotonEvents(np.repeat(np.arange(1024, dtype=np.uint32), 5), rng.integers(0, T, 5120).astype(np.uint16))
-    whole, split = (reconstruct(sensor, frame, upsampling=factor, false_alarm_rate=0.01) for factor in (1, 3))
+    whole, split = (pooled(frame, sensor, upsampling=factor, false_alarm_rate=0.01) for factor in (1, 3))
     assert len(split) == 9 * len(whole) and len(split) < 0.05 * 9 * sensor.pixels
 
 
 def test_both_of_two_surfaces_are_kept_the_stronger_first():
     sensor = make_sensor()
     depth = np.stack([plane(60, 1, 0), plane(200, 0, 1)])
-    cloud = reconstruct(sensor, simulate(sensor, depth), surfaces=2, upsampling=3)
+    cloud = pooled(simulate(sensor, depth), sensor, surfaces=2, upsampling=3)
     truth = np.stack([plane(60, 1, 0, 3), plane(200, 0, 1, 3)])
     found = evaluate(cloud, truth, 2.0, T)
     assert min(found.by_surface) > 0.97 and found.false_detections < 0.02
@@ -105,7 +97,7 @@ def test_depths_that_cross_the_end_of_the_period_wrap():
 def test_an_empty_cloud_stays_empty():
     sensor = make_sensor()
     nothing = PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16))
-    cloud = reconstruct(sensor, nothing, upsampling=4)
+    cloud = pooled(nothing, sensor, upsampling=4)
     assert len(cloud) == 0 and cloud.background.shape == (64, 80)
 
 
@@ -120,7 +112,7 @@ def test_calibration_is_that_of_the_pixel():
     sensor = make_sensor(delay_bins=rng.uniform(-9, 9, (16, 20)), gain=rng.uniform(0.5, 2, (16, 20)),
                          mask=rng.random((16, 20)) > 0.1)
     depth = plane(120, 0, 1)
-    cloud = reconstruct(sensor, simulate(sensor, depth, ppp=200), upsampling=2)
+    cloud = pooled(simulate(sensor, depth, ppp=200), sensor, upsampling=2)
     seen = np.isfinite(cloud.image("depth_bins"))
     assert np.array_equal(seen, sensor.mask.repeat(2, axis=0).repeat(2, axis=1))
     error = circular_difference(cloud.depth_bins.astype(float), plane(120, 0, 1, 2)[cloud.row, cloud.col], T)

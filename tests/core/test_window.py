@@ -58,7 +58,6 @@ def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
     sketcher = windows(width)
     for k, sketch in enumerate(slide(sketcher, sent)):
         assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
-    assert sketcher.newest_photons == sent[-1].photons
 
 
 @pytest.mark.parametrize("stamp, expected", [("oldest", [0, 0, 0, 1_000]), ("middle", [0, 500, 1_000, 2_000]),
@@ -97,7 +96,7 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
         sketcher._sums += many[0]
         sketcher._photons += many[1]
         sketch = sketcher.end_frame()
-        assert sketch.photons[1, 2] == seen and sketcher.newest_photons == 3_000_000_000
+        assert sketch.photons[1, 2] == seen
         np.testing.assert_allclose(sketch.z[1, 2], directly([packet]).z[1, 2], rtol=1e-6)
 
 

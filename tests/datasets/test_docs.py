@@ -6,7 +6,8 @@ import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import mat, npz, open_photons, options
+from srt3d_ros.datasets import mat, npz, open_photons
+from srt3d_ros.datasets.photons import OPTIONS
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 
@@ -23,7 +24,7 @@ def test_the_snippet_writes_a_photon_file(repository, tmp_path, monkeypatch):
 
 def test_every_array_option_and_layout_is_described(repository):
     text = (repository / "docs" / "photon-file.md").read_text(encoding="utf-8")
-    for name in (*npz.KNOWN, *options.NAMES, *(layout.variable for layout in mat.LAYOUTS)):
+    for name in (*npz.KNOWN, *OPTIONS, *(layout.variable for layout in mat.LAYOUTS)):
         assert f"`{name}`" in text or re.fullmatch(r"ref_depth_bins_[3-8]", name), name
 
 

@@ -12,7 +12,7 @@ LIMITED = """
 import resource, sys
 from pathlib import Path
 from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.sensor_file import open_sensor
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 import lz4.frame, rosbags.rosbag2, scipy.io
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -50,7 +50,7 @@ def refusals(tmp_path_factory) -> dict[str, str]:
     ("a.json", "a.json is 1073741824 bytes: expected at most"),
     ("b.npz", "b.npz is unreadable (File is not a zip file)"),
     ("c.mat", "c.mat is unreadable"), ("d.mcap", "bag d.mcap is unreadable"), ("e.db3", "bag e.db3 is unreadable"),
-    ("f.npz", "f.npz.json size is 1073741824: expected at most"),
+    ("f.npz", "f.npz.json is 1073741824 bytes: expected at most"),
     ("pixels.json", "pixels.json rows × cols is 65535 × 65535: expected at most"),
     ("array.json", "array.json irf.base64 is 0 bytes: expected 18446744065119617025 numbers")])
 def test_a_process_of_little_memory_refuses_it_in_one_line(refusals, name, said):

@@ -29,9 +29,9 @@ def cells(lists, dtype=np.uint16) -> np.ndarray:
     return out
 
 
-def write(tmp_path, name="some name.mat", **variables):
-    savemat(tmp_path / name, variables, do_compression=True)
-    return tmp_path / name
+def write(tmp_path, **variables):
+    savemat(tmp_path / "some name.mat", variables, do_compression=True)
+    return tmp_path / "some name.mat"
 
 
 @pytest.mark.parametrize("variable", ["Ts", "photon_times"])
@@ -91,8 +91,14 @@ def test_the_shape_of_counts_is_given_or_square(tmp_path):
     path = write(tmp_path, Y=np.ones((8, 16), np.uint8))
     assert open_photons(path, irf=IRF).sensor.rows == 4
     assert open_photons(path, irf=IRF, rows=2, cols=8).sensor.cols == 8
-    with pytest.raises(InvalidInput, match="rows, cols"):
-        open_photons(path, irf=IRF, rows=3, cols=5)
+
+
+@pytest.mark.parametrize(("variables", "shape"), [
+    ({"Y": np.ones((8, 16))}, {"rows": 3, "cols": 5}), ({"Y": np.ones((0, 0))}, {"rows": 1e300}),
+    ({"Y": np.ones((2, 3))}, {"rows": 2, "cols": 1.5}), ({"Ts": cells(LISTS)}, {"rows": 9})])
+def test_a_shape_that_the_file_cannot_have_is_named(tmp_path, variables, shape):
+    with pytest.raises(InvalidInput, match="^some name.mat rows, cols is"):
+        open_photons(write(tmp_path, **variables), irf=IRF, **shape)
 
 
 def test_what_was_assumed_is_said(tmp_path):
@@ -105,50 +111,35 @@ def test_what_was_assumed_is_said(tmp_path):
 
 
 FILES = {
-    "no photons in it": ({"X": np.ones((3, 3))}, {}, "variables"),
-    "counts where cells belong": ({"Ts": np.ones((3, 3))}, {}, "variables"),
-    "cells where counts belong": ({"Y": cells(LISTS)}, {}, "variables"),
-    "negative counts": ({"Y": -np.ones((8, 4), np.int16)}, {}, "Y"),
-    "half counts": ({"Y": np.full((8, 4), 0.5)}, {}, "Y"),
-    "too many counts": ({"Y": np.full((8, 4), 2**30)}, {}, "Y photons"),
-    "not square": ({"Y": np.ones((8, 5))}, {}, "rows, cols"),
-    "sparse counts": ({"Y": csc_matrix(np.eye(4))}, {}, "variables"),
-    "a window that is none": ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, {}, "mm shape"),
-    "a window of text": ({"data_processed": cells(LISTS), "mm": 1, "MM": "end"}, {}, "MM"),
-    "text cells": ({"Ts": np.array([["abc", "d"]], object)}, {}, "Ts cells"),
-    "half bins": ({"Ts": cells([[[1.5]]], float)}, {}, "Ts"),
-    "NaN bins": ({"Ts": cells([[[np.nan]]], float)}, {}, "Ts"),
-    "negative bins": ({"Ts": cells([[[-1]]], np.int16)}, {}, "Ts ToA"),
-    "NaN picoseconds": ({"data_processed": cells([[[np.nan]]], float)}, {}, "data_processed"),
-    "text among numbers": ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, "Ts cells"),
-    "sparse cells": ({"Ts": np.array([[csc_matrix(np.eye(4)), None]], object)[:, :1]}, {}, "Ts cells"),
-    "no column": ({"Y": np.ones((0, 0))}, {"rows": 1e300}, "rows, cols"),
-    "half a column": ({"Y": np.ones((2, 3))}, {"rows": 2, "cols": 1.5}, "rows, cols"),
-    "rows that disagree": ({"Ts": cells(LISTS)}, {"rows": 9}, "rows, cols"),
+    "no photons in it": ({"X": np.ones((3, 3))}, "variables"),
+    "counts where cells belong": ({"Ts": np.ones((3, 3))}, "variables"),
+    "cells where counts belong": ({"Y": cells(LISTS)}, "variables"),
+    "negative counts": ({"Y": -np.ones((8, 4), np.int16)}, "Y"), "half counts": ({"Y": np.full((8, 4), 0.5)}, "Y"),
+    "too many counts": ({"Y": np.full((8, 4), 2**30)}, "Y photons"),
+    "not square": ({"Y": np.ones((8, 5))}, "rows, cols"),
+    "sparse counts": ({"Y": csc_matrix(np.eye(4))}, "variables"),
+    "a window that is none": ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, "mm shape"),
+    "a window of text": ({"data_processed": cells(LISTS), "mm": 1, "MM": "end"}, "MM"),
+    "half bins": ({"Ts": cells([[[1.5]]], float)}, "Ts"), "NaN bins": ({"Ts": cells([[[np.nan]]], float)}, "Ts"),
+    "negative bins": ({"Ts": cells([[[-1]]], np.int16)}, "Ts ToA"),
+    "NaN picoseconds": ({"data_processed": cells([[[np.nan]]], float)}, "data_processed"),
+    "text among numbers": ({"Ts": np.array([[np.ones(1), "d"]], object)}, "Ts cells"),
+    "sparse cells": ({"Ts": np.array([[csc_matrix(np.eye(4)), None]], object)[:, :1]}, "Ts cells"),
 }
 
 
-@pytest.mark.parametrize(("variables", "options", "field"), FILES.values(), ids=FILES)
-def test_unusable_files_are_named(tmp_path, variables, options, field):
+@pytest.mark.parametrize(("variables", "field"), FILES.values(), ids=FILES)
+def test_unusable_files_are_named(tmp_path, variables, field):
     with pytest.raises(InvalidInput) as caught:
-        open_photons(write(tmp_path, **variables), irf=IRF, **options)
+        open_photons(write(tmp_path, **variables), irf=IRF)
     assert caught.value.field == f"some name.mat {field}"
     assert "\n" not in str(caught.value)
 
 
-OPTIONS = {
-    "T too small": ({"num_bins": 15}, "num_bins"), "T of 1": ({"num_bins": 1}, "num_bins"),
-    "T of text": ({"num_bins": "many"}, "num_bins"), "T too large": ({"num_bins": 10**6}, "num_bins"),
-    "bin width 0": ({"bin_width_s": 0}, "bin_width_s"), "bin width of text": ({"bin_width_s": "1 ps"}, "bin_width_s"),
-    "gate of one number": ({"gate": (3,)}, "gate"), "gate of text": ({"gate": "all"}, "gate"),
-    "negative gate": ({"gate": (-1, 20)}, "gate"), "half a gate": ({"gate": (0.5, 20)}, "gate"),
-    "IRF too long": ({"irf": np.ones(41)}, "irf length"), "negative IRF": ({"irf": [-1, 1]}, "irf"),
-    "IRF of text": ({"irf": ["a"]}, "irf"), "IRF reference outside": ({"irf_ref": 9}, "irf_ref"),
-    "field of view": ({"fov_deg": 180}, "fov_deg"), "unknown": ({"bins": 3}, "option name"),
-}
-
-
-@pytest.mark.parametrize(("options", "field"), OPTIONS.values(), ids=OPTIONS)
+@pytest.mark.parametrize(("options", "field"), [
+    ({"num_bins": 15}, "num_bins"), ({"num_bins": 1}, "num_bins"), ({"num_bins": "many"}, "num_bins"),
+    ({"num_bins": 10**6}, "num_bins"), ({"bin_width_s": 0}, "bin_width_s"), ({"bin_width_s": "1 ps"}, "bin_width_s"),
+    ({"irf": np.ones(41)}, "irf length"), ({"irf_ref": 9}, "irf_ref"), ({"fov_deg": 180}, "fov_deg")])
 def test_unusable_options_are_named(tmp_path, options, field):
     with pytest.raises(InvalidInput) as caught:
         open_photons(write(tmp_path, Ts=cells(LISTS)), **({"irf": IRF, "num_bins": 40} | options))

@@ -6,23 +6,10 @@ import zlib
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.errors import InvalidInput
-
-IRF = [1.0, 3.0, 1.0]
-
-
-def write(tmp_path, **variables):
-    savemat(tmp_path / "some name.mat", variables, do_compression=True)
-    return tmp_path / "some name.mat"
-
-
-def cells() -> np.ndarray:
-    out = np.empty((1, 2), object)
-    out[0, 0], out[0, 1] = np.array([[12], [15]], np.uint16), np.zeros((0, 0), np.uint16)
-    return out
+from tests.datasets.test_mat import IRF, cells, write
 
 
 @pytest.mark.parametrize("damage", [
@@ -30,7 +17,7 @@ def cells() -> np.ndarray:
     lambda data: data[:140] + bytes(40) + data[180:],
 ])
 def test_damaged_files_are_refused(tmp_path, damage):
-    path = write(tmp_path, Ts=cells())
+    path = write(tmp_path, Ts=cells([[[12, 15], []]]))
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InvalidInput, match="^some name.mat"):
         open_photons(path, irf=IRF)
@@ -82,7 +69,7 @@ def test_a_file_at_which_scipy_ends_the_process_is_one_line(tmp_path, kind, code
 
 
 def test_a_missing_scipy_is_said_as_such(tmp_path, monkeypatch):
-    path = write(tmp_path, Ts=cells())
+    path = write(tmp_path, Ts=cells([[[12, 15], []]]))
     (tmp_path / "scipy.py").write_text("raise ModuleNotFoundError('No module named scipy', name='scipy')")
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     with pytest.raises(ModuleNotFoundError) as caught:

@@ -44,25 +44,10 @@ def test_the_head_comes_with_the_depths_of_its_authors(shared_data):
         np.testing.assert_array_equal(published.reference_depth_bins[0], made["ref_depth_bins"])
 
 
-def test_photons_outside_the_gate_of_the_mannequin_are_counted(shared_data):
-    photons = open_photons(shared_data / "published" / "data_face.mat", gate=(3000, 3000))
-    assert "52171 of 955670 photons lie outside the gate (bins 3000 to 5999): dropped" in photons.notes
-    assert open_photons(shared_data / "published" / "data_face.mat").frame.photons == 955670
-
-
 def test_a_measured_irf_can_be_given(shared_data):
     photons = open_photons(shared_data / "published" / "two_layer.mat",
                            irf=str(shared_data / "irfs.npz") + ":hw_polystyrene_16ps")
     assert photons.sensor.irf_ref == 293 and not any("IRF" in note for note in photons.notes)
-
-
-@pytest.mark.parametrize("surfaces", [1, 2])
-def test_references_of_npz_files(shared_data, surfaces):
-    name = {1: "polystyrene_head_142_10ppp.npz", 2: "two_layer_100.npz"}[surfaces]
-    photons = open_photons(shared_data / "photons" / name)
-    assert photons.reference_depth_bins.shape == (surfaces, photons.sensor.rows, photons.sensor.cols)
-    if surfaces == 1:
-        assert (photons.reference_depth_bins % 1).any()         # the sub-bin one
 
 
 def test_every_npz_file_opens(shared_data):

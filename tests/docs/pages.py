@@ -1,50 +1,65 @@
-"""What a page of the documentation holds, found by heading and kind rather than by line: blocks, commands, tables."""
+"""What a page of the documentation holds: sections, blocks, commands, inline code, rows of tables."""
 
 import re
 import shlex
-from collections.abc import Iterator
+from pathlib import Path
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
-INDENT = "    "
+INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+")
+
+
+def load(repository: Path) -> dict[str, str]:
+    """The text of each page by its path."""
+    paths = [repository / "README.md", *repository.glob("docs/*.md"), *repository.glob("msg_schemas/*.md")]
+    return {str(path.relative_to(repository)): path.read_text(encoding="utf-8") for path in sorted(paths)}
+
+
+def headings(text: str) -> list[re.Match]:
+    """The headings; comments in code are none."""
+    return list(HEADING.finditer(FENCE.sub(lambda fence: re.sub("(?m)^#", " ", fence[0]), text)))
 
 
 def section(text: str, heading: str) -> str:
     """The text under the first heading that matches this regular expression, until the next heading."""
-    plain = FENCE.sub(lambda fence: re.sub(r"(?m)^#", " ", fence[0]), text)     # comments in code are no headings
-    found = list(HEADING.finditer(plain))
+    found = headings(text)
     for this, following in zip(found, [*found[1:], None]):
         if re.search(heading, this[1]):
             return text[this.end():following.start() if following else None]
     raise LookupError(f"no heading {heading!r} among {[one[1] for one in found]}")
 
 
-def fenced(text: str, language: str) -> str:
-    """The first fenced block in this language."""
-    for block in FENCE.finditer(text):
-        if block[1] == language:
-            return block[2]
-    raise LookupError(f"no ```{language} block in: {text[:80]!r}")
+def fenced(text: str, language: str) -> list[str]:
+    """The fenced blocks in this language."""
+    return [block[2] for block in FENCE.finditer(text) if block[1] == language]
 
 
 def indented(text: str) -> list[str]:
-    """The blocks that are indented by four spaces, without the indent; lines of lists and tables are none of them."""
-    blocks, current, after_blank = [], [], True
-    for line in [*FENCE.sub("", text).splitlines(), ""]:
-        if line.startswith(INDENT) and (current or after_blank):
-            current.append(line.removeprefix(INDENT))
-        elif current:
-            blocks.append("\n".join(current))
-            current = []
-        after_blank = not line.strip()
-    return blocks
+    """The blocks that are indented by four spaces, without the indent; a blank line ends one."""
+    return [re.sub("(?m)^ {4}", "", block).strip("\n") for block in INDENTED.findall(FENCE.sub("", text))]
 
 
 def command_lines(text: str) -> list[list[str]]:
-    """The words of each shell command in the page's blocks; a comment and a prompt are no part of it."""
-    shell = [*indented(text), *(block[2] for block in FENCE.finditer(text) if block[1] in ("bash", "sh", "console"))]
-    lines = "\n".join(shell).replace("\\\n", " ").splitlines()
-    return [words for line in lines for words in _commands(line.strip().removeprefix("$ "))]
+    """The words of each shell command in the page's blocks, without comments."""
+    lines = "\n".join(indented(text)).replace("\\\n", " ").splitlines()
+    return [command for line in lines for command in _commands(line)]
+
+
+def _commands(line: str) -> list[list[str]]:
+    """The commands of a line, which && and ; join; nothing of a line that a shell could not read."""
+    try:
+        lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|")
+        lexer.whitespace_split = True
+        words = list(lexer)
+    except ValueError:
+        return []
+    commands: list[list[str]] = [[]]
+    for word in words:
+        if set(word) <= set(";&|"):
+            commands.append([])
+        else:
+            commands[-1].append(word)
+    return [command for command in commands if command]
 
 
 def inline(text: str) -> list[str]:
@@ -53,30 +68,5 @@ def inline(text: str) -> list[str]:
 
 
 def rows(text: str) -> list[list[str]]:
-    """The cells of each row of the tables, without heads and rules."""
-    lines = [line.strip() for line in text.splitlines()]
-    body = [line for k, line in enumerate(lines) if line.startswith("|") and not _is_rule(line)
-            and not (k + 1 < len(lines) and _is_rule(lines[k + 1]))]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in body]
-
-
-def _is_rule(line: str) -> bool:
-    return bool(re.fullmatch(r"\|[\s:|-]+\|", line))
-
-
-def _commands(line: str) -> Iterator[list[str]]:
-    """The commands of a line, which && and ; join; nothing of a line that a shell could not read (figures, text)."""
-    try:
-        lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|")
-        lexer.whitespace_split = True
-        words = list(lexer)
-    except ValueError:
-        return
-    command: list[str] = []
-    for word in [*words, ";"]:
-        if set(word) <= set(";&|"):
-            if command:
-                yield command
-            command = []
-        else:
-            command.append(word)
+    """The cells of each row of the tables."""
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]

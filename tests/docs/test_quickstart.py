@@ -6,17 +6,17 @@ import shlex
 import shutil
 import signal
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from scripts.attacks.process import Process
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.sensor_file import open_sensor
 from srt3d_ros.messages import points as points_message
+from srt3d_ros.processes import Process
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 
@@ -36,11 +36,11 @@ def checkout(repository, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("checkout")
     for name in ("config", "examples"):
         (folder / name).symlink_to(repository / name)
-    programs = folder / "bin"
-    programs.mkdir()
+    (folder / "bin").mkdir()
     for name, module in (("python", ""), ("srt3d", "-m srt3d_ros.cli.main")):
-        (programs / name).write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {module} "$@"\n')
-        (programs / name).chmod(0o755)
+        program = folder / "bin" / name
+        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {module} "$@"\n')
+        program.chmod(0o755)
     return folder
 
 
@@ -60,7 +60,7 @@ def typed(page: str, step: str, text: str) -> str:
 def describe(page: str, folder: Path) -> Path:
     """Write the sensor.json of step 2, under the name that the page gives it."""
     path = folder / "my_sensor.json"
-    path.write_text(pages.fenced(pages.section(page, "^2"), "json"))
+    path.write_text(pages.fenced(pages.section(page, "^2"), "json")[0])
     return path
 
 
@@ -75,25 +75,15 @@ def test_step_2_checks_the_description_as_shown(page, checkout):
     assert check.code() != 0 and "numbins" in check.lines[-1]
 
 
-def test_step_3_shows_the_example_which_is_forty_lines_of_rclpy_and_numpy(page, repository):
-    shown = pages.fenced(pages.section(page, "^3"), "python")
-    assert shown == (repository / DRIVER).read_text(encoding="utf-8")
-    assert len([line for line in shown.splitlines() if line.strip()]) <= 40
-    assert "srt3d_ros" not in re.sub('""".*?"""', "", shown)
-
-
-@dataclass
-class Run:
-    """What came of step 4: the last cloud, and both terminals after Ctrl-C."""
-
-    cloud: PointCloud2
-    up: Process
-    driver: Process
+def test_the_driver_of_step_3_is_forty_lines_without_this_package(repository):
+    text = (repository / DRIVER).read_text(encoding="utf-8")
+    assert len([line for line in text.splitlines() if line.strip()]) <= 40
+    assert "srt3d_ros" not in re.sub('""".*?"""', "", text)
 
 
 @pytest.fixture(scope="module")
-def run(ros, page, checkout):
-    """Steps 1 (what of it needs no network), 4, and 5 up to the bag."""
+def cloud(ros, page, checkout):
+    """The last cloud of step 4, after step 1 (what of it needs no network) and with the bag of step 5."""
     compiled = terminal(checkout, next(line for line in typed(page, "1", "compile").splitlines() if "compile" in line))
     assert compiled.code(COMPILE_S) == 0, compiled.text
     graph = Graph("/")
@@ -109,14 +99,17 @@ def run(ros, page, checkout):
         driver.end(signal.SIGINT)
     finally:
         graph.close()
-    yield Run(clouds[-1], up, driver)
+    assert all(name in up.text for name in ("/sketcher", "/reconstructor", "/recorder", "/gates", "/points"))
+    for process in (up, driver):
+        assert process.returncode == 0 and "Traceback" not in process.text, process.text
+    yield clouds[-1]
     shutil.rmtree(checkout / "wall", ignore_errors=True)        # 300 MB
 
 
 def _record(page: str, folder: Path, graph: Graph) -> None:
     """Step 5's bag; of more than its second, if the machine is too busy for the messages that its snippet reads."""
     command = typed(page, "5", "bag-record")
-    frames = int(re.search(r"range\((\d+)\)", pages.fenced(pages.section(page, "^5"), "python"))[1])
+    frames = int(re.search(r"range\((\d+)\)", pages.fenced(pages.section(page, "^5"), "python")[0])[1])
     while True:
         bag = terminal(folder, command)
         graph.processes.append(bag)
@@ -128,9 +121,9 @@ def _record(page: str, folder: Path, graph: Graph) -> None:
         command = re.sub(r"(--max-duration) (\d+)", lambda option: f"{option[1]} {2 * int(option[2])}", command)
 
 
-def test_step_4_gives_clouds_where_the_page_says(run, page):
+def test_step_4_gives_clouds_where_the_page_says(cloud, page):
     range_said, bin_said = re.search(r"points are all ([\d.]+) m\s+away, which is bin (\d+)", page).groups()
-    header, columns = points_message.decode(run.cloud)
+    header, columns = points_message.decode_cdr(serialize_message(cloud))
     range_m = np.linalg.norm(columns["xyz"], axis=1)
     assert header.frame_id == "spad_optical"
     assert len(range_m) > 0.9 * 32 * 32
@@ -139,24 +132,18 @@ def test_step_4_gives_clouds_where_the_page_says(run, page):
     assert float(range_said) == pytest.approx(int(bin_said) * 250e-12 * 299_792_458 / 2, abs=0.005)
 
 
-def test_step_4_says_what_runs_and_ends_in_order(run):
-    assert run.up.returncode == 0 and "Traceback" not in run.up.text, run.up.text
-    assert all(name in run.up.text for name in ("/sketcher", "/reconstructor", "/recorder", "/gates", "/points"))
-    assert run.driver.returncode == 0 and "Traceback" not in run.driver.text, run.driver.text
-
-
-def test_the_recording_of_step_4_opens(run, checkout):
+def test_the_recording_of_step_4_opens(cloud, checkout):
     review = terminal(checkout, "srt3d review run.rrd --no-report --json")
     assert review.code() == 0, review.text
     assert json.loads(review.text)["frames"] > 0
 
 
-def test_step_5_finds_the_impulse_response_that_the_page_says(run, page, checkout, monkeypatch):
+def test_step_5_finds_the_impulse_response_that_the_page_says(cloud, page, checkout, monkeypatch):
     step = pages.section(page, "^5")
     found = [float(value) for value in re.search(r"finds ((?:[\d.]+, )+[\d.]+\d)", step)[1].split(", ")]
     path = describe(page, checkout)
     monkeypatch.chdir(checkout)
-    exec(pages.fenced(step, "python"), {})
+    exec(pages.fenced(step, "python")[0], {})
     sensor = json.loads(path.read_text())
     half = len(found) // 2
     assert sensor["irf"][sensor["irf_ref"] - half:][:len(found)] == pytest.approx(found, abs=0.01)

@@ -15,8 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from scripts.attacks.process import Process
-from srt3d_ros.nodes.base import LATCHED
+from srt3d_ros.nodes.topics import LATCHED
+from srt3d_ros.processes import Process
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 
@@ -50,7 +50,7 @@ def quoted(page):
 @pytest.fixture(scope="module")
 def description(page) -> dict:
     """The sensor of step 2."""
-    return json.loads(pages.fenced(pages.section(page, "^2"), "json"))
+    return json.loads(pages.fenced(pages.section(page, "^2"), "json")[0])
 
 
 @pytest.fixture(scope="module")
@@ -67,63 +67,60 @@ def nodes(ros):
 
 
 class Driver:
-    """What a driver publishes, well or badly; `said` waits for what the sketcher says to it.
-
-    Args:
-        sensor: the description that it publishes, unless told otherwise.
-    """
+    """What a driver publishes, well or badly; `said` and `logged` wait for what the nodes say to it."""
 
     def __init__(self, nodes: Graph, sensor: dict):
         self.nodes, self.sensor, self.publishers = nodes, sensor, []
-        self.reported = {name: len(nodes.all_reports(name)) for name in ("sketcher", "reconstructor")}   # before
-        self.logged = len(nodes.sketcher.text)
+        self._reported = {name: len(nodes.all_reports(name)) for name in ("sketcher", "reconstructor")}  # before
+        self._logged = len(nodes.sketcher.text)
+
+    def publish(self, topic: str, message_type: type = Image, qos: QoSProfile | None = None):
+        """A publisher on this topic."""
+        publisher = self.nodes.node.create_publisher(message_type, topic, qos or QoSProfile(depth=100))
+        self.publishers.append(publisher)
+        return publisher
 
     def describe(self, qos: QoSProfile = LATCHED, **changes) -> None:
+        """Publish the description; a key that is None is left out."""
         sensor = {key: value for key, value in (self.sensor | changes).items() if value is not None}
-        self._publisher(String, "/sensor", qos).publish(String(data=json.dumps(sensor)))
-
-    def advertise(self, message_type: type = Image, **qos):
-        return self._publisher(message_type, "/gates", QoSProfile(depth=100, **qos))
+        self.publish("/sensor", String, qos).publish(String(data=json.dumps(sensor)))
 
     def described(self) -> None:
-        """A description, and the sketcher has taken it in: it forgot the last when it was deactivated."""
+        """Publish the description, and wait for the sketcher, which forgot the last when it was deactivated."""
         self.describe()
-        self.has_logged("sensor on /sensor: ")
+        self.logged("sensor on /sensor: ")
 
-    def ready(self):
-        """The publisher of gates, which the sketcher has found."""
-        return self.nodes.matched(self.advertise())
-
-    def _publisher(self, message_type: type, topic: str, qos: QoSProfile):
-        self.publishers.append(self.nodes.node.create_publisher(message_type, topic, qos))
-        return self.publishers[-1]
-
-    def gates(self, word: int = WALL, rows: int = 32, age_ns: int = 0) -> Image:
-        """All words of a message the same."""
-        message = Image(height=CYCLES * rows, width=32, encoding="16UC1", step=2 * 32)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns() - age_ns, 10**9)
-        message.data = array("B", array("H", [word] * (CYCLES * rows * 32)).tobytes())
-        return message
+    def gates(self):
+        """A publisher of gates that the sketcher has found."""
+        return self.nodes.matched(self.publish("/gates"))
 
     def said(self, pattern: str, node: str = "sketcher", key: str = "message", again=lambda: None) -> None:
         """Wait until the node's diagnostics say so; `again` is called in the meantime."""
         def is_said() -> bool:
             again()
-            return any(re.search(pattern, report[key]) for report in self.nodes.all_reports(node)[self.reported[node]:])
+            reports = self.nodes.all_reports(node)[self._reported[node]:]
+            return any(re.search(pattern, report[key]) for report in reports)
 
         self.nodes.wait(is_said, f"{pattern!r} as {key} of {node}")
 
-    def has_logged(self, pattern: str) -> None:
-        self.nodes.wait(lambda: re.search(pattern, self.nodes.sketcher.text[self.logged:]), f"{pattern!r} in the log")
+    def logged(self, pattern: str) -> None:
+        self.nodes.wait(lambda: re.search(pattern, self.nodes.sketcher.text[self._logged:]), f"{pattern!r} in the log")
+
+
+def gates(word: int = WALL, age_ns: int = 0) -> Image:
+    """A message of gates, all of whose words are the same."""
+    message = Image(height=CYCLES * 32, width=32, encoding="16UC1", step=2 * 32)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns() - age_ns, 10**9)
+    message.data = array("B", array("H", [word] * (CYCLES * 32 * 32)).tobytes())
+    return message
 
 
 @pytest.fixture
 def driver(nodes, description):
     """A driver for a sketcher that knows of none: it was deactivated and activated."""
     for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
-        answer = nodes.call(ChangeState, "sketcher/change_state",
-                            ChangeState.Request(transition=Transition(id=transition)))
-        assert answer.success
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert nodes.call(ChangeState, "sketcher/change_state", request).success
     driver = Driver(nodes, description)
     yield driver
     for publisher in driver.publishers:
@@ -135,7 +132,7 @@ def test_no_driver(driver, quoted):
 
 
 def test_no_description(driver, quoted):
-    driver.ready().publish(driver.gates())
+    driver.gates().publish(gates())
     driver.said(quoted("no_sensor"))
 
 
@@ -146,14 +143,14 @@ def test_a_description_with_a_mistake(driver, quoted):
 
 def test_best_effort(driver, quoted):
     driver.described()
-    driver.advertise(reliability=ReliabilityPolicy.BEST_EFFORT)
-    driver.has_logged(quoted("RELIABILITY"))
+    driver.publish("/gates", qos=QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
+    driver.logged(quoted("RELIABILITY"))
     driver.said(quoted("^1 publishes"))
 
 
 def test_not_latched(driver, quoted):
     driver.describe(QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE))
-    driver.has_logged(quoted("DURABILITY"))
+    driver.logged(quoted("DURABILITY"))
 
 
 def test_another_topic(driver, quoted):
@@ -163,13 +160,13 @@ def test_another_topic(driver, quoted):
 
 def test_another_type(driver, quoted):
     driver.described()
-    driver.advertise(String)
+    driver.publish("/gates", String)
     driver.said(quoted("but there is"))
 
 
 def test_a_driver_that_stops(driver, quoted):
     driver.described()
-    driver.ready().publish(driver.gates())
+    driver.gates().publish(gates())
     driver.said(quoted("^no frame for"))
 
 
@@ -180,7 +177,7 @@ def test_a_driver_that_stops(driver, quoted):
 def test_another_sensor_than_described(driver, quoted, sensor, message):
     driver.sensor = driver.sensor | sensor
     driver.described()
-    driver.ready().publish(driver.gates(word=78))
+    driver.gates().publish(gates(word=78))
     driver.said(quoted("malformed"))
     driver.said(quoted(message), key="last_error")
 
@@ -207,30 +204,30 @@ def test_a_reconstructor_that_is_too_slow(driver, quoted, nodes):
     results = nodes.call(SetParameters, "reconstructor/set_parameters", SetParameters.Request(parameters=slow)).results
     assert all(result.successful for result in results), results
     driver.described()
-    gates = driver.ready()
+    publisher = driver.gates()
 
     def too_many() -> None:
         for _ in range(BURST):
-            gates.publish(driver.gates())
+            publisher.publish(gates())
 
     driver.said(quoted("queue"), "reconstructor", again=too_many)
 
 
 def test_stamps_of_another_clock(driver, quoted):
     driver.described()
-    gates = driver.ready()
-    driver.said(quoted("s old"), again=lambda: gates.publish(driver.gates(age_ns=DAY_NS)))
+    publisher = driver.gates()
+    driver.said(quoted("s old"), again=lambda: publisher.publish(gates(age_ns=DAY_NS)))
 
 
 def test_frames_without_a_surface(driver, page, nodes):
     (row,) = [row for row in pages.rows(pages.section(page, TABLE)) if "0 points" in row[0]]
     photons, points = re.findall(r"`(\w+_per_s)`", row[1])
     driver.described()
-    gates, clouds = driver.ready(), nodes.collect(PointCloud2, "/points")
+    publisher, clouds = driver.gates(), nodes.collect(PointCloud2, "/points")
     nodes.wait(lambda: nodes.report("reconstructor").get(points) == "0.0", "no points")
 
     def seen() -> bool:
-        gates.publish(driver.gates(NOTHING))
+        publisher.publish(gates(NOTHING))
         report = nodes.report("sketcher")
         return report[photons] == "0.0" and float(report["rate_out_hz"]) > 0
 

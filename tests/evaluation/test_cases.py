@@ -5,9 +5,9 @@ import pytest
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets.scene import default_sensor, net_sensor
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.evaluation.cases import limited, of_files, photons_near, simulated
-from srt3d_ros.evaluation.tolerance import Tolerance
+from srt3d_ros.evaluation.cases import limited, of_files, photons_near, simulated, tolerance_bins
 
 
 def test_every_setting_is_a_case_of_the_photons_it_says(scene_file):
@@ -49,17 +49,11 @@ def test_a_measured_scene_is_not_drawn_finer_than_it_is_known(scene_file):
         simulated(str(scene_file), [1], [4], upsampling=2)
 
 
-def test_a_scene_that_is_none_is_refused():
-    for scene in ("head", "absent.npz"):
-        with pytest.raises(InvalidInput, match="^scene is "):
-            simulated(scene, [1], [1])
-
-
 def test_a_file_has_as_many_surfaces_as_references(layers):
     case, = of_files([str(layers)])
     assert (case.source, case.sbr, case.surfaces, case.tolerance_bins) == ("layers", None, 2, 10)
     assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
-    case, = of_files([str(layers)], Tolerance.parse("10,layers=40"), surfaces=1, aligned=(1, 2))
+    case, = of_files([str(layers)], "10,layers=40", surfaces=1, aligned=(1, 2))
     assert (case.surfaces, case.tolerance_bins, case.aligned) == (1, 40, (1,))      # it has no third reference
 
 
@@ -87,3 +81,18 @@ def test_what_is_to_be_known_about_a_file_is_passed_on(layers):
     finally:
         sidecar.unlink()
     assert len(case.notes) == 1 and case.notes[0].startswith("layers: ") and "outside the gate" in case.notes[0]
+
+
+@pytest.mark.parametrize(("text", "source", "bins"), [
+    ("10", "a", 10), ("2.5", "a", 2.5), ("30mm", "a", 100), ("10,a=40", "a", 40), ("10,a=40", "b", 10),
+    ("a=6mm, 10 ,b=3", "a", 20), ("30mm,a=40", "b", 100), ("10,a=b=40", "a=b", 40)])
+def test_a_tolerance_is_in_bins_or_millimetres_of_range_and_others_by_name(text, source, bins):
+    assert tolerance_bins(text, source, default_sensor()) == pytest.approx(bins)
+    assert tolerance_bins("75mm", "net", net_sensor()) == pytest.approx(2, rel=0.01)        # bins of 250 ps
+
+
+@pytest.mark.parametrize("text", ["", "near", "10,20", "a=10", "10,a=", "10,a=near", "0", "-3", "nan", "inf", "0mm",
+                                  "10cm", "10,a=0"])
+def test_what_is_no_tolerance_is_refused_in_one_line(text):
+    with pytest.raises(InvalidInput, match=r"^tolerance is .*: expected "):
+        tolerance_bins(text, "a", default_sensor())

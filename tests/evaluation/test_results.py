@@ -1,4 +1,4 @@
-"""results.csv: what is written is found again, by another run as well."""
+"""results.csv: what is written is found again, by another run as well; and the table made of it."""
 
 import csv
 
@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.evaluation.results import COLUMNS, Results, number
+from srt3d_ros.evaluation.results import COLUMNS, HEADINGS, Results, averaged, markdown, number
 
 KEY = {"source": "bust", "sbr": 0.1, "ppp": 10.0, "repeat": 1, "method": "pooled", "sketch_size": 10, "surfaces": 1,
        "rows": 141, "cols": 141, "tolerance_bins": 40 / 0.3, "aligned": None}
 ROW = KEY | {"dae_mm": 1 / 3, "points": 19_881, "iae": float("nan"), "frequencies": (1, 2, 5)}
+READ = dict.fromkeys(COLUMNS, "") | {"source": "bust", "sbr": "1", "ppp": "10", "repeat": "1", "method": "pooled",
+                                     "sketch_size": "10", "photons_per_pixel": "9.9", "points": "100"}
+JUDGED = READ | {"true_detections_percent": "90", "true_detections_by_surface_percent": "90", "dae_mm": "2",
+                 "within_nominal_percent": "10;50"}
 
 
 @pytest.fixture
@@ -18,27 +22,22 @@ def path(tmp_path):
     return tmp_path / "results.csv"
 
 
-def test_a_row_is_on_the_disk_at_once_and_readable_by_any_program(path):
+def test_a_row_is_on_the_disk_at_once_and_found_by_any_program_and_another_run(path):
     Results(path).append(ROW)
     with open(path, newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 1 and tuple(rows[0]) == COLUMNS
+        row, = csv.DictReader(file)
     wanted = {"dae_mm": "0.333333", "points": "19881", "iae": "", "frequencies": "1;2;5", "aligned": "", "sbr": "0.1"}
-    assert {name: rows[0][name] for name in wanted} == wanted
-
-
-def test_another_run_finds_the_rows(path):
-    Results(path).append(ROW)
-    again = Results(path)
-    assert KEY in again and again[KEY]["points"] == "19881"
-    assert number(again[KEY], "dae_mm") == pytest.approx(1 / 3, abs=1e-6) and np.isnan(number(again[KEY], "iae"))
+    assert tuple(row) == COLUMNS and {name: row[name] for name in wanted} == wanted
+    again = Results(path)[KEY]
+    assert number(again, "dae_mm") == pytest.approx(1 / 3, abs=1e-6) and np.isnan(number(again, "iae"))
+    assert KEY not in Results(path, fresh=True) and len(path.read_text().splitlines()) == 1
 
 
 @pytest.mark.parametrize("change", [{"method": "rt3d"}, {"sketch_size": None}, {"sbr": 1.0}, {"repeat": 2},
                                     {"tolerance_bins": 10.0}, {"aligned": (2, 8, 60.0)}, {"rows": 71}])
 def test_other_settings_are_other_rows(path, change):
     Results(path).append(ROW)
-    assert KEY | change not in Results(path)
+    assert KEY in Results(path) and KEY | change not in Results(path)
 
 
 def test_half_a_line_is_forgotten(path):
@@ -50,11 +49,6 @@ def test_half_a_line_is_forgotten(path):
     assert KEY in again and KEY | {"repeat": 2} not in again
     again.append(ROW | {"repeat": 2})
     assert len(path.read_text().splitlines()) == 3 and KEY | {"repeat": 2} in Results(path)
-
-
-def test_fresh_forgets_everything(path):
-    Results(path).append(ROW)
-    assert KEY not in Results(path, fresh=True) and len(path.read_text().splitlines()) == 1
 
 
 def test_a_table_of_before_the_methods_were_renamed_is_refused_and_left_alone(path):
@@ -71,9 +65,29 @@ def test_a_table_of_before_the_methods_were_renamed_is_refused_and_left_alone(pa
         assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("content", [b"a,b\n1,2\n", b"\xff\xfe\x00", b"\x89PNG\n"])
+@pytest.mark.parametrize("content", [b"a,b\n1,2\n", b"\xff\xfe\x00"])
 def test_a_table_of_something_else_is_refused_and_left_alone(path, content):
     path.write_bytes(content)
     with pytest.raises(InvalidInput, match=r"results.csv is "):
         Results(path)
     assert path.read_bytes() == content
+
+
+def test_repeats_are_averaged_and_other_settings_are_not():
+    other = JUDGED | {"repeat": "2", "true_detections_percent": "96", "dae_mm": "", "within_nominal_percent": "20;70",
+                      "true_detections_by_surface_percent": "96"}
+    rows = averaged([JUDGED, JUDGED | {"sketch_size": "5"}, other])
+    assert [row["sketch_size"] for row in rows] == ["10", "5"]
+    assert rows[0]["true_detections_percent"] == 93 and rows[0]["dae_mm"] == 2
+    assert rows[0]["within_nominal_percent"] == (15, 60) and np.isnan(rows[0]["iae"])
+
+
+def test_the_table_shows_what_is_known_and_a_dash_for_the_rest():
+    judged = JUDGED | {"true_detections_by_surface_percent": "99.06;80", "false_detections_percent": "0.04"}
+    lines = markdown(averaged([judged, READ | {"sbr": "", "sketch_size": "", "source": "tower"}])).splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert tuple(cells[0]) == HEADINGS and len({len(line) for line in cells}) == 1
+    assert dict(zip(HEADINGS, cells[2])) == {
+        "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
+        "FD %": "0.0", "DAE bins": "–", "DAE mm": "2.00", "IAE": "–", "≤ 1 σ %": "–", "≤ 2 σ %": "–", "points": "100"}
+    assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]

@@ -1,4 +1,4 @@
-"""One small example of every binary layout, with the four functions that carry it."""
+"""One small example of every binary layout, with the functions that carry it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
 from srt3d_ros.core.cloud import PointCloud
@@ -26,15 +27,20 @@ class Codec:
 
     message_class: type
     content: object
-    encode: Callable[[], object]
     encode_cdr: Callable[[], bytes]
-    decode: Callable[[object], tuple]
     decode_cdr: Callable[[bytes], tuple]
+
+    def message(self):
+        """The example as rclpy hands it to a subscription."""
+        return deserialize_message(self.encode_cdr(), self.message_class)
+
+    def decode(self, message) -> tuple:
+        """What a message says."""
+        return self.decode_cdr(serialize_message(message))
 
 
 def _codec(module, message_class, content, writing: tuple, reading: tuple) -> Codec:
-    return Codec(message_class, content, partial(module.encode, content, *writing),
-                 partial(module.encode_cdr, content, *writing), lambda message: module.decode(message, *reading),
+    return Codec(message_class, content, partial(module.encode_cdr, content, *writing),
                  lambda raw: module.decode_cdr(raw, *reading))
 
 
@@ -49,6 +55,7 @@ CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint
                    surface=np.array([0, 1], np.uint8), background=np.arange(12, dtype=np.float32).reshape(3, 4),
                    stamp_ns=STAMP_NS)
 IMAGE = np.array([[1, np.nan], [0.5, -2], [3, 4]], np.float32)
+
 
 def _photons(toa: list, dtype) -> Codec:
     events = PhotonEvents(np.array([11, 0, 6], np.uint32), np.array(toa, dtype), STAMP_NS)

@@ -61,19 +61,13 @@ def test_a_scanner_has_none(small_sensor):
     assert camera.camera_info(scanner, 0, "lidar") is None
 
 
-def test_what_a_driver_publishes_is_read():
-    assert camera.decode_camera_info(calibrated()) == (12, 16, LENS)
-
-
-@pytest.mark.parametrize("changes", [
-    {"distortion_model": "", "d": []}, {"distortion_model": "", "d": [0.0] * 8}, {"d": []}, {"d": [0.0] * 5}])
-def test_a_camera_without_distortion_is_read(changes):
-    assert camera.decode_camera_info(calibrated(**changes)) == (12, 16, Pinhole(50.0, 60.0, 7.5, 5.25))
-
-
-def test_four_coefficients_leave_k3_out():
-    assert camera.decode_camera_info(calibrated(d=[0.1, 0.2, 0.01, 0.02]))[2] == Pinhole(
-        50.0, 60.0, 7.5, 5.25, PlumbBob(0.1, 0.2, 0.01, 0.02))
+@pytest.mark.parametrize(("changes", "distortion"), [
+    ({}, LENS.distortion), ({"binning_x": 1, "binning_y": 0}, LENS.distortion),
+    ({"distortion_model": "", "d": []}, PlumbBob()), ({"distortion_model": "", "d": [0.0] * 8}, PlumbBob()),
+    ({"d": []}, PlumbBob()), ({"d": [0.0] * 5}, PlumbBob()),
+    ({"d": [0.1, 0.2, 0.01, 0.02]}, PlumbBob(0.1, 0.2, 0.01, 0.02))])
+def test_what_a_driver_publishes_is_read(changes, distortion):
+    assert camera.decode_camera_info(calibrated(**changes)) == (12, 16, Pinhole(50.0, 60.0, 7.5, 5.25, distortion))
 
 
 def test_a_region_shows_the_pixels_that_lie_in_it():
@@ -93,10 +87,6 @@ def test_a_binned_pixel_looks_where_the_middle_of_its_pixels_does(roi, left, top
     np.testing.assert_allclose(rays[..., :2] / rays[..., 2:], plane, atol=2e-4)
 
 
-def test_a_binning_of_0_or_1_is_none():
-    assert camera.decode_camera_info(calibrated(binning_x=1, binning_y=0)) == (12, 16, LENS)
-
-
 @pytest.mark.parametrize(("changes", "field", "says"), [
     ({"k": np.zeros(9)}, "k", "all 0: expected a calibrated camera"),
     ({"k": k(fx=NAN)}, "k", "nan"), ({"k": k(cx=np.inf)}, "k", "inf"), ({"k": k(fy=0)}, "k", "above 0"),
@@ -110,11 +100,13 @@ def test_a_binning_of_0_or_1_is_none():
     ({"roi": region(10, 0, 7, 12)}, "roi.width", "7 from pixel 10 on"),
     ({"roi": region(0, 13, 4, 1)}, "roi.height", "1 from pixel 13 on"),
     ({"roi": region(1, 0, 0, 0)}, "roi.width", "0 from"),
-    ({"binning_x": 17}, "binning_x", "17"), ({"binning_y": 2**32 - 1}, "binning_y", "4294967295")])
+    ({"binning_x": 17}, "binning_x", "17"), ({"binning_y": 2**32 - 1}, "binning_y", "4294967295"),
+    ({"d": [NAN, 0, 0, 0, 0]}, "projection.distortion.k1", "nan"),
+    ({"d": [-90.0, 0, 0, 0, 0]}, "projection.distortion", "k1 -90")])
 def test_a_camera_that_cannot_be_used_is_named_in_one_line(changes, field, says):
     with pytest.raises(InvalidInput) as caught:
         camera.decode_camera_info(calibrated(**changes))
-    assert caught.value.field == f"camera_info.{field}" and says in str(caught.value)
+    assert caught.value.field in (f"camera_info.{field}", field) and says in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -124,14 +116,6 @@ def test_the_border_of_a_wide_camera_takes_little_room():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 30_000_000
-
-
-@pytest.mark.parametrize(("d", "field"), [([NAN, 0, 0, 0, 0], "projection.distortion.k1"),
-                                          ([-90.0, 0, 0, 0, 0], "projection.distortion")])
-def test_a_distortion_that_cannot_be_taken_off_is_named_in_one_line(d, field):
-    with pytest.raises(InvalidInput) as caught:
-        camera.decode_camera_info(calibrated(d=d))
-    assert caught.value.field == field and len(str(caught.value).splitlines()) == 1
 
 
 small = st.integers(0, 20) | st.integers(0, 2**32 - 1)

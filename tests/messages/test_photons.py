@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.messages import photons
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages import cdr, photons
+from srt3d_ros.messages.cdr import Header
 
 
 @st.composite
@@ -29,18 +30,20 @@ def sensors_with_events(draw):
 @given(sensors_with_events())
 def test_any_events_make_the_trip_in_their_order(case):
     sensor, events = case
-    for header, back in (photons.decode_cdr(photons.encode_cdr(events, sensor, "spad"), sensor),
-                         photons.decode(photons.encode(events, sensor, "spad"), sensor)):
-        assert header == Header(events.stamp_ns, "spad") and back.stamp_ns == events.stamp_ns
-        assert back.pixel.tobytes() == events.pixel.tobytes()
-        assert back.toa.dtype == events.toa.dtype and back.toa.tobytes() == events.toa.tobytes()
+    header, back = photons.decode_cdr(photons.encode_cdr(events, sensor, "spad"), sensor)
+    assert header == Header(events.stamp_ns, "spad") and back.stamp_ns == events.stamp_ns
+    assert back.pixel.tobytes() == events.pixel.tobytes()
+    assert back.toa.dtype == events.toa.dtype and back.toa.tobytes() == events.toa.tobytes()
+    for array in (back.pixel, back.toa):
+        assert array.flags.writeable and array.flags.aligned and array.flags.c_contiguous and array.dtype.isnative
 
 
 def test_no_photons_is_a_valid_frame(small_sensor):
     nothing = PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16), 5)
-    message = photons.encode(nothing, small_sensor, "lidar")
+    raw = photons.encode_cdr(nothing, small_sensor, "lidar")
+    message = cdr.read_cloud(raw)
     assert (message.height, message.width, message.row_step, len(message.data)) == (1, 0, 0, 0)
-    assert photons.decode(message, small_sensor)[1].photons == 0
+    assert photons.decode_cdr(raw, small_sensor)[1].photons == 0
 
 
 @pytest.mark.parametrize("big_endian", [False, True])
@@ -58,18 +61,19 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, big_endia
     fields.append(PointField(name="_", offset=7, datatype=PointField.UINT8, count=1))
     message = PointCloud2(height=1, width=3, fields=fields, is_bigendian=big_endian, point_step=19, row_step=57,
                           data=data.tobytes())
-    _, events = photons.decode(message, small_sensor)
+    _, events = photons.decode_cdr(serialize_message(message), small_sensor)
     assert events.pixel.tolist() == [11, 0, 6] and events.toa.tolist() == [99.5, 0, 7.25]
     assert events.toa.dtype == np.float32 and events.toa.dtype.isnative
-
-
-def test_events_own_their_memory(codecs):
-    _, events = codecs["photons_uint16"].decode_cdr(codecs["photons_uint16"].encode_cdr())
-    for array in (events.pixel, events.toa):
-        assert array.flags.writeable and array.flags.aligned and array.flags.c_contiguous and array.dtype.isnative
 
 
 def test_last_row_and_column_of_the_largest_side_fit():
     sensor = SensorModel(rows=65_536, cols=1, num_bins=65_535, bin_width_s=1e-10, irf=np.ones(1))
     events = PhotonEvents(np.array([65_535], np.uint32), np.array([65_534], np.uint16))
     assert photons.decode_cdr(photons.encode_cdr(events, sensor, ""), sensor)[1].pixel.tolist() == [65_535]
+
+
+def test_a_message_announces_its_photons_unless_its_bytes_cannot_hold_them(codecs):
+    raw = codecs["photons_uint16"].encode_cdr()
+    assert photons.announced(raw) == 3
+    for broken in (b"", raw[:30], raw[:28] + b"\xff\xff\xff\xff" + raw[32:]):      # the width
+        assert photons.announced(broken) == 0

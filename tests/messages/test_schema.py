@@ -39,7 +39,7 @@ def test_sizes_that_depend_on_the_sketch_size(text, sketch_size, size):
 
 def test_readme_has_the_tables_of_the_schemas(repository):
     text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
-    assert text == schema_tables.readme(text), "run `python -m tools.schema_tables`"
+    assert text == schema_tables.readme(), "run `python -m tools.generate_docs`"
     assert sorted(name for _, name, _ in schema_tables.MARKED.findall(text)) == NAMES
 
 

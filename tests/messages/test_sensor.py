@@ -48,10 +48,6 @@ def test_text_is_the_golden_one(name, content):
     assert sensor.from_json(golden).same_as(content)
 
 
-def test_every_field_makes_the_trip():
-    assert sensor.decode(sensor.encode(FULL)).same_as(FULL)
-
-
 @pytest.mark.parametrize("changes", [
     {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)},
     {"projection": Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 1e-3, -2e-3, 0.01))},
@@ -59,7 +55,8 @@ def test_every_field_makes_the_trip():
     {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}, {"background_shape": np.arange(100)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)
-    assert sensor.from_json(sensor.to_json(content)).same_as(content)
+    assert sensor.decode(sensor.encode(content)).same_as(content)
+    assert sensor.decode_cdr(sensor.encode_cdr(content)).same_as(content)
 
 
 @settings(max_examples=100, deadline=None)
@@ -70,8 +67,9 @@ def test_any_irf_and_timing_make_the_trip_to_the_bit(irf, bin_width_s, offset):
     assert sensor.from_json(sensor.to_json(content)).same_as(content)
 
 
-def test_plain_lists_and_defaults_are_taken():
-    content = plain() | {"gain": [[1, 1, 1], [2, 2, 2]], "mask": [[True, True, False], [True] * 3]}
+def test_plain_lists_defaults_and_keys_of_the_drivers_own_are_taken():
+    content = plain() | {"gain": [[1, 1, 1], [2, 2, 2]], "mask": [[True, True, False], [True] * 3],
+                         "x_serial": "A-17", "x_temperature": {"c": 21}}
     model = sensor.from_json(json.dumps(content))
     assert model.irf.tolist() == pytest.approx([1 / 4.5, 2 / 4.5, 1.5 / 4.5])
     assert model.toa_reference == "bin_center" and sensor.from_json(json.dumps(
@@ -96,15 +94,12 @@ def test_whole_numbers_of_any_length_are_numbers():
     assert model.projection == Pinhole(1e30, 20.0, 1.0, 1.0) and model.rows == 2
 
 
-def test_keys_of_the_drivers_own_are_left_out():
-    assert sensor.from_json(json.dumps(plain() | {"x_serial": "A-17", "x_temperature": {"c": 21}})).rows == 2
-
-
 def lens(**changes) -> dict:
     return {"kind": "pinhole", "fx": 3, "fy": 3, "cx": 1, "cy": 0.5} | changes
 
 
-MALFORMED = [
+MALFORMED = [       # what SensorModel itself refuses: tests/core/test_sensor.py
+    ("gain 0", {"gain": [[1, 1, 1], [1, 1, 0]]}, "gain"),
     ("schema_version absent", {"schema_version": None}, "schema_version"),
     ("schema_version unknown", {"schema_version": 2}, "schema_version"),
     ("schema_version as text", {"schema_version": "1"}, "schema_version"),
@@ -113,30 +108,16 @@ MALFORMED = [
     ("rows as text", {"rows": "2"}, "rows"),
     ("rows true", {"rows": True}, "rows"),
     ("rows 2.5", {"rows": 2.5}, "rows"),
-    ("rows 0", {"rows": 0}, "rows"),
     ("rows of 400 digits", {"rows": 10**400}, "rows"),
-    ("65535 × 65535 pixels", {"rows": 65_535, "cols": 65_535}, "rows × cols"),
     ("bin_width_s a list", {"bin_width_s": [1e-10]}, "bin_width_s"),
-    ("bin_width_s negative", {"bin_width_s": -1e-10}, "bin_width_s"),
-    ("num_bins 1", {"num_bins": 1}, "num_bins"),
     ("irf absent", {"irf": None}, "irf"),
     ("irf a number", {"irf": 3}, "irf"),
-    ("irf empty", {"irf": []}, "irf shape"),
     ("irf ragged", {"irf": [[1, 2], [1]]}, "irf"),
     ("irf of texts", {"irf": ["1", "2"]}, "irf"),
     ("irf with true", {"irf": [1, True]}, "irf"),
     ("irf with a number of 400 digits", {"irf": [1, 10**400]}, "irf"),
     ("irf of three levels", {"irf": [[[1]]]}, "irf"),
     ("irf with a hole", {"irf": [1, {}, 2]}, "irf"),
-    ("irf negative", {"irf": [1, -1]}, "irf"),
-    ("irf all zero", {"irf": [0, 0]}, "irf"),
-    ("irf beyond float32", {"irf": [1, 1e300]}, "irf"),
-    ("irf longer than T", {"irf": [1] * 101}, "irf length"),
-    ("irf of too few pixels", {"irf": [[1]] * 5}, "irf shape"),
-    ("irf_ref outside", {"irf_ref": 3}, "irf_ref"),
-    ("gain of a wrong shape", {"gain": [[1, 1, 1]]}, "gain shape"),
-    ("gain 0", {"gain": [[1, 1, 1], [1, 1, 0]]}, "gain"),
-    ("delay_bins flat", {"delay_bins": [0] * 6}, "delay_bins shape"),
     ("mask of numbers", {"mask": [[1, 1, 1], [0, 1, 1]]}, "mask"),
     ("unknown key", {"delay": [[0, 0, 0], [0, 0, 0]]}, "unknown key"),
     ("projection a text", {"projection": "pinhole"}, "projection"),
@@ -158,9 +139,7 @@ MALFORMED = [
         "kind": "angular_scan", "azimuth_start_rad": 0, "azimuth_step_rad": 1, "elevation_start_rad": 0,
         "elevation_step_rad": 1, "distortion": {}}}, "projection.unknown key"),
     ("gates without no_detection", {"gates": {"first_word": 0}}, "gates.no_detection"),
-    ("gates word of 17 bits", {"gates": {"first_word": 0, "no_detection": 65_536}}, "gates.no_detection"),
     ("gates with an unknown key", {"gates": {"first_word": 0, "no_detection": 1, "last": 2}}, "gates.unknown key"),
-    ("toa_reference unknown", {"toa_reference": "edge"}, "toa_reference"),
     ("toa_reference a number", {"toa_reference": 0.5}, "toa_reference"),
     ("toa_reference a list", {"toa_reference": ["bin_edge"]}, "toa_reference"),
     ("frame_id a number", {"frame_id": 3}, "frame_id"),
@@ -201,20 +180,14 @@ def test_broken_json_gives_one_error(text, reason):
     assert error.field == "sensor" and reason in str(error)
 
 
-@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
-def test_numbers_that_json_does_not_have_are_refused(number):
-    assert number in str(refused(json.dumps(plain()).replace("1e-10", number)))
+@pytest.mark.parametrize(("number", "said"), [
+    ("NaN", "NaN"), ("Infinity", "Infinity"), ("-Infinity", "-Infinity"), ("1e999", "bin_width_s is")])
+def test_numbers_that_json_does_not_have_are_refused(number, said):
+    assert said in str(refused(json.dumps(plain()).replace("1e-10", number)))
 
 
-def test_number_that_overflows_is_refused():
-    assert refused(json.dumps(plain()).replace("1e-10", "1e999")).field == "bin_width_s"
-
-
-def test_unknown_key_cannot_forge_a_message():
+def test_a_key_that_is_unknown_or_repeated_is_quoted():
     assert 'key is "rows 3": expected' in str(refused(json.dumps(plain() | {"rows\n\u20283": 1})))
-
-
-def test_key_twice_is_refused():
     error = refused('{"rows": 3, ' + json.dumps(plain())[1:])
     assert str(error) == 'repeated key is "rows": expected each key of an object once'
 

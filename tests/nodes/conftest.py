@@ -15,15 +15,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from scripts.attacks.process import Process, wait
-from scripts.attacks.services import become_known
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes import base
 from srt3d_ros.nodes.frame_accounting import FRAMES
+from srt3d_ros.nodes.pipeline_probe import become_known
 from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes.topics import LATCHED
+from srt3d_ros.processes import Process, node_command, parameter_arguments, wait
 
 ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
@@ -59,11 +59,11 @@ class Graph:
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
         """Start a node, or a script if `name` is the path of one; parameters as in `-p name:=value`."""
-        program = [name] if name.endswith(".py") else ["-m", "srt3d_ros.cli.main", "node", name]
-        command = [sys.executable, *program, "--ros-args", "-r", f"__ns:={self.namespace}"]
-        for key, value in parameters.items():
-            command += ["-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}"]
-        self.processes.append(Process([*command, *ros_args]))
+        is_node = not name.endswith(".py")
+        arguments = ["-r", f"__ns:={self.namespace}", *ros_args]
+        command = (node_command(name, *arguments, **parameters) if is_node else
+                   [sys.executable, name, *parameter_arguments(parameters), *arguments])
+        self.processes.append(Process(command, is_node=is_node))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
         self._nodes[renamed[0] if renamed else Path(name).stem] = name, self.processes[-1]
         return self.processes[-1]
@@ -76,7 +76,7 @@ class Graph:
 
     def collect_latched(self, message_type: type, topic: str) -> list:
         messages: list = []
-        self.node.create_subscription(message_type, topic, messages.append, base.LATCHED)
+        self.node.create_subscription(message_type, topic, messages.append, LATCHED)
         return messages
 
     def publisher(self, message_type: type, topic: str):
@@ -99,7 +99,7 @@ class Graph:
     def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
         """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
         described = self.collect_latched(String, "sketch/sensor")
-        self.node.create_publisher(String, "sensor", base.LATCHED).publish(sensor_message.encode(sensor))
+        self.node.create_publisher(String, "sensor", LATCHED).publish(sensor_message.encode(sensor))
 
         def answer():
             said = map(sketch_message.decode_sensor, described)

@@ -1,6 +1,5 @@
 """The bag recorder: what it is sent is in the bag, the description first; every way in which a bag may end."""
 
-import itertools
 import signal
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from srt3d_ros.datasets.bag import Bag, Message
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.nodes import base
+from srt3d_ros.nodes.topics import LATCHED
 
 START_NS, APART_NS = 1_500_000_000_000_000_000, 500_000_000
 
@@ -42,7 +41,7 @@ def frames(sensor) -> list[bytes]:
 @pytest.fixture
 def describe(graph):
     """Publish a description, latched."""
-    publisher = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    publisher = graph.node.create_publisher(String, "sensor", LATCHED)
     yield lambda sensor: publisher.publish(sensor_message.encode_cdr(sensor))
     graph.node.destroy_publisher(publisher)
 
@@ -76,7 +75,7 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
     for process in (*nodes, *recorders.values()):
         process.ready()
     driver = graph.matched(graph.publisher(PointCloud2, "photons"), 3)
-    sensors = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    sensors = graph.node.create_publisher(String, "sensor", LATCHED)
     descriptions = [sensor_message.encode_cdr(each) for each in (sensor, sensor.replace(num_bins=90))]
     for turn, (description, part) in enumerate(zip(descriptions, (frames[:4], frames[4:]))):
         sensors.publish(description)
@@ -106,36 +105,15 @@ def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp
     assert {graph.report(name)["dropped"] for name in ("sketcher", "reconstructor")} == {"0"}
 
 
-def test_before_simulated_time_begins_descriptions_wait_and_frames_are_dropped_and_counted(
+def test_before_simulated_time_frames_are_dropped_and_the_description_is_recorded_where_time_jumps_back(
         graph, sensor, frames, describe, tmp_path):
-    """Written at time 0 they would make a bag of half a century."""
+    """A frame without a time would be at 1970. A bag is read in order of time, in which a description comes first."""
     recorder = graph.start("bag_recorder", path=tmp_path / "bag", use_sim_time=True).ready()
     driver = graph.matched(graph.publisher(PointCloud2, "photons"))
     clock = graph.matched(graph.node.create_publisher(Clock, "/clock", 10))
     describe(sensor)
     driver.publish(frames[0])
     graph.reports("bag_recorder", "dropped.no_time", 1)
-    sent = itertools.count(1)
-
-    def recorded() -> bool:
-        clock.publish(Clock(clock=Time(sec=START_NS // 10**9)))
-        driver.publish(frames[next(sent) % len(frames)])
-        return graph.total("bag_recorder", "frames_out") > 1
-
-    graph.wait(recorded, "a frame to be recorded")
-    assert recorder.end(signal.SIGINT) == 0
-    messages = read(tmp_path / "bag")
-    assert messages[0].raw == on_the_wire(sensor_message.encode_cdr(sensor))
-    assert {message.time_ns for message in messages} == {START_NS}
-
-
-def test_where_simulated_time_jumps_back_the_description_is_recorded_again(graph, sensor, frames, describe, tmp_path):
-    """A bag is read in the order of time: frames that stand before their description would have none."""
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag", use_sim_time=True).ready()
-    driver = graph.matched(graph.publisher(PointCloud2, "photons"))
-    clock = graph.matched(graph.node.create_publisher(Clock, "/clock", 10))
-    graph.wait(lambda: graph.node.count_subscribers(f"{graph.namespace}/sensor"), "the recorder to follow sensor")
-    describe(sensor)
     for seconds in (0, -100, -99, 2):
         before = graph.total("bag_recorder", "frames_out")
         stamp = START_NS // 10**9 + seconds
@@ -154,24 +132,19 @@ def test_where_simulated_time_jumps_back_the_description_is_recorded_again(graph
     assert firsts[-100] and firsts[0] and firsts[2] and not firsts[-99]
 
 
-def test_frames_that_nobody_describes_are_recorded_too(graph, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    recorder.says("nobody has described sensor: recording without")
-    graph.reports("bag_recorder", "frames_out", 1)
-    assert recorder.end(signal.SIGTERM) == 0
-    assert recorder.lines[-1].endswith(f" MB, no message came on {graph.namespace}/sensor")     # of gates none was due
-    assert [message.raw for message in read(tmp_path / "bag")] == [on_the_wire(frames[0])]
-
-
-def test_topics_on_which_nothing_came_are_named_at_the_end(graph, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag", topics="photons, gates, points").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    graph.reports("bag_recorder", "frames_out", 1)
-    assert recorder.end(signal.SIGINT) == 0
-    namespace = graph.namespace
-    assert recorder.lines[-1].endswith(f" MB, no message came on {namespace}/gates and {namespace}/points")
-    assert "WARN" in recorder.lines[-1]
+def test_frames_that_nobody_describes_are_recorded_and_topics_without_messages_are_named(graph, frames, tmp_path):
+    recorders = {topics: graph.start("bag_recorder", "-r", f"__node:={name}", path=tmp_path / name, topics=topics)
+                 for name, topics in (("by_default", "photons, gates, sensor"), ("chosen", "photons, gates, points"))}
+    for recorder in recorders.values():
+        recorder.ready()
+    graph.matched(graph.publisher(PointCloud2, "photons"), 2).publish(frames[0])
+    for name, recorder, missing in zip(("by_default", "chosen"), recorders.values(), (["sensor"], ["gates", "points"])):
+        graph.reports(name, "frames_out", 1)
+        assert recorder.end(signal.SIGTERM) == 0
+        names = " and ".join(f"{graph.namespace}/{topic}" for topic in missing)     # by default gates need not come
+        assert recorder.lines[-1].endswith(f" MB, no message came on {names}") and "WARN" in recorder.lines[-1]
+        assert ("no description on sensor yet: recording without" in recorder.text) == (name == "by_default")
+        assert [message.raw for message in read(tmp_path / name)] == [on_the_wire(frames[0])]
 
 
 # The node after a line of Python, as a program of its own.
@@ -180,7 +153,7 @@ from srt3d_ros.nodes import bag_recorder
 {line}
 sys.exit(bag_recorder.main())
 """
-FILLS_UP = ("room = iter([10**9] * 3); real = os.statvfs; "
+FILLS_UP = ("room = iter([10**9] * 4); real = os.statvfs; "
             "os.statvfs = lambda path: os.statvfs_result([*real(path)[:4], next(room, 0), *real(path)[5:]])")
 BUSY = ("import time; received = bag_recorder.BagRecorderNode._received; "
         "bag_recorder.BagRecorderNode._received = lambda *of: (time.sleep(0.3), received(*of))")
@@ -205,9 +178,9 @@ def record_gates(graph, sensor, tmp_path):
 
 
 @pytest.mark.parametrize("line, limit, code, messages, words", [
-    ("", {"max_size_mb": 1}, 0, 2, "ended as max_size_mb says"),
-    ("", {"max_duration_s": 1e-9}, 0, 1, "ended as max_duration_s says"),
-    (FILLS_UP, {}, 1, 2, "ended as less than 256 MB are free on the disk"),
+    ("", {"max_size_mb": 1}, 0, 2, "ended by max_size_mb"),
+    ("", {"max_duration_s": 1e-9}, 0, 1, "ended by max_duration_s"),
+    (FILLS_UP, {}, 1, 2, "ended with less than 256 MB free on the disk"),
 ])
 def test_a_bag_that_reaches_a_limit_is_complete(record_gates, tmp_path, line, limit, code, messages, words):
     recorder = record_gates(line, **limit)
@@ -224,7 +197,7 @@ def test_frames_wait_for_their_description_as_long_as_the_queue_holds_them(
     describe(sensor)
     graph.reports("bag_recorder", "frames_out", 3)
     assert recorder.end(signal.SIGINT) == 0
-    assert recorder.lines[-1].endswith("lost: 2 for want of room in the queue")
+    assert recorder.lines[-1].endswith("lost: 2 because the queue was full")
     messages = read(tmp_path / "bag")
     assert [message.topic.rsplit("/", 1)[1] for message in messages] == ["sensor", "gates", "gates"]
     assert messages[0].time_ns == messages[1].time_ns < messages[2].time_ns

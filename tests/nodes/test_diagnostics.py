@@ -73,9 +73,9 @@ def test_levels_follow_what_happened_since_the_last_report(counted):
     assert level() == DiagnosticStatus.ERROR
     diagnostics.received()
     diagnostics.received()
-    diagnostics.lost(2)
+    diagnostics.count(message_lost=2)
     assert level() == DiagnosticStatus.WARN
-    diagnostics.lost(3)
+    diagnostics.count(message_lost=3)
     assert level() == DiagnosticStatus.ERROR
     diagnostics.error("ZeroDivisionError: division by zero")
     assert level() == DiagnosticStatus.ERROR
@@ -101,17 +101,6 @@ def test_accounting_that_does_not_add_up_is_an_error_once_and_stays_in_the_repor
     assert report["message"] == "frame accounting does not add up: unaccounted_frames 1"
     report = latest()
     assert (report["unaccounted_frames"], report["level"]) == ("1", DiagnosticStatus.OK)
-
-
-def test_old_frames_are_a_warning_while_they_leave(counted):
-    diagnostics, latest, _ = counted
-    for _ in range(3):
-        diagnostics.received()
-        diagnostics.sent(66.4)
-    report = latest()
-    assert report["level"] == DiagnosticStatus.WARN
-    assert report["message"] == "frames are 66.4 s old: behind, or stamped by another clock"
-    assert latest()["level"] == DiagnosticStatus.OK
 
 
 def test_the_warning_of_untimely_frames_ends_with_its_cause(counted):
@@ -156,7 +145,7 @@ def test_simulated_time_without_a_clock_is_a_warning(graph, counted):
 def test_a_contradiction_is_an_error_as_long_as_it_lasts(counted):
     diagnostics, latest, _ = counted
     found = ["rows is 3: expected 4"]
-    diagnostics.ask_for_contradictions(lambda: found[0])
+    diagnostics.find_contradiction = lambda: found[0]
     for _ in range(2):
         report = latest()
         assert (report["level"], report["message"]) == (DiagnosticStatus.ERROR, "rows is 3: expected 4")

@@ -18,10 +18,9 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages.cdr import Cloud, write_cloud
-from srt3d_ros.messages.header import Header
-from srt3d_ros.nodes import base
+from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
 from srt3d_ros.nodes.frame_accounting import FRAMES, PHOTONS, FrameAccounts
+from srt3d_ros.nodes.topics import LATCHED
 from tests.nodes.conftest import Graph, check_balance
 
 S = 1_000_000_000
@@ -30,8 +29,9 @@ import sys
 from sensor_msgs.msg import PointCloud2
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.topics import Topic
 
 class LoserNode(PipelineNode):
     '''Passes frames on, but forgets to say what became of those of width 7.'''
@@ -55,9 +55,9 @@ def test_what_neither_went_out_nor_was_dropped_nor_waits_is_unaccounted_for():
     accounts.drop("queue", frames=1, photons=0)
     assert accounts.values().items() >= {"dropped": 3, "dropped.late": 2, "photons_dropped.late": 200,
                                          "under_way": 3}.items()
-    accounts.audit({"frames": 3, "photons": 400})
+    accounts.audit(frames=3, photons=400)
     assert not any(accounts.unaccounted.values())
-    accounts.audit({"frames": 2, "photons": 500})
+    accounts.audit(frames=2, photons=500)
     values = accounts.values()
     assert (values["under_way"], values["unaccounted_frames"]) == (2, 1)
     assert (values["photons_under_way"], values["unaccounted_photons"]) == (500, -100)
@@ -75,8 +75,8 @@ def test_a_node_that_loses_a_frame_says_so_and_fails_the_test_in_which_it_does(r
             publisher.publish(write_cloud(Cloud(Header(0, "x"), 1, width, (), False, 0, 0, memoryview(b""), True)))
         report = graph.reports("loser", "frames_out", 2)
         assert (report["frames_in"], report["under_way"], report["unaccounted_frames"]) == ("3", "0", "1")
-        told = [report for report in graph.all_reports("loser") if report["level"] == DiagnosticStatus.ERROR]
-        assert [report["message"] for report in told] == ["frame accounting does not add up: unaccounted_frames 1"]
+        errors = [report for report in graph.all_reports("loser") if report["level"] == DiagnosticStatus.ERROR]
+        assert [report["message"] for report in errors] == ["frame accounting does not add up: unaccounted_frames 1"]
     finally:
         with pytest.raises(AssertionError, match="accounting of loser does not add up: {'unaccounted_frames': '1'}"):
             graph.close()
@@ -84,7 +84,7 @@ def test_a_node_that_loses_a_frame_says_so_and_fails_the_test_in_which_it_does(r
         check_balance("loser", graph.report("loser"))
 
 
-def test_a_lossless_node_stopped_before_anybody_listens_has_dropped_what_it_could_not_send(graph, sensor, events):
+def test_a_lossless_node_stopped_without_a_subscriber_has_dropped_its_frames(graph, sensor, events):
     node = graph.start("sketcher", lossless=True, packets_per_frame=2).ready()
     graph.introduce(sensor)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
@@ -102,7 +102,7 @@ def test_a_lossless_node_stopped_before_anybody_listens_has_dropped_what_it_coul
 
 def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph, sensor, events):
     n, sent = events.photons, 0
-    sketches, told = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
+    sketches, described_as = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
     node = graph.start("sketcher", frame_period_s=0.1, use_sim_time=True, sketch_size=20).ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     gates = graph.matched(graph.publisher(Image, "gates"))
@@ -127,7 +127,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
 
     send(0, 1)                                                  # nobody knows the sensor
     graph.reports("sketcher", "dropped.no_sensor", 2)
-    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    described = graph.node.create_publisher(String, "sensor", LATCHED)
     described.publish(sensor_message.encode(sensor))
     graph.reports("sketcher", "num_bins", sensor.num_bins)
     send(0, 50, 50, 100, 20, 200)                               # one is double, one is late
@@ -147,7 +147,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
         assert tick()
         time.sleep(0.02)
     described.publish(sensor_message.encode(sensor))
-    graph.wait(lambda: len(told) == 2, "the sketch of the sensor")
+    graph.wait(lambda: len(described_as) == 2, "the sketch of the sensor")
     send_gates(1000)
     graph.reports("sketcher", "packets_open", 1)
     graph.wait(lambda: tick() and len(sketches) == 3, "the frame that silence ends")

@@ -3,7 +3,7 @@
 import signal
 
 import pytest
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
@@ -14,7 +14,7 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes import base
+from srt3d_ros.nodes.topics import LATCHED
 
 STEPS = {"configure": Transition.TRANSITION_CONFIGURE, "activate": Transition.TRANSITION_ACTIVATE,
          "deactivate": Transition.TRANSITION_DEACTIVATE, "cleanup": Transition.TRANSITION_CLEANUP}
@@ -36,7 +36,7 @@ def state(graph, name: str) -> str:
 
 def test_without_autostart_a_node_waits_for_its_manager_and_then_works(graph, sensor, events, change):
     node = graph.start("sketcher", autostart=False).says("unconfigured, as autostart is false: ros2 lifecycle set")
-    graph.node.create_publisher(String, "sensor", base.LATCHED).publish(sensor_message.encode(sensor))
+    graph.node.create_publisher(String, "sensor", LATCHED).publish(sensor_message.encode(sensor))
     photons, sketches = graph.publisher(PointCloud2, "photons"), graph.collect(PointCloud2, "sketch")
     assert state(graph, "sketcher") == "unconfigured"
     assert not graph.node.get_publishers_info_by_topic(f"{graph.namespace}/sketch")
@@ -45,7 +45,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_then_works(graph, se
     assert photons.get_subscription_count() == 0
     name, refused = f"{graph.namespace}/sketcher", graph.call(Trigger, "sketcher/reset", Trigger.Request())
     assert (refused.success, refused.message) == (
-        False, f"{name} is inactive: expected an active node: ros2 lifecycle set {name} activate")
+        False, f"{name} is inactive: ros2 lifecycle set {name} activate")
     assert change("sketcher", "activate")
     node.says("]: ready")
     graph.reports("sketcher", "rows", sensor.rows)
@@ -57,7 +57,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_then_works(graph, se
 def test_deactivated_a_node_leaves_its_inputs_and_goes_on_where_it_is_activated_again(graph, sensor, events, change):
     node = graph.start("reconstructor", lossless=True).ready()
     sketch = sketch_photons(events, sensor, choose("auto", sensor, 10))
-    graph.node.create_publisher(String, "sketch/sensor", base.LATCHED).publish(
+    graph.node.create_publisher(String, "sketch/sensor", LATCHED).publish(
         sketch_message.encode_sensor(sensor, sketch.frequencies, 1))
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
     for round_ in (1, 2):
@@ -80,15 +80,6 @@ def test_deactivated_a_node_leaves_its_inputs_and_goes_on_where_it_is_activated_
     assert said == ["ready", "deactivated", "ready", *again, "shutting down"]
 
 
-def test_shut_down_a_node_is_finalized_and_a_signal_ends_it(graph, change):
-    node = graph.start("recorder", record=False).ready()
-    assert change("recorder", "shutdown") and state(graph, "recorder") == "finalized"
-    assert graph.call(GetState, "recorder/get_state", GetState.Request()).current_state.id == \
-        State.PRIMARY_STATE_FINALIZED
-    assert node.end(signal.SIGTERM) == 0
-    assert node.text.count("]: finalized") == 1 and "shutting down" not in node.text
-
-
 def test_a_transition_that_fails_says_why_and_can_be_tried_again(graph, change, tmp_path):
     folder = tmp_path / "later"
     node = graph.start("recorder", autostart=False, path=folder / "out.rrd").says("unconfigured")
@@ -100,15 +91,15 @@ def test_a_transition_that_fails_says_why_and_can_be_tried_again(graph, change, 
     assert state(graph, "recorder") == "active" and "Traceback" not in node.text
 
 
-def test_a_transition_that_is_not_possible_is_refused(graph, change):
+def test_impossible_transitions_and_services_are_refused_and_a_node_that_is_shut_down_is_finalized(graph, change):
     node = graph.start("recorder", record=False).ready()
     assert not change("recorder", "configure")
     assert not change("recorder", "no such transition")
-    assert state(graph, "recorder") == "active" and node.running and "Traceback" not in node.text
-
-
-def test_a_service_answers_what_was_done_or_why_not(graph):
-    graph.start("recorder", record=False).ready()
+    assert state(graph, "recorder") == "active" and node.running
     answer = graph.call(Trigger, "recorder/stop_recording", Trigger.Request())
     assert not answer.success
-    assert answer.message == "recording is none: expected one under way: call ~/start_recording first"
+    assert answer.message == "not recording: call ~/start_recording first"
+    assert change("recorder", "shutdown") and state(graph, "recorder") == "finalized"
+    assert node.end(signal.SIGTERM) == 0
+    assert node.text.count("]: finalized") == 1
+    assert "shutting down" not in node.text and "Traceback" not in node.text

@@ -1,10 +1,12 @@
-"""What a running node offers to the graph is what its table, from which its page is made, says."""
+"""What a running node offers to the graph is what its spec says, and the policy for SROS 2 allows it and no more."""
+
+import xml.etree.ElementTree as ElementTree
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 
 from srt3d_ros.nodes.specs import SPECS
-from tools.node_reference import page
+from tools.policy import policy
 
 OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
 OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_available_transitions",
@@ -27,7 +29,7 @@ def running(request, graph, photon_file, tmp_path):
     return name, SPECS[name]
 
 
-def test_topics_services_and_parameters_are_those_of_the_table(graph, running):
+def test_topics_services_and_parameters_are_those_of_the_spec_and_allowed(graph, running, allowed):
     name, spec = running
     never = NEVER_TOGETHER.get(name, set())
 
@@ -57,13 +59,45 @@ def test_topics_services_and_parameters_are_those_of_the_table(graph, running):
     for parameter, descriptor in zip(spec.table, described.descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
         assert descriptor.read_only == (not parameter.live)
+    ways = {("topic", "publish"): node.get_publisher_names_and_types_by_node,
+            ("topic", "subscribe"): node.get_subscriber_names_and_types_by_node,
+            ("service", "reply"): node.get_service_names_and_types_by_node,
+            ("service", "request"): node.get_client_names_and_types_by_node}
+    for way, find in ways.items():
+        done = {f"/{full.removeprefix(f'{namespace}/').lstrip('/')}" for full, _ in find(name, namespace)}
+        assert done <= allowed.get((f"/srt3d/{name}", *way), set()), way
 
 
-@pytest.mark.parametrize("name", SPECS)
-def test_a_page_has_every_section_and_names_everything_in_the_table(name):
-    spec, text = SPECS[name], page(SPECS[name])
-    for heading in ("Purpose", "Inputs", "Outputs", "Services", "Parameters", "Diagnostics", "Limits"):
-        assert f"\n## {heading}\n" in text
-    named = [*spec.inputs, *spec.outputs, *spec.table]
-    assert all(f"| `{one.name}` |" in text for one in named)
-    assert all(f"| `~/{service.name}` |" in text for service in spec.services)
+KINDS = {("topic", "publish"), ("topic", "subscribe"), ("service", "reply"), ("service", "request")}
+
+
+@pytest.fixture(scope="module")
+def allowed() -> dict[tuple[str, str, str], set[str]]:
+    """Full names by (enclave, kind, verb)."""
+    found = {}
+    for enclave in ElementTree.fromstring(policy(SPECS.values()).encode()).iter("enclave"):
+        for profile in enclave.iter("profile"):
+            for kind, verb in KINDS:
+                for rules in profile.iterfind(f"{kind}s[@{verb}='ALLOW']"):
+                    of = found.setdefault((enclave.get("path"), kind, verb), set())
+                    of |= {_full(rule.text, profile.get("node")) for rule in rules}
+    return found
+
+
+def _full(name: str, node: str) -> str:
+    return name if name.startswith("/") else f"/{name.replace('~', node)}"
+
+
+def test_only_the_operator_may_change_anything(allowed):
+    for (enclave, kind, verb), names in allowed.items():
+        if (kind, verb) == ("service", "request") and enclave != "/srt3d/operator":
+            assert {name.split("/")[-1] for name in names} == {"get_parameters", "list_parameters"}, enclave
+    for spec in SPECS.values():
+        for service in ("set_parameters", "change_state", *(service.name for service in spec.services)):
+            assert f"/{spec.name}/{service}" in allowed["/srt3d/operator", "service", "request"]
+
+
+def test_one_process_may_what_its_nodes_may(allowed):
+    for kind, verb in KINDS:
+        of_nodes = (allowed.get((f"/srt3d/{name}", kind, verb), set()) for name in SPECS)
+        assert allowed["/srt3d/all", kind, verb] == set().union(*of_nodes)

@@ -1,13 +1,17 @@
-"""One table makes declaration, ranges, validation and the configuration file."""
+"""Parameters: declaration, ranges and validation from one table, and warnings about parameter files."""
 
 import itertools
+import os
 
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.parameters import Parameter, Parameters, as_yaml
+from srt3d_ros.node_names import NODES
+from srt3d_ros.nodes.parameters import Parameter, Parameters, file_warnings
+from srt3d_ros.nodes.specs import SPECS
+from tools.node_reference import as_yaml
 
 TABLE = (
     Parameter("size", 10, "How many.", "pixels", 1, 100),
@@ -89,3 +93,68 @@ def test_the_file_has_every_default_and_parses_as_ros_parses_it(ros, tmp_path):
     node.destroy_node()
     assert given == {parameter.name: parameter.default for parameter in TABLE}
     assert all(type(given[parameter.name]) is type(parameter.default) for parameter in TABLE)
+
+
+# ---- Parameter files
+
+ALL = "".join(f"/**/{name}: {{ros__parameters: {{}}}}\n" for name in ("sketcher", "recorder", "bag_recorder"))
+
+
+def warnings(path, node: str) -> list[str]:
+    """The warnings about a parameter file, given among other arguments, without its name."""
+    arguments = ["sketcher", "--ros-args", "-p", "a:=1", "--params-file", str(path)]
+    return [line.removeprefix(f"{path}: ") for line in file_warnings(arguments, node)]
+
+
+@pytest.mark.parametrize("text, node", [
+    (ALL, "/sketcher"),
+    (ALL, "/left/recorder"),
+    (ALL, "/player"),
+    (ALL, "/a/left/sketcher"),
+    ("sketcher: {ros__parameters: {}}", "/sketcher"),
+    ("/left/sketcher: {ros__parameters: {}}", "/left/sketcher"),
+    ("left: {sketcher: {ros__parameters: {}}}", "/left/sketcher"),
+    ("/*/sketcher: {ros__parameters: {}}", "/left/sketcher"),
+    ("/**: {ros__parameters: {use_sim_time: true}}", "/sketcher"),
+    ("/sketcher: {ros__parameters: {}}\ncamera: {ros__parameters: {}}", "/reconstructor"),
+])
+def test_a_file_with_a_section_for_the_node_or_another_of_ours_needs_no_warning(tmp_path, text, node):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    assert warnings(path, node) == []
+
+
+@pytest.mark.parametrize("text, node, expected", [
+    ("sketchr: {ros__parameters: {}}", "/sketcher",
+     "parameters of /sketchr are for no node here: did you mean /sketcher?"),
+    ("/sketcher: {ros__parameters: {}}\n/left/recoder: {ros__parameters: {}}", "/recorder",
+     "parameters of /left/recoder are for no node here: did you mean /recorder?"),
+    ("sketcher: {ros__parameters: {}}", "/left/sketcher",
+     "parameters of /sketcher are for no node here: did you mean /left/sketcher?"),
+    ("/*/sketcher: {ros__parameters: {}}", "/sketcher",
+     "parameters of /*/sketcher are for no node here: did you mean /sketcher?"),
+    ("camera: {ros__parameters: {}}\nlidar: {ros__parameters: {}}", "/sketcher",
+     "no parameters for /sketcher: expected a section of this name, found /camera, /lidar"),
+    ("{}", "/sketcher", "no parameters for /sketcher: expected a section of this name, found none"),
+])
+def test_a_file_that_reaches_nobody_is_a_warning(tmp_path, text, node, expected):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    assert warnings(path, node) == [expected]
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\0", "1: {2: {ros__parameters: {}}}", "{a: " * 5000])
+def test_what_is_no_parameter_file_is_rcls_to_refuse(tmp_path, text):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    assert len(warnings(path, "/sketcher")) <= 1
+    assert warnings(tmp_path / "absent.yaml", "/sketcher") == []
+
+
+def test_a_pipe_is_not_read_a_second_time(tmp_path):
+    os.mkfifo(tmp_path / "a.yaml")
+    assert warnings(tmp_path / "a.yaml", "/sketcher") == []
+
+
+def test_node_names_are_those_of_the_specs():
+    assert set(NODES) == set(SPECS)

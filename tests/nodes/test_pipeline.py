@@ -1,11 +1,24 @@
-"""The four nodes together: every frame arrives, and nothing that happens to one node harms another."""
+"""The nodes together: every frame arrives, nothing that happens to one node harms another or another pipeline."""
 
+import dataclasses
 import signal
 from collections import Counter
 
 import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
 from rerun.chunk import RrdReader
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import points as points_message
+from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.nodes.topics import LATCHED
+from tests.nodes.conftest import Graph
 
 NODES = ("recorder", "reconstructor", "sketcher")
 
@@ -82,8 +95,46 @@ def test_a_killed_reconstructor_comes_back_and_nobody_else_notices(graph, pipeli
     assert rows_of(tmp_path / "out.rrd", "/points", "Points3D:positions") == recorded
 
 
-def test_a_recorder_that_cannot_write_is_one_line_and_exit_code_2(graph, tmp_path):
-    for path in (tmp_path / "absent" / "out.rrd", tmp_path / "out.mcap"):
-        recorder = graph.start("recorder", path=path)
-        assert recorder.code() == 2
-        assert len(recorder.lines) == 1 and recorder.text.startswith(f"path is {path}"[:40])
+def test_latency_is_that_of_simulated_time_where_a_node_uses_it(graph, sensor, events):
+    sketch = sketch_photons(events, sensor, choose("auto", sensor, 10))
+    graph.node.create_publisher(String, "sketch/sensor", LATCHED).publish(
+        sketch_message.encode_sensor(sensor, sketch.frequencies, 1))
+    graph.start("reconstructor", use_sim_time=True).ready()
+    graph.reports("reconstructor", "rows", sensor.rows)
+    sketches = graph.matched(graph.publisher(PointCloud2, "sketch"))
+    now_ns = sketch.stamp_ns + 250_000_000
+    clock = graph.matched(graph.node.create_publisher(Clock, "/clock", 10))
+
+    def arrived():
+        clock.publish(Clock(clock=Time(sec=now_ns // 10**9, nanosec=now_ns % 10**9)))
+        sketches.publish(sketch_message.encode_cdr(sketch, "spad"))
+        return graph.report("reconstructor").get("latency_p50_ms") == "250.00"
+
+    graph.wait(arrived, "a latency of 250 ms")
+
+
+def test_two_pipelines_side_by_side_do_not_hear_each_other(graph, sensor, events):
+    other, clouds = Graph(), {}
+    try:
+        sensors = {graph: sensor, other: sensor.replace(rows=sensor.cols, cols=sensor.rows, projection=None,
+                                                         frame_id="other")}
+        for pipeline, own in sensors.items():
+            clouds[pipeline] = pipeline.collect(PointCloud2, "points")
+            for name in ("reconstructor", "sketcher"):
+                pipeline.start(name, lossless=True, **({"fields": "full"} if name == "reconstructor" else {}))
+        for pipeline, own in sensors.items():
+            for process in pipeline.processes:
+                process.ready()
+            pipeline.introduce(own)
+            photons = pipeline.matched(pipeline.publisher(PointCloud2, "photons"))
+            frame = dataclasses.replace(events, stamp_ns=own.rows)
+            photons.publish(photons_message.encode_cdr(frame, own, own.frame_id))
+        for pipeline, own in sensors.items():
+            pipeline.wait(lambda pipeline=pipeline: clouds[pipeline], "a cloud")
+            assert pipeline.reports("reconstructor", "frames_out", 1)["dropped"] == "0"
+            (cloud,) = clouds[pipeline]
+            header, points = points_message.decode_cdr(serialize_message(cloud))
+            assert (header.stamp_ns, header.frame_id) == (own.rows, own.frame_id)
+            assert (points["row"].max(), points["col"].max()) == (own.rows - 1, own.cols - 1)
+    finally:
+        other.close()

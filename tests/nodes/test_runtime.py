@@ -1,15 +1,17 @@
 """How a node's process starts, fails and ends, shown on a node made for it."""
 
+import logging
 import signal
 import sys
+from unittest.mock import Mock, call
 
 import pytest
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
-from scripts.attacks.process import Process
-from srt3d_ros.messages.cdr import Cloud, write_cloud
-from srt3d_ros.messages.header import Header
+from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
+from srt3d_ros.nodes.runtime import LIBRARY, LogForwarding
+from srt3d_ros.processes import Process
 
 SCRIPT = """
 import sys, time
@@ -17,8 +19,9 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Topic
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.topics import Topic
 
 class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
@@ -56,7 +59,18 @@ def start(graph, tmp_path):
     return start
 
 
-def test_an_unexpected_failure_is_counted_and_said_and_the_node_goes_on(graph, start):
+def test_the_node_logs_what_the_library_logs():
+    logger, library = Mock(), logging.getLogger("srt3d_ros.core.device")
+    forwarding = LogForwarding(logger)
+    library.info("no %s", "device")
+    library.warning("beware")
+    library.debug("details")
+    logging.getLogger("others").warning("not ours")
+    LIBRARY.removeHandler(forwarding)
+    assert logger.mock_calls == [call.info("no device"), call.warning("beware")]
+
+
+def test_an_unexpected_failure_is_counted_and_logged_and_the_node_goes_on(graph, start):
     probe = start().ready()
     publisher = graph.matched(graph.publisher(PointCloud2, "in"))
     for width in (0, 0, 1):
@@ -85,32 +99,26 @@ def test_a_signal_lets_the_current_frame_finish_and_the_accounting_adds_up(graph
     assert "Traceback" not in probe.text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_interrupts_a_long_start(start, number):
-    probe = start(start="print('compiling', flush=True); time.sleep(600)").says("compiling")
-    assert probe.end(number) == 0
-    assert "Traceback" not in probe.text
-
-
-def test_a_signal_that_a_compiler_swallows_before_it_fails_ends_the_start_all_the_same(start):
-    probe = start(start="""
-        print('compiling', flush=True)
+@pytest.mark.parametrize("compile, number", [
+    ("""
+        time.sleep(600)""", signal.SIGINT),
+    ("""
+        time.sleep(600)""", signal.SIGTERM),
+    ("""
         try:
             time.sleep(600)
         except KeyboardInterrupt:
-            raise RuntimeError('no compiled object yet')""").says("compiling")
-    assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
-
-
-def test_a_signal_that_a_compiler_swallows_to_go_on_for_minutes_ends_the_start_all_the_same(start):
-    probe = start(start="""
-        print('compiling', flush=True)
+            raise RuntimeError('no compiled object yet')""", signal.SIGINT),
+    ("""
         while True:
             try:
                 time.sleep(600)
             except KeyboardInterrupt:
-                pass""").says("compiling")
-    assert (probe.end(signal.SIGINT), probe.lines) == (0, ["compiling"])
+                pass""", signal.SIGINT),
+], ids=["SIGINT", "SIGTERM", "swallowed, then it fails", "swallowed, then it goes on"])
+def test_a_signal_interrupts_a_long_start_also_if_a_compiler_swallows_it(start, compile, number):
+    probe = start(start=f"print('compiling', flush=True){compile}").says("compiling")
+    assert (probe.end(number), probe.lines) == (0, ["compiling"])
 
 
 def test_a_second_signal_does_not_disturb_the_end(start):
@@ -121,16 +129,28 @@ def test_a_second_signal_does_not_disturb_the_end(start):
     assert "Traceback" not in probe.text
 
 
-def test_bad_input_at_the_start_is_one_line_and_exit_code_2(start):
+QOS = "qos_overrides.{namespace}/in.subscription."
+
+
+@pytest.mark.parametrize("ros_args, line", [
+    (["-p", QOS + "reliability:=nonsense"], QOS + "reliability is nonsense: expected system_default or reliable"),
+    (["-p", QOS + "depth:=-3"], QOS + "depth is -3: expected an integer from 1 to"),
+    (["-p", QOS + "durability:=1"], QOS + "durability is 1: expected system_default or transient_local or volatile"),
+    (["-r", "in:=/rosout"], "topic of in is /rosout: expected one without another type than sensor_msgs"),
+    (["-p", "nonsense"], "command line is "),
+    (["-p", "x:=[1, a"], "command line is "),
+])
+def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start, ros_args, line):
+    probe = start(*(arg.format(namespace=graph.namespace) for arg in ros_args))
+    assert probe.code() == 2
+    assert probe.lines[-1].startswith(line.format(namespace=graph.namespace)) and "Traceback" not in probe.text
+
+
+def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_ours_a_traceback_and_1(start):
     probe = start(start="raise InvalidInput('thing', 3, '4')")
     assert (probe.code(), probe.lines) == (2, ["thing is 3: expected 4"])
-
-
-@pytest.mark.parametrize("argument", ["nonsense", "x:=[1, a"])
-def test_arguments_that_ros_cannot_parse_are_exit_code_2(start, argument):
-    probe = start("-p", argument)
-    assert probe.code() == 2
-    assert probe.lines[-1].startswith("command line is ") and "Traceback" not in probe.text
+    probe = start(start="self.nothing")
+    assert probe.code() == 1 and "AttributeError" in probe.text
 
 
 def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
@@ -141,7 +161,7 @@ def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
     assert probe.lines[0].startswith("ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written")
 
 
-def test_security_that_cannot_be_had_is_one_line_and_no_node_without_it(graph, monkeypatch, tmp_path):
+def test_security_that_is_not_available_is_one_line_and_no_node_runs_without_it(graph, monkeypatch, tmp_path):
     for name in ("identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s",
                  "permissions.p7s"):
         path = tmp_path / "enclaves" / name
@@ -162,19 +182,7 @@ def test_arguments_without_ros_args_before_them_are_refused_and_not_ignored(grap
     assert process.lines[-1].startswith("command line is -p sketch_size:=5: expected nothing but --ros-args")
 
 
-@pytest.mark.parametrize("policy, value, line", [
-    ("reliability", "nonsense", "is nonsense: expected system_default or reliable or best_effort"),
-    ("depth", -3, "is -3: expected an integer from 1 to"),
-    ("durability", 1, "is 1: expected system_default or transient_local or volatile"),
-])
-def test_a_qos_that_is_none_is_one_line_and_exit_code_2(graph, start, policy, value, line):
-    name = f"qos_overrides.{graph.namespace}/in.subscription.{policy}"
-    probe = start("-p", f"{name}:={value}")
-    assert probe.code() == 2
-    assert len(probe.lines) == 1 and probe.lines[0].startswith(f"{name} {line}")
-
-
-def test_a_qos_of_no_topic_is_said_to_be_ignored_and_capitals_pass(graph, start):
+def test_a_qos_of_no_topic_is_a_warning_and_capitals_pass(graph, start):
     name = f"qos_overrides.{graph.namespace}/in.subscription.reliability"
     start("-p", f"{name}:=BEST_EFFORT", "-p", "qos_overrides./in.subscription.depth:=3").ready().says(
         f"parameter qos_overrides./in.subscription.depth is ignored: probe has no such parameter, did you mean "
@@ -183,22 +191,8 @@ def test_a_qos_of_no_topic_is_said_to_be_ignored_and_capitals_pass(graph, start)
     assert subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
 
 
-def test_two_types_on_one_topic_are_one_line_and_exit_code_2(graph, start):
-    probe = start("-r", "in:=/rosout")
-    assert probe.code() == 2
-    assert probe.lines[-1].startswith("topic of in is /rosout: expected one without another type than sensor_msgs")
-    assert "Traceback" not in probe.text
-
-
-def test_a_mistake_of_ours_is_a_traceback_and_exit_code_1(start):
-    probe = start(start="self.nothing")
-    assert probe.code() == 1
-    assert "AttributeError" in probe.text
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["numpy", "rclpy"])
-def test_a_signal_during_imports_ends_the_process_without_a_word(graph, monkeypatch, tmp_path, number, module):
+@pytest.mark.parametrize("module, number", [("numpy", signal.SIGINT), ("rclpy", signal.SIGTERM)])
+def test_a_signal_during_imports_ends_the_process_silently(graph, monkeypatch, tmp_path, module, number):
     """A module of that name, found before the real one, says that it is being imported and takes its time."""
     (tmp_path / f"{module}.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(600)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -13,7 +13,7 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.camera import camera_info
-from srt3d_ros.nodes import base
+from srt3d_ros.nodes.topics import LATCHED
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def sensor_file(sensor, tmp_path):
 
 def driver(graph, sensor):
     """A publisher that has described this sensor."""
-    publisher = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    publisher = graph.node.create_publisher(String, "sensor", LATCHED)
     publisher.publish(sensor_message.encode(sensor))
     return publisher
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from srt3d_ros.nodes.sequence_loss import ONE_SPEAKS, SequenceLoss
+from srt3d_ros.nodes.sequence_loss import ONE_ACTIVE, SequenceLoss
 
 
 @pytest.mark.parametrize("numbers, missed", [
@@ -25,7 +25,7 @@ def test_two_publishers_are_not_mistaken_for_gaps():
 
 def test_misses_are_counted_again_once_only_the_successor_of_a_killed_publisher_speaks():
     gaps = SequenceLoss(lambda: 2)                  # the killed one stays in the graph for its lease
-    numbers = [500, 501, 1, 3, *range(4, ONE_SPEAKS + 4), 40, 43, 44, 900]
+    numbers = [500, 501, 1, 3, *range(4, ONE_ACTIVE + 4), 40, 43, 44, 900]
     missed = [gaps.after(number) for number in numbers]
     assert missed[:-4] == [0] * (len(numbers) - 4)
     assert missed[-4:] == [4, 2, 0, 0]      # so many at once are not the same publisher's

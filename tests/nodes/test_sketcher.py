@@ -3,15 +3,16 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.time import Time
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scripts.attacks.process import DEADLINE_S
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching import sketch_photons
@@ -19,47 +20,55 @@ from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes import base
+from srt3d_ros.nodes.topics import LATCHED
+from srt3d_ros.processes import DEADLINE_S
 from tests.nodes.conftest import check_outdated_are_dropped
 
 STAMP_NS = 1_700_000_000_123_456_789
 
 
-def photons_at(events, sensor, stamp_ns: int) -> bytes:
-    return photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor, "spad")
+@pytest.fixture
+def start(graph, sensor):
+    """Starts a sketcher that knows the sensor: (process, list of its sketches, publisher of its photons)."""
+    def start(*ros_args, **parameters) -> tuple:
+        sketches = graph.collect(PointCloud2, "sketch")
+        process = graph.start("sketcher", *ros_args, **parameters).ready()
+        graph.introduce(sensor)
+        return process, sketches, graph.matched(graph.publisher(PointCloud2, "photons"))
+
+    return start
 
 
-def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_events_and_gates(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    graph.start("sketcher", layout="float32").ready()
-    _, frequencies, window_frames = graph.introduce(sensor)
-    assert (frequencies, window_frames) == (choose("auto", sensor, 10), 1)
+@pytest.fixture
+def photons_at(events, sensor):
+    """The message of the events, acquired at a stamp."""
+    return lambda stamp_ns: photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor, "spad")
 
-    graph.matched(photons := graph.publisher(PointCloud2, "photons")).publish(photons_at(events, sensor, STAMP_NS))
+
+def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_events_and_gates(graph, sensor, events, start, photons_at):
+    _, sketches, photons = start(layout="float32")
+    photons.publish(photons_at(STAMP_NS))
     graph.wait(lambda: len(sketches) == 1, "the sketch of the events")
     cycles = PhotonGates.from_events(dataclasses.replace(events, stamp_ns=STAMP_NS + 1), sensor)
-    graph.matched(gates := graph.publisher(Image, "gates")).publish(gates_message.encode_cdr(cycles, sensor, "spad"))
+    graph.matched(graph.publisher(Image, "gates")).publish(gates_message.encode_cdr(cycles, sensor, "spad"))
     graph.wait(lambda: len(sketches) == 2, "the sketch of the gates")
 
+    frequencies = choose("auto", sensor, 10)
     expected = sketch_photons(events, sensor, frequencies)
     for k, message in enumerate(sketches):
-        header, sketch = sketch_message.decode(message, frequencies, sensor)
+        header, sketch = sketch_message.decode_cdr(serialize_message(message), frequencies, sensor)
         assert (header.stamp_ns, header.frame_id) == (STAMP_NS + k, "spad")
         np.testing.assert_array_equal(sketch.photons, expected.photons)
         np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-3)
-    assert photons.get_subscription_count() == gates.get_subscription_count() == 1
 
 
-def test_bad_messages_are_counted_said_once_and_survived(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    process = graph.start("sketcher", lossless=True).ready()
-    graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    good = photons_at(events, sensor, STAMP_NS)
+def test_bad_messages_are_counted_logged_once_and_survived(graph, sensor, start, photons_at):
+    process, sketches, photons = start(lossless=True)
+    good = photons_at(STAMP_NS)
     photons.publish(good)
     graph.wait(lambda: len(sketches) == 1, "the first sketch")
-    strangers = PhotonEvents(np.array([7], np.uint32), np.array([700], np.uint16))
-    foreign = photons_at(strangers, sensor.replace(num_bins=1000), STAMP_NS)
+    outside = PhotonEvents(np.array([7], np.uint32), np.array([700], np.uint16))
+    foreign = photons_message.encode_cdr(outside, sensor.replace(num_bins=1000), "spad")
     for bad in (good[:100], good[:-1000], b"\0\1\0\0nonsense", foreign):
         photons.publish(bad)
     graph.reports("sketcher", "dropped.malformed", 4)
@@ -72,58 +81,34 @@ def test_bad_messages_are_counted_said_once_and_survived(graph, sensor, events):
     assert "frame dropped: " in process.text and "Traceback" not in process.text
 
 
-def test_a_driver_that_restarts_with_another_sensor_is_followed(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    graph.start("sketcher", sketch_size=3).ready()
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    photons.publish(photons_at(events, sensor, STAMP_NS))
-    graph.reports("sketcher", "dropped.no_sensor", 1)
-
-    wide = sensor.replace(rows=4, cols=5, num_bins=64)
-    few = PhotonEvents(np.array([19], np.uint32), np.array([63], np.uint16))
-    for number, (model, frame) in enumerate([(sensor, events), (wide, few)], start=1):
-        _, frequencies, _ = graph.introduce(model)
-        photons.publish(photons_at(frame, model, STAMP_NS))
-        graph.wait(lambda: len(sketches) == number, "a sketch of the sensor")
-    assert [(message.height, message.width) for message in sketches] == [(16, 12), (4, 5)]
-    assert sketch_message.decode(sketches[-1], frequencies, wide)[1].photons[3, 4] == 1
-    assert graph.report("sketcher")["errors"] == "0"
-
-
-def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, events):
+def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, photons_at):
     """The same array with wider bins: read with the new description, the plane would be at another range."""
-    descriptions = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    descriptions = graph.node.create_publisher(String, "sensor", LATCHED)
     photons, sketches = graph.publisher(PointCloud2, "photons"), graph.collect(PointCloud2, "sketch")
     check_outdated_are_dropped(
         graph, "sketcher", frames=photons, made=sketches, old=sensor,
         new=sensor.replace(num_bins=128, bin_width_s=2 * sensor.bin_width_s),
         describe=lambda described: descriptions.publish(sensor_message.encode(described)),
-        send=lambda: photons.publish(photons_at(events, sensor, STAMP_NS)))
+        send=lambda: photons.publish(photons_at(STAMP_NS)))
 
 
-def test_packets_make_frames_and_frames_make_windows(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    graph.start("sketcher", packets_per_frame=2, window_frames=3, lossless=True, frequencies="1,3").ready()
-    _, frequencies, window_frames = graph.introduce(sensor)
-    assert (frequencies, window_frames) == ((1, 3), 3)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+def test_packets_make_frames_and_frames_make_windows(graph, sensor, start, photons_at):
+    _, sketches, photons = start(packets_per_frame=2, window_frames=3, lossless=True, frequencies="1,3")
     for k in range(8):
-        photons.publish(photons_at(events, sensor, STAMP_NS + k))
+        photons.publish(photons_at(STAMP_NS + k))
     graph.wait(lambda: len(sketches) == 4, "4 frames of 8 packets")
-    decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
+    decoded = [sketch_message.decode_cdr(serialize_message(message), (1, 3), sensor) for message in sketches]
     assert [header.stamp_ns - STAMP_NS for header, _ in decoded] == [0, 2, 4, 6]     # where its newest frame began
     assert [int(sketch.photons[0, 0]) for _, sketch in decoded] == [80, 160, 240, 240]
     np.testing.assert_array_equal(decoded[2][1].sums, decoded[3][1].sums)            # to the bit: the same photons
 
 
-def test_a_window_may_be_stamped_with_the_start_of_its_oldest_frame_and_is_as_old_as_its_stamp(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    graph.start("sketcher", window_frames=3, window_stamp="oldest", lossless=True, gap_s=100).ready()
-    graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+def test_a_window_may_be_stamped_with_the_start_of_its_oldest_frame_and_is_as_old_as_its_stamp(graph, start,
+                                                                                               photons_at):
+    _, sketches, photons = start(window_frames=3, window_stamp="oldest", lossless=True, gap_s=100)
     now_ns = graph.node.get_clock().now().nanoseconds
     for age_s in (70, 60, 50, 40, 30):
-        photons.publish(photons_at(events, sensor, now_ns - age_s * 10**9))
+        photons.publish(photons_at(now_ns - age_s * 10**9))
     graph.wait(lambda: len(sketches) == 5, "5 sketches")
     ages_s = [round((now_ns - Time.from_msg(sketch.header.stamp).nanoseconds) * 1e-9) for sketch in sketches]
     assert ages_s == [70, 70, 70, 60, 50]
@@ -131,18 +116,15 @@ def test_a_window_may_be_stamped_with_the_start_of_its_oldest_frame_and_is_as_ol
     assert 70 <= latency_s < 70 + DEADLINE_S
 
 
-def test_frames_by_stamp_with_every_packet_accounted_for(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    process = graph.start("sketcher", frame_period_s=0.1, silence_s=0.3, lossless=True).ready()
-    _, frequencies, _ = graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+def test_frames_by_stamp_with_every_packet_accounted_for(graph, sensor, events, start, photons_at):
+    process, sketches, photons = start(frame_period_s=0.1, silence_s=0.3, lossless=True, frequencies="1,3")
 
     def send(*stamps_ms):
         for stamp in stamps_ms:
-            photons.publish(photons_at(events, sensor, STAMP_NS + stamp * 1_000_000))
+            photons.publish(photons_at(STAMP_NS + stamp * 1_000_000))
 
     def frames():
-        decoded = [sketch_message.decode(message, frequencies, sensor) for message in sketches]
+        decoded = [sketch_message.decode_cdr(serialize_message(message), (1, 3), sensor) for message in sketches]
         return [((header.stamp_ns - STAMP_NS) // 1_000_000, int(sketch.photons[0, 0]) // 40)
                 for header, sketch in decoded]
 
@@ -158,15 +140,12 @@ def test_frames_by_stamp_with_every_packet_accounted_for(graph, sensor, events):
     assert {key: int(report[key]) for key in expected} == expected
 
 
-def test_a_frame_that_never_gets_its_packets_is_counted_and_a_reset_gives_one_up(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
-    graph.start("sketcher", packets_per_frame=3, window_frames=2, lossless=True).ready()
-    graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+def test_a_frame_that_never_gets_its_packets_is_counted_and_a_reset_gives_one_up(graph, start, photons_at):
+    _, sketches, photons = start(packets_per_frame=3, window_frames=2, lossless=True)
 
     def send(*stamps_s):
         for stamp in stamps_s:
-            photons.publish(photons_at(events, sensor, STAMP_NS + round(stamp * 1e9)))
+            photons.publish(photons_at(STAMP_NS + round(stamp * 1e9)))
 
     send(0, 0.1, 0.2, 0.3, 0.4, 60, 60.1, 60.2)         # the driver began again when 0.3 and 0.4 waited for a third
     graph.wait(lambda: len(sketches) == 2, "two frames")
@@ -180,12 +159,12 @@ def test_a_frame_that_never_gets_its_packets_is_counted_and_a_reset_gives_one_up
     assert [int(report[key]) for key in ("frames_in", "packets", "packets_open", "dropped.incomplete")] == [13, 9, 0, 4]
 
 
-def test_lossless_keeps_photons_that_come_before_their_sensor(graph, sensor, events):
+def test_lossless_keeps_photons_that_come_before_their_sensor(graph, sensor, photons_at):
     sketches = graph.collect(PointCloud2, "sketch")
     graph.start("sketcher", lossless=True).ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     for k in range(20):
-        photons.publish(photons_at(events, sensor, STAMP_NS + k))
+        photons.publish(photons_at(STAMP_NS + k))
     graph.reports("sketcher", "frames_in", 20)
     assert graph.report("sketcher")["message"] == "waiting for a sensor description on sensor"
     graph.introduce(sensor)
@@ -193,61 +172,41 @@ def test_lossless_keeps_photons_that_come_before_their_sensor(graph, sensor, eve
     assert graph.reports("sketcher", "frames_out", 20)["dropped"] == "0"
 
 
-def test_every_message_of_a_burst_is_accounted_for(graph, sensor, events):
-    graph.start("sketcher").ready()
-    graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    message = photons_at(events, sensor, STAMP_NS)
-    photons.publish(message)
-    graph.reports("sketcher", "frames_out", 1)      # misses are counted from the first message that came
-    for _ in range(199):
-        photons.publish(message)
-
-    def balanced():
-        report = {key: graph.total("sketcher", key) for key in (
-            "frames_in", "frames_out", "dropped", "dropped.queue", "message_lost")}
-        assert report["dropped"] == report["dropped.queue"]
-        return (report["frames_in"] + report["message_lost"] == 200
-                and report["frames_in"] == report["frames_out"] + report["dropped"])
-
-    graph.wait(balanced, "frame accounting that adds up")
-
-
-def test_a_bad_parameter_ends_the_start_with_one_line(graph):
-    process = graph.start("sketcher", frequencies="banana")
-    assert process.code() == 2
-    assert len(process.lines) == 1 and process.text.startswith("frequencies is banana: expected auto")
-
-
-def test_live_parameters_change_between_frames_and_what_the_sensor_cannot_have_is_refused(graph, sensor, events):
-    sketches = graph.collect(PointCloud2, "sketch")
+def test_parameters_and_qos_from_the_start_and_live_changes_which_the_sensor_may_refuse(graph, start, photons_at,
+                                                                                        tmp_path):
     described = graph.collect_latched(String, "sketch/sensor")
-    qos = f"qos_overrides.{graph.namespace}/photons.subscription.reliability:=best_effort"
-    process = graph.start("sketcher", "-p", qos, sketch_sise=3).ready()
-    graph.introduce(sensor)
+    file = tmp_path / "a.yaml"
+    file.write_text("sketchr: {ros__parameters: {sketch_size: 7}}")
+    qos = f"qos_overrides.{graph.namespace}"
+    process, sketches, photons = start(
+        "-p", f"{qos}/photons.subscription.reliability:=best_effort",
+        "-p", f"{qos}/sketch.publisher.durability:=transient_local", "--params-file", str(file), sketch_sise=3)
     reader, = graph.node.get_subscriptions_info_by_topic("photons")
+    writer, = graph.node.get_publishers_info_by_topic("sketch")
     assert reader.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert writer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert "sketcher has no such parameter, did you mean sketch_size?" in process.text
+    assert f"{file}: parameters of /sketchr are for no node here: did you mean {graph.namespace}/sk" in process.text
 
     def set_parameters(**values):
         changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
         return graph.call(SetParametersAtomically, "sketcher/set_parameters_atomically",
                           SetParametersAtomically.Request(parameters=changes)).result
 
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     graph.known_to("sketcher")          # nothing is sent twice to a best-effort reader that has not found the writer
-    photons.publish(photons_at(events, sensor, STAMP_NS))
+    photons.publish(photons_at(STAMP_NS))
     graph.wait(lambda: sketches, "a sketch")
     changes = {"frequencies": "1,4,9", "window_frames": 5, "layout": "int16", "frame_id": "mast"}
     assert set_parameters(**changes).successful
     graph.wait(lambda: len(described) == 2, "the new description")
     assert sketch_message.decode_sensor(described[1])[1:] == ((1, 4, 9), 5)
-    photons.publish(photons_at(events, sensor, STAMP_NS + 1))
+    photons.publish(photons_at(STAMP_NS + 1))
     graph.wait(lambda: len(sketches) == 2, "a sketch of the new kind")
     assert sketches[1].header.frame_id == "mast" and sketches[1].point_step == 4 + 4 * 3
 
     for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
                            ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
+                           ({"frequencies": "banana"}, "frequencies is banana: expected auto"),
                            ({"packets_per_frame": 0}, "packets_per_frame out of range"),
                            ({"lossless": True}, "read-only")):
         refused = set_parameters(**values)
@@ -255,9 +214,9 @@ def test_live_parameters_change_between_frames_and_what_the_sensor_cannot_have_i
     assert graph.report("sketcher")["errors"] == "0" and len(described) == 2
 
 
-def test_a_description_that_cannot_be_used_is_told_until_a_better_one_comes(graph, sensor):
+def test_a_description_that_cannot_be_used_is_reported_until_a_better_one_comes(graph, sensor):
     graph.start("sketcher", sketch_size=64).ready()
-    described = graph.node.create_publisher(String, "sensor", base.LATCHED)
+    described = graph.node.create_publisher(String, "sensor", LATCHED)
     described.publish(sensor_message.encode(sensor))
     waiting = "waiting for a sensor description on sensor that can be used: "
     graph.wait(lambda: graph.report("sketcher").get("message", "").startswith(waiting), "the reason")

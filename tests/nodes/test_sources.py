@@ -8,8 +8,9 @@ import pytest
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, photons
+from srt3d_ros.messages import cdr, gates, photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes import player
 from srt3d_ros.nodes.sources import open_source
@@ -70,9 +71,25 @@ def test_frames_of_a_file_are_due_at_its_rate_until_the_time_is_over(source, pho
     assert {item.photons for item in items} == {events.photons} and len({id(item.raw) for item in items}) == 1
 
 
-def test_without_loop_a_file_is_one_frame_and_the_simulator_has_no_end(source, photon_file):
-    assert len(list(source(input=photon_file, loop=False).items())) == 1
-    assert len(list(islice(source(input="simulator", ppp=0.1, loop=False, rate_hz=1000.0).items(), 3))) == 3
+def same_photons(one: PhotonEvents, other: PhotonEvents) -> bool:
+    """True if both hold the same photons in any order."""
+    return sorted(zip(one.pixel, one.toa)) == sorted(zip(other.pixel, other.toa))
+
+
+def test_without_loop_a_file_is_one_frame_also_as_gates(source, photon_file, events):
+    played = source(input=photon_file, loop=False, output="gates")
+    frame, = played.items()
+    described = sensor_message.decode_cdr(played.sensor)
+    assert (frame.topic, frame.photons) == ("gates", events.photons)
+    assert same_photons(gates.decode_cdr(frame.raw, described)[1].to_events(described), events)
+
+
+def test_the_simulator_has_no_end_and_is_played_with_its_parameters(source):
+    played, simulator = source(ppp=0.5, sbr=2.0, seed=3, loop=False), Simulator(ppp=0.5, sbr=2.0, seed=3)
+    described = sensor_message.decode_cdr(played.sensor)
+    assert described.same_as(simulator.sensor)
+    for k, item in enumerate(islice(played.items(), 3)):
+        assert same_photons(photons.decode_cdr(item.raw, described)[1], simulator.frame(k)[0])
 
 
 def test_a_bag_is_played_as_it_was_recorded(source, bag, described, frames):
@@ -130,3 +147,15 @@ def test_a_message_without_a_stamp_is_played_for_others_to_count(source, tmp_pat
 def test_a_bag_that_cannot_be_played_so_is_refused(source, bag, given, line):
     with pytest.raises(InvalidInput, match=line):
         source(input=bag, **given)
+
+
+@pytest.mark.parametrize("given, line", [
+    ({"input": "nowhere.npz"}, "nowhere.npz"),
+    ({"rate_hz": 0.0}, "rate_hz is 0.0: expected above 0 Hz"),
+    ({"rate_hz": 0.0, "lossless": True, "duration_s": 1.0}, "rate_hz is 0.0: expected above 0 Hz with duration_s"),
+    ({"input": "srt3d_ros"}, "bag is srt3d_ros, without metadata.yaml: expected a complete rosbag2 bag"),
+])
+def test_what_is_no_source_is_refused(source, repository, monkeypatch, given, line):
+    monkeypatch.chdir(repository)
+    with pytest.raises(InvalidInput, match=line):
+        source(**given)

@@ -1,4 +1,4 @@
-"""What is set before rclpy is imported."""
+"""What a process is prepared with before rclpy.init, and that importing the nodes prepares nothing."""
 
 import fcntl
 import os
@@ -9,6 +9,19 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from srt3d_ros.nodes import transport
+
+IMPORT_ALL = """
+import importlib, os, pkgutil, sys
+import rclpy, rerun, torch         # which may set variables of their own
+from srt3d_ros import nodes
+events, before = [], dict(os.environ)
+sys.addaudithook(lambda event, args: events.append((event, *map(str, args))))
+modules = [module.name for module in pkgutil.iter_modules(nodes.__path__)]
+for name in modules:
+    importlib.import_module("srt3d_ros.nodes." + name)
+seen = [event for event in events if event[0] == "ctypes.dlsym" and event[2] == "mallopt" or "/dev/shm" in event[1:]]
+print(len(modules), seen, dict(os.environ) == before)
+"""
 
 
 @pytest.mark.parametrize("free_mb, segment_mb", [
@@ -28,21 +41,22 @@ def test_without_shared_memory_the_default_stays(tmp_path):
     assert transport.choose_profile(tmp_path / "absent") is None
 
 
-def test_the_profiles_differ_in_size_alone(repository):
-    texts = {size: (repository / "config" / f"fastdds_{size}mb.xml").read_text() for size in transport.SEGMENTS_MB}
-    same = {text.replace(f"{size} MB", "").replace(str(size * 2**20), "") for size, text in texts.items()}
-    assert len(same) == 1
-
-
 @pytest.mark.parametrize("given", [None, "/my/own.xml"])
-def test_importing_the_nodes_sets_the_profile_unless_the_user_did(repository, given):
-    environment = {key: value for key, value in os.environ.items() if key != transport.PROFILE_VARIABLE}
-    environment |= {transport.PROFILE_VARIABLE: given} if given else {}
-    code = ("import os, sys, srt3d_ros.nodes;"
-            f"print(os.environ.get('{transport.PROFILE_VARIABLE}'), 'rclpy' in sys.modules, sep='\\n')")
-    out = subprocess.run([sys.executable, "-c", code], env=environment, cwd=repository, capture_output=True, text=True)
-    expected = given or transport.choose_profile()
-    assert out.stdout.splitlines() == [str(expected), "False"]
+def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, given):
+    prepared = []
+    monkeypatch.setattr(transport, "remove_leaked_segments", lambda: prepared.append("segments"))
+    monkeypatch.setattr(transport, "_keep_freed_memory", lambda: prepared.append("memory"))
+    monkeypatch.setattr(os, "environ", {transport.PROFILE_VARIABLE: given} if given else {})
+    transport.prepare_process()
+    assert os.environ[transport.PROFILE_VARIABLE] == str(given or transport.choose_profile())
+    assert prepared == ["segments", "memory"]
+
+
+def test_importing_every_module_of_the_nodes_changes_nothing(repository):
+    """Not /dev/shm, the environment, or malloc's options."""
+    done = subprocess.run([sys.executable, "-c", IMPORT_ALL], cwd=repository, capture_output=True, text=True)
+    modules = len(list((repository / "srt3d_ros" / "nodes").glob("[!_]*.py")))
+    assert done.stdout == f"{modules} [] True\n", done.stderr
 
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):

@@ -1,44 +1,54 @@
-"""The worker thread: newest frame first, everything else in order, nothing hidden."""
+"""The worker thread: newest frame first, everything else in order, every dropped frame counted."""
 
 import threading
 
 import pytest
 
 from srt3d_ros.nodes import worker as module
-from srt3d_ros.nodes.worker import CALM_S, MOST_WAITING, Worker
+from srt3d_ros.nodes.worker import MAX_WAITING, RECOVERY_S, Worker
 
 
 class Probe:
     """A worker whose first job waits until `go`, and what came of the jobs."""
 
-    def __init__(self, limit: int, patience_s: float = 0.0):
+    def __init__(self, limit: int, catch_up_s: float = 0.0):
         self.done, self.failed, self.dropped = [], [], []
-        self.worker = Worker(limit, lambda error, frames, photons: self.failed.append((error, frames, photons)),
-                             self._drop, patience_s)
-        self.photons_dropped = 0
+        self.worker = Worker(limit, lambda *failure: self.failed.append(failure), self._drop, catch_up_s)
+        self.size_dropped = 0
         self.busy, self.go = threading.Event(), threading.Event()
-        self.worker.call(self._block)
+        self.block()
+
+    def block(self):
+        """Have the worker wait for `go`."""
+        self.busy.clear()
+        self.go.clear()
+        self.worker.call(self._wait)
         self.busy.wait()
 
-    def _drop(self, cause, frames, photons):
-        self.dropped.extend([cause] * frames)
-        self.photons_dropped += photons
-
-    def _block(self):
-        self.busy.set()
-        self.go.wait()
+    def offer(self, *frames):
+        for frame in frames:
+            self.worker.offer(self.done.append, frame)
 
     def finish(self):
         self.go.set()
         self.worker.close(60)
+        return self.done
+
+    def _drop(self, cause, frames, size):
+        self.dropped.extend([cause] * frames)
+        self.size_dropped += size
+
+    def _wait(self):
+        self.busy.set()
+        self.go.wait()
 
 
 @pytest.fixture
 def probe():
     probes = []
 
-    def probe(limit, patience_s=0.0):
-        probes.append(Probe(limit, patience_s))
+    def probe(limit, catch_up_s=0.0):
+        probes.append(Probe(limit, catch_up_s))
         return probes[-1]
 
     yield probe
@@ -48,27 +58,24 @@ def probe():
 
 def test_the_newest_frame_pushes_out_the_waiting_one_but_no_other_job(probe):
     newest = probe(limit=1)
-    newest.worker.offer(newest.done.append, "frame 0")
+    newest.offer("frame 0")
     newest.worker.call(newest.done.append, "sensor")
-    newest.worker.offer(newest.done.append, "frame 1")
-    newest.worker.offer(newest.done.append, "frame 2")
-    newest.finish()
-    assert newest.done == ["sensor", "frame 2"] and newest.dropped == ["queue", "queue"]
+    newest.offer("frame 1", "frame 2")
+    assert newest.finish() == ["sensor", "frame 2"] and newest.dropped == ["queue", "queue"]
 
 
-def test_a_queue_keeps_frames_in_order_up_to_its_limit(probe):
-    queue = probe(limit=3)
-    for k in range(5):
-        queue.worker.offer(queue.done.append, k)
-    queue.finish()
-    assert queue.done == [2, 3, 4] and queue.dropped == ["queue", "queue"]
+@pytest.mark.parametrize("limit, messages_per_frame, offered, kept", [(3, 1, 5, [2, 3, 4]), (1, 3, 8, [5, 6, 7])])
+def test_a_queue_keeps_the_messages_of_its_newest_frames_in_order(probe, limit, messages_per_frame, offered, kept):
+    queue = probe(limit)
+    queue.worker.messages_per_frame = messages_per_frame
+    queue.offer(*range(offered))
+    assert queue.finish() == kept and queue.dropped == ["queue"] * (offered - len(kept))
 
 
 def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
     holding = probe(limit=8)
     holding.worker.hold_frames()
-    for k in range(3):
-        holding.worker.offer(holding.done.append, k)
+    holding.offer(0, 1, 2)
     holding.worker.call(holding.done.append, "sensor")
     holding.worker.call(holding.worker.release_frames)
     last = threading.Event()
@@ -78,49 +85,40 @@ def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
     assert holding.done == ["sensor", 0, 1, 2]
 
 
-def test_a_job_that_fails_is_told_and_the_next_one_served(probe):
+def test_a_job_that_fails_is_reported_and_the_next_one_runs(probe):
     failing = probe(limit=8)
-    failing.worker.offer(lambda: 1 / 0, photons=7)
+    failing.worker.offer(lambda: 1 / 0, size=7)
     failing.worker.call(lambda: {}["key"])
-    failing.worker.offer(failing.done.append, "next")
-    failing.finish()
-    assert failing.done == ["next"]
-    told = [(type(error), frames, photons) for error, frames, photons in failing.failed]
-    assert told == [(ZeroDivisionError, 1, 7), (KeyError, 0, 0)]
+    failing.offer("next")
+    assert failing.finish() == ["next"]
+    failures = [(type(error), frames, size) for error, frames, size in failing.failed]
+    assert failures == [(ZeroDivisionError, 1, 7), (KeyError, 0, 0)]
 
 
-def test_frames_that_wait_are_given_up_and_counted_when_it_is_cleared_and_other_jobs_stay(probe):
-    clearing = probe(limit=8)
-    for k in range(3):
-        clearing.worker.offer(clearing.done.append, k)
-    clearing.worker.call(clearing.done.append, "sensor")
-    clearing.worker.clear("inactive")
-    clearing.finish()
-    assert clearing.done == ["sensor"] and clearing.dropped == ["inactive"] * 3
-
-
-def test_frames_that_wait_are_known_with_their_photons_and_so_are_those_that_are_given_up(probe):
+def test_waiting_and_dropped_frames_are_counted_with_their_sizes_and_other_jobs_stay(probe):
     queue = probe(limit=2)
-    for photons in (1, 10, 100):
-        queue.worker.offer(queue.done.append, photons, photons=photons)
-    assert (queue.worker.waiting, queue.photons_dropped, queue.worker.busy) == ((2, 110), 1, True)
+    for size in (1, 10, 100):
+        queue.worker.offer(queue.done.append, size, size=size)
+    queue.worker.call(queue.done.append, "sensor")
+    assert (queue.worker.waiting, queue.size_dropped, queue.worker.busy) == ((2, 110), 1, True)
     queue.worker.clear("inactive")
-    assert (queue.worker.waiting, queue.photons_dropped) == ((0, 0), 111)
+    assert (queue.worker.waiting, queue.size_dropped) == ((0, 0), 111)
     queue.finish()
-    queue.worker.offer(queue.done.append, 1000, photons=1000)
-    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.photons_dropped == 1111
-    assert not queue.worker.busy and queue.done == []
+    queue.worker.offer(queue.done.append, 1000, size=1000)
+    assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.size_dropped == 1111
+    assert not queue.worker.busy and queue.done == ["sensor"]
 
 
-def test_the_frame_in_hand_of_a_worker_that_does_not_end_is_given_up_with_those_that_wait(probe):
+def test_the_current_frame_of_a_worker_that_does_not_end_is_dropped_with_those_that_wait(probe):
     stuck = probe(limit=8)
-    begun = threading.Event()
-    stuck.worker.offer(lambda: (begun.set(), stuck.busy.clear(), stuck.go.clear(), stuck._block()), photons=5)
-    stuck.worker.offer(stuck.done.append, "waits", photons=6)
+    begun, end = threading.Event(), threading.Event()
+    stuck.worker.offer(lambda: (begun.set(), end.wait()), size=5)
+    stuck.worker.offer(stuck.done.append, "waits", size=6)
     stuck.go.set()
     assert begun.wait(60)
     stuck.worker.close(0.0)
-    assert (stuck.dropped, stuck.photons_dropped, stuck.done) == (["shutdown"] * 2, 11, [])
+    assert (stuck.dropped, stuck.size_dropped, stuck.done) == (["shutdown"] * 2, 11, [])
+    end.set()
 
 
 class Clock:
@@ -138,53 +136,36 @@ def clock(monkeypatch):
 
 
 def test_frames_wait_while_a_busy_machine_catches_up_and_only_the_newest_if_it_does_not(probe, clock):
-    patient = probe(limit=1, patience_s=0.25)
+    behind = probe(limit=1, catch_up_s=0.25)
     for k in range(10):
-        patient.worker.offer(patient.done.append, k)
+        behind.offer(k)
         clock.now_s += 0.02
-    assert patient.dropped == []                # the oldest waits for 0.2 s
+    assert behind.dropped == []                 # the oldest waits for 0.2 s
     clock.now_s += 0.06
-    patient.worker.offer(patient.done.append, 10)
-    assert len(patient.dropped) == 10
-    for k in range(11, 15):                     # overloaded: no patience until there was nothing to give up for CALM_S
-        clock.now_s += 0.9 * CALM_S
-        patient.worker.offer(patient.done.append, k)
-        assert len(patient.dropped) == k
-    patient.finish()
-    assert patient.done == [14]
+    behind.offer(10)
+    assert len(behind.dropped) == 10
+    for k in range(11, 15):                     # overloaded until nothing was dropped for RECOVERY_S
+        clock.now_s += 0.9 * RECOVERY_S
+        behind.offer(k)
+        assert len(behind.dropped) == k
+    assert behind.finish() == [14]
 
 
-def test_patience_comes_back_after_a_calm_time_without_drops(probe, clock):
-    patient = probe(limit=1, patience_s=0.25)
-    patient.worker.offer(patient.done.append, 0)
+def test_frames_may_wait_again_after_a_recovery_period_without_drops(probe, clock):
+    behind = probe(limit=1, catch_up_s=0.25)
+    behind.offer(0)
     clock.now_s += 0.3
-    patient.worker.offer(patient.done.append, 1)
-    assert patient.dropped == ["queue"]
-    patient.go.set()
-    assert patient.worker.finish(60)
-    patient.busy.clear()
-    patient.go.clear()
-    patient.worker.call(patient._block)
-    patient.busy.wait()
-    clock.now_s += 1.01 * CALM_S
-    for k in range(2, 6):
-        patient.worker.offer(patient.done.append, k)
-    patient.finish()
-    assert patient.done == [1, 2, 3, 4, 5] and patient.dropped == ["queue"]
+    behind.offer(1)
+    assert behind.dropped == ["queue"]
+    behind.go.set()
+    assert behind.worker.finish(60)
+    behind.block()
+    clock.now_s += 1.01 * RECOVERY_S
+    behind.offer(*range(2, 6))
+    assert behind.finish() == [1, 2, 3, 4, 5] and behind.dropped == ["queue"]
 
 
-def test_the_messages_of_one_frame_do_not_push_each_other_out(probe):
-    newest = probe(limit=1)
-    newest.worker.messages_per_frame = 3
-    for k in range(8):
-        newest.worker.offer(newest.done.append, k)
-    newest.finish()
-    assert newest.done == [5, 6, 7] and newest.dropped == ["queue"] * 5
-
-
-def test_however_patient_a_queue_stays_bounded(probe, clock):
-    patient = probe(limit=2, patience_s=1e9)
-    for k in range(MOST_WAITING + 1):
-        patient.worker.offer(patient.done.append, k)
-    patient.finish()
-    assert patient.done == [MOST_WAITING - 1, MOST_WAITING] and len(patient.dropped) == MOST_WAITING - 1
+def test_a_queue_that_catches_up_stays_bounded(probe, clock):
+    behind = probe(limit=2, catch_up_s=1e9)
+    behind.offer(*range(MAX_WAITING + 1))
+    assert behind.finish() == [MAX_WAITING - 1, MAX_WAITING] and len(behind.dropped) == MAX_WAITING - 1

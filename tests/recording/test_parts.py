@@ -125,12 +125,17 @@ print(errors[0])
 kept = [cloud.frame_index for cloud in RecordingReader(recoveries[0]).clouds()]
 assert sorted(kept) == list(range(sent - len(kept), sent)) and len(kept) >= 20
 assert writer.dropped >= 100 and writer.dropped + len(kept) <= sent
+writer = RecordingWriter(sys.argv[2], None)
+limit(0)
+log(lambda: writer.error is not None)
+assert not writer.flush() and writer.dropped > 0       # and the process ends: with rerun's own file sink it would not
 """
 
 
-def test_recording_goes_on_in_a_new_file_once_the_disk_takes_more(tmp_path):
+def test_recording_goes_on_in_a_new_file_once_the_disk_takes_more_and_a_full_disk_lets_the_process_end(tmp_path):
     """In a process of its own, which may not write: no disk needs to be filled for that."""
-    done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a.rrd"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a.rrd", tmp_path / "b.rrd"], capture_output=True,
+                          text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"recording {tmp_path / 'a.rrd'}: File too large\n" and done.stderr == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "a_2.rrd"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "a_2.rrd", "b.rrd"]

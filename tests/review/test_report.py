@@ -14,7 +14,6 @@ from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import screenshot
 from srt3d_ros.review import gallery
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.renderer import Renderer
 from srt3d_ros.review.report import write_report
 from srt3d_ros.review.summary import summarise
 from tests.review.conftest import Page
@@ -67,19 +66,14 @@ def test_chromium_shows_it_wide_and_narrow_light_and_dark(report, tmp_path, widt
         pytest.skip("no Chromium")
     scheme = ["--blink-settings=preferredColorScheme=0"] if dark else []
     done = subprocess.run(
-        [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-         "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
-         "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},{height}",
+        [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
+         f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},{height}",
          f"--screenshot={tmp_path / 'a.png'}", *scheme, report.as_uri()], capture_output=True, text=True, timeout=120)
-    said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    assert all("chrome://" in line for line in said), done.stderr       # what the browser says of its own pages
+    assert not [line for line in done.stderr.splitlines() if "CONSOLE" in line and "chrome://" not in line]
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
-    assert picture.shape == (height, width, 3)
     corner = picture[2, 2]
     assert (corner.max() < 40) if dark else (corner.min() > 230)
     assert ((np.abs(picture - corner).sum(axis=2) > 60).mean(axis=1) > 0).mean() > 0.5     # something all the way down
-    yellow = (picture[..., :2].min(axis=2) > picture[..., 2] + 60)
-    assert yellow.mean() > 0.01                                                             # near points
     assert (np.abs(picture[:, -4:] - corner).sum(axis=2) < 60).all()                        # nothing runs off the side
 
 
@@ -100,18 +94,21 @@ def test_a_report_that_cannot_be_written_is_one_line(recorded, tmp_path):
 
 def test_a_viewer_that_cannot_run_is_one_line_or_our_own_pictures(recorded, monkeypatch):
     (cloud,) = recorded.reader.clouds({3})
-    look = CloudStyle.of(cloud, recorded.sensor)
+    style = CloudStyle.of(cloud, recorded.sensor)
 
     def fails(*_):
         raise screenshot.ScreenshotError("it does not draw")
 
+    def drawn(by):
+        (picture,), _, by_viewer = gallery.draw([cloud], cloud, style, None, (160, 120), by)
+        return picture.shape, by_viewer
+
     monkeypatch.setattr(screenshot, "screenshots", fails)
     monkeypatch.setattr(screenshot, "is_possible", lambda: True)
-    renderer = Renderer("auto", cloud, look, None, 160, 120)
-    assert renderer.draw([cloud])[0].shape == (120, 160, 3) and not renderer.by_viewer
+    assert drawn("auto") == ((120, 160, 3), False)
     with pytest.raises(InvalidInput, match="a viewer that draws .it does not draw."):
-        Renderer("viewer", cloud, look, None, 160, 120).draw([cloud])
+        drawn("viewer")
     monkeypatch.setattr(screenshot, "is_possible", lambda: False)
-    assert not Renderer("auto", cloud, look, None, 160, 120).by_viewer
+    assert drawn("auto") == ((120, 160, 3), False)
     with pytest.raises(InvalidInput, match="apt-get install mesa-vulkan-drivers"):
-        Renderer("viewer", cloud, look, None, 160, 120)
+        drawn("viewer")

@@ -8,8 +8,7 @@ import pytest
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.review.summary import summarise
-from srt3d_ros.review.summary_text import format_summary
+from srt3d_ros.review.summary import format_summary, summarise
 from tests.review.conftest import FEWEST, FRAMES, MISSING, MOST
 
 

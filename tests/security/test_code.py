@@ -17,7 +17,7 @@ CALLS = {
     "others", "os.umask": "opens files to others",
 }
 NUMPY_LOADERS = {"load", "read_array", "memmap_load"}      # they take allow_pickle
-CODE = ("srt3d_ros", "launch", "examples", "scripts", "benchmarks", "setup.py")
+CODE = ("srt3d_ros", "launch", "examples", "scripts", "robustness", "tools", "benchmarks", "setup.py")
 
 
 def dangers(source: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""The loop that RT3D and SRT3D share: gradient steps on the photons, in turn with a denoiser of the point cloud."""
+"""The loop of RT3D and SRT3D: gradient steps on the photons, in turn with a denoiser of the point cloud."""
 
 from collections.abc import Callable
 
@@ -26,9 +26,6 @@ def plug_and_play(step: Callable, depth, intensity, exposure, faintest: float, s
         scale_bins: bins that count as one pixel, see `depth_scale_bins`.
         num_bins: T.
         kernels: has `apss`.
-
-    Returns:
-        depth and intensity.
     """
     depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
     for iteration in range(ITERATIONS + 1):
@@ -48,13 +45,13 @@ def usual_intensity(intensity: np.ndarray, exposure: np.ndarray) -> float:
 def depth_scale_bins(sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, peak_bins: float) -> float:
     """Bins of depth that count as one pixel: six times the distance of neighbouring rays at the scene.
 
-    That is what RT3D's authors use. Held to between half and twice the width of a return's peak: closer depths
-    cannot be told apart, and over more, surfaces would merge where the field of view is not known.
+    That is what RT3D's authors use. Limited to half to twice the width of a return's peak: closer depths cannot be told
+    apart, and over more, surfaces would merge where the field of view is not known.
 
     Args:
-        sensor: its rays and range.
+        sensor: gives rays and range.
         depth, intensity: the start, [rows, K, cols].
-        peak_bins: width of the peak of a matched filter.
+        peak_bins: width of the matched filter's peak.
     """
     rays = sensor.rays
     gaps = [np.linalg.norm(np.diff(rays, axis=axis), axis=-1).ravel() for axis in (0, 1)]

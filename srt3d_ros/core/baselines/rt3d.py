@@ -16,14 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.correlation import correlate
-from srt3d_ros.core.baselines.fisher import DepthInformation, irf_slope
-from srt3d_ros.core.baselines.options import kernels_of
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.baselines.toa import PixelToa, by_pixel, exposure
+from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, exposure, irf_slope
+from srt3d_ros.core.baselines.xcorr import correlate
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.device import on_device
+from srt3d_ros.core.device import kernels_for, on_device
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.pooled import check_options
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.kernels.maps import window_weights
 
@@ -59,19 +58,11 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor.
-
-    Args:
-        sensor: geometry, IRF and calibration.
-        surfaces: K, the most surfaces in a pixel, 1 … 4.
-        device: "cpu", "cuda", or "auto" for the best there is.
-
-    Raises:
-        InvalidInput: for a parameter that cannot be used.
-    """
+    """Reconstructs frames of one sensor from their photons; arguments as of `Pooled`."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
-        self.device, self.kernels = kernels_of(surfaces, device)
+        check_options(surfaces, None)
+        self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces = sensor, surfaces
         self._information = DepthInformation(sensor)
         self._irf = np.atleast_2d(sensor.irf)
@@ -107,7 +98,7 @@ class RT3D:
                           float(self._information.per_photon(ratio)), self.sensor.num_bins, exposure(self.sensor))
 
     def _smoother(self, seen: np.ndarray) -> Callable:
-        """What makes background per bin, at a gain of 1, of background photons: their average over a window.
+        """Function from background photons to background per bin at a gain of 1, averaged over a window.
 
         Both are float32 [rows, cols], on the device.
         """
@@ -118,7 +109,7 @@ class RT3D:
         return lambda stray: kernels.blur(stray[:, None] + least, weights, 1)[:, 0] / bins
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
+        """Compile the kernels, or load them from the disk."""
         self(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
 
 

@@ -1,35 +1,29 @@
-"""What the baselines that work on sketches share: everything but how depths and intensities are found."""
+"""What SRT3D and SMLE share: everything but how depths and intensities are found."""
 
 import numpy as np
 
-from srt3d_ros.core.baselines.options import kernels_of
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.pooled import check_options
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.core.weighting import weighted_steps
 
 
 class SketchedBaseline:
-    """Calibrates sketches, finds points with `points`, makes clouds of them.
+    """Reconstructs frames of one sensor from their sketches, by the points of a subclass.
 
     Args:
-        sensor: geometry, IRF and calibration.
-        frequencies: the integers k_l of the sketches.
-        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        sensor, frequencies, surfaces, device: as of `Pooled`.
         weighting: W of the data term, "identity" or "precision".
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
-        device: "cpu", "cuda", or "auto" for the best there is.
-
-    Raises:
-        InvalidInput: for a parameter that cannot be used.
     """
-
-    name: str
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int, weighting: str,
                  false_alarm_rate: float | None, device: str):
-        self.device, self.kernels = kernels_of(surfaces, device, false_alarm_rate)
+        check_options(surfaces, false_alarm_rate)
+        self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
         self.steps = weighted_steps(sensor, self._matcher.frequencies, weighting)
@@ -50,11 +44,11 @@ class SketchedBaseline:
         raise NotImplementedError
 
     def step(self, frame: MatchedFrame, rate: float, usual: float, depth, intensity) -> None:
-        """A gradient step of all points, in place; frame and points lie on the device."""
+        """A gradient step of all points in place; frame and points lie on the device."""
         self.kernels.pixelwise(frame, self._table, rate, usual, depth, intensity)
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others."""
+        """Compile the kernels, or load them from the disk."""
         shape, m = (self.sensor.rows, self.sensor.cols), len(self._matcher.frequencies)
         self(Sketch(self._matcher.frequencies, np.zeros((*shape, m), np.complex64), np.zeros(shape, np.uint32)))
 

@@ -20,15 +20,10 @@ RATE = 0.5          # each step halves what is left of the error
 
 
 class SMLE(SketchedBaseline):
-    """Reconstructs frames of one sensor; as in the paper every pixel that saw photons shows a point.
+    """As in the paper, with weighting "precision", and every pixel that saw photons shows a point.
 
-    Args:
-        sensor, frequencies, surfaces, device: as of SketchedBaseline.
-        weighting: "precision", the estimator of the paper, or "identity".
-        false_alarm_rate: points of less evidence in the matched filter are left out; None: none are.
+    With a false_alarm_rate, points of less evidence in the matched filter are left out.
     """
-
-    name = "smle"
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "precision",
                  false_alarm_rate: float | None = None, device: str = "auto"):

@@ -23,14 +23,7 @@ STEPS_BEFORE = 5
 
 
 class SRT3D(SketchedBaseline):
-    """Reconstructs frames of one sensor.
-
-    Args:
-        sensor, frequencies, surfaces, device: as of SketchedBaseline.
-        weighting: W of the data term, "identity" or "precision".
-    """
-
-    name = "srt3d"
+    """As in the paper, with weighting "identity"."""
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "identity",
                  device: str = "auto"):

@@ -1,37 +1,42 @@
-"""XCORR: the classical matched filter on every pixel's histogram, see `correlation`.
+"""XCORR: the classical matched filter on every pixel's histogram, which also starts RT3D.
 
-As in the papers every pixel that saw photons shows a point, unless a false-alarm rate is given.
+t̂ = arg max_t Σ_b y_b log(h(b − t) + ε): maximum likelihood for one surface over a faint background, by FFT over the T
+bins, with a parabola through the peak; further surfaces one by one, after the photons under the IRF of those before are
+taken out. Signal is what a window around the peak holds above the background outside. As in the papers every pixel that
+saw photons shows a point, unless a false-alarm rate is given.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.correlation import correlate
-from srt3d_ros.core.baselines.fisher import DepthInformation
-from srt3d_ros.core.baselines.options import kernels_of
-from srt3d_ros.core.baselines.toa import by_pixel, exposure
+from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, exposure
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonFrame
+from srt3d_ros.core.pooled import check_options
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
+CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array
+FLOOR = 0.01            # ε, of the IRF's peak: against h itself, this finds more surfaces at any SBR from 0.1 to 50
+TIE = 1e-4              # peaks that differ less are equal, but for the rounding of the FFT
+BODY = 0.9              # share of the IRF in the window that signal photons are counted in
+WHOLE = 0.99            # share of the IRF in the window that is taken out for the next surface
+
 
 class XCORR:
-    """Reconstructs frames of one sensor.
+    """Reconstructs frames of one sensor from their photons, on the CPU.
 
     Args:
-        sensor: geometry, IRF and calibration.
-        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        sensor, surfaces: as of `Pooled`.
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: all points are shown.
-        device: "cpu" or "auto", which is the same here.
-
-    Raises:
-        InvalidInput: for a parameter that cannot be used.
+        device: "cpu" or "auto".
     """
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, false_alarm_rate: float | None = None,
                  device: str = "auto"):
         require(device in ("auto", "cpu"), "device", device, "cpu or auto: xcorr has no CUDA kernels")
-        kernels_of(surfaces, "cpu", false_alarm_rate)
+        check_options(surfaces, false_alarm_rate)
         self.device = "cpu"
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._information = DepthInformation(sensor)
@@ -49,4 +54,117 @@ class XCORR:
         return PointCloud.from_layers(self.sensor, peaks.depth, intensity, std, background, photons.stamp_ns)
 
     def warm_up(self) -> None:
-        """Nothing has to be compiled."""
+        """Do nothing: there is nothing to compile."""
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """What the matched filter finds.
+
+    Args:
+        depth: float32 [rows, K, cols], bins, in [0, T); the pixels' delays are taken out.
+        intensity: float32 [rows, K, cols], expected signal photons; 0 = none.
+        background: float32 [rows, cols], expected background photons per bin; both at a gain of 1.
+        false_alarm: float32 [rows, K, cols], probability that background alone gathers as many photons.
+    """
+
+    depth: np.ndarray
+    intensity: np.ndarray
+    background: np.ndarray
+    false_alarm: np.ndarray
+
+
+def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
+    """The K highest peaks of every pixel's histogram, correlated with the IRF."""
+    rows, cols = sensor.rows, sensor.cols
+    filters = _Filters(sensor)
+    several = max(CELLS // sensor.num_bins, 1)
+    parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
+             for first in range(0, sensor.pixels, several)]
+    depth, signal, chance = (np.concatenate([part[n] for part in parts], axis=1) for n in range(3))     # [K, pixels]
+    background = np.concatenate([part[3] for part in parts])
+    if sensor.delay_bins is not None:
+        depth = depth - sensor.delay_bins.ravel()
+    seen = np.maximum(exposure(sensor).ravel(), 1e-6)
+    depth, signal, chance = (values.reshape(surfaces, rows, cols).swapaxes(0, 1)
+                             for values in (depth % sensor.num_bins, signal / seen, chance))
+    return Peaks(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(signal, np.float32),
+                 (background / seen).reshape(rows, cols).astype(np.float32),
+                 np.ascontiguousarray(chance, np.float32))
+
+
+class _Filters:
+    """The IRF's logarithm and windows, applied to pixels' histograms."""
+
+    def __init__(self, sensor: SensorModel):
+        from scipy.fft import next_fast_len  # here, as other methods do without SciPy
+
+        self.num_bins, self.ref, self.center = sensor.num_bins, sensor.irf_ref, sensor.first_bin_center
+        irf = np.atleast_2d(sensor.irf)
+        self.overlap = irf.shape[1] - 1                 # bins after the last one, where the IRF of late returns goes on
+        self.size = next_fast_len(sensor.num_bins + self.overlap, real=True)
+        self.weights = np.log1p(irf / (FLOOR * irf.max(axis=1, keepdims=True)))     # 0 outside it
+        self.body, self.whole = (_window(irf.mean(axis=0), share) for share in (BODY, WHOLE))
+
+    def peaks(self, photons: PixelToa, first: int, last: int, surfaces: int):
+        """Depth, signal photons and probability of a false alarm, [K, pixels], and background per bin [pixels]."""
+        toa = photons.toa[photons.starts[first]:photons.starts[last]]
+        bins = np.rint(toa - np.float32(self.center)).astype(np.int64) % self.num_bins
+        pixel = np.repeat(np.arange(last - first), photons.counts[first:last])
+        found = []
+        for _ in range(surfaces):
+            begin, shift = self._highest(pixel, bins, slice(first, last))
+            place = (bins - begin[pixel]) % self.num_bins                           # of each photon in the IRF
+            body, whole = ((place >= low) & (place < high) for low, high in (self.body, self.whole))
+            near, left = (np.bincount(which, minlength=last - first) for which in (pixel[body], pixel))
+            found.append((begin + self.ref + self.center + shift, near, _chance(near, left, self.body, self.num_bins)))
+            pixel, bins = pixel[~whole], bins[~whole]
+        outside = max(self.num_bins - surfaces * (self.whole[1] - self.whole[0]), 1)
+        background = np.bincount(pixel, minlength=last - first) / outside
+        depth, near, chance = map(np.stack, zip(*found))
+        width = self.body[1] - self.body[0]
+        return depth, np.maximum(near - background * width, 0) / BODY, chance, background
+
+    def _highest(self, pixel: np.ndarray, bins: np.ndarray, pixels: slice):
+        """The bin where the IRF begins at the highest peak of each pixel, and the peak's distance from a whole bin."""
+        from scipy.fft import irfft, rfft
+
+        count, num_bins = pixels.stop - pixels.start, self.num_bins
+        places, photons = np.unique(pixel * self.size + bins, return_counts=True)
+        histogram = np.zeros((count, self.size), np.float32)
+        histogram.reshape(-1)[places] = photons
+        histogram[:, num_bins:num_bins + self.overlap] = histogram[:, :self.overlap]
+        weights = self.weights if len(self.weights) == 1 else self.weights[pixels]
+        spectrum = rfft(histogram, workers=-1)
+        spectrum *= rfft(weights, n=self.size, workers=-1).conj()
+        response = irfft(spectrum, n=self.size, overwrite_x=True, workers=-1)[:, :num_bins]
+        # Photons that lie alone are equally high peaks: every second pixel takes the last one, not to favour depths.
+        high = response >= (1 - TIE) * response.max(axis=1, keepdims=True)
+        first, last = high.argmax(axis=1), num_bins - 1 - high[:, ::-1].argmax(axis=1)
+        begin = np.where(np.arange(count) % 2 == 0, first, last)
+        before, peak, after = (response[np.arange(count), (begin + step) % num_bins] for step in (-1, 0, 1))
+        bend = before - 2 * peak + after
+        shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
+        return begin, shift.clip(-0.5, 0.5)
+
+
+def _chance(near: np.ndarray, counts: np.ndarray, window: tuple[int, int], num_bins: int) -> np.ndarray:
+    """Bound on the probability that some window holds as many of the photons, if they fall anywhere.
+
+    Each of the n photons may be the first of the window; then N − 1 others must fall in, of n − 1 that do so with
+    probability |window| / T. The Poisson distribution bounds that tail of the binomial one.
+    """
+    from scipy.special import gammainc
+
+    expected = np.maximum(counts - 1, 0) * ((window[1] - window[0]) / num_bins)
+    others = gammainc(np.maximum(near - 1, 1), expected)            # P(Poisson ≥ N − 1)
+    return np.where(near > 1, counts * others, 1.0).clip(max=1)
+
+
+def _window(irf: np.ndarray, share: float) -> tuple[int, int]:
+    """The shortest stretch of the IRF that holds this share of it: first entry, and one past the last."""
+    total = np.concatenate([[0], np.cumsum(irf, dtype=np.float64)])
+    last = np.searchsorted(total, total + share * total[-1] * (1 - 1e-9))
+    length = np.where(last < len(total), last - np.arange(len(total)), len(total))
+    first = int(length.argmin())
+    return first, first + int(length[first])

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins, usual_intensity
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
-from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import open_photons
-
-from .scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
+from tests.core.scenes import TAILED, T, background_alone, make_sensor, ramp, run, simulate
 
 REGULARISED = ("srt3d", "rt3d")
 regularised = pytest.mark.parametrize("name", REGULARISED)
@@ -36,16 +33,6 @@ def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp,
     found, alone = (evaluate(run(method, frame, sensor), depth, 10, T) for method in (name, pixelwise))
     assert found.true_detections >= least and found.false_detections <= most and found.dae_bins <= error, found
     assert found.dae_bins < alone.dae_bins and found.true_detections > alone.true_detections - 0.015
-
-
-@regularised
-def test_empty_pixels_are_filled_from_their_neighbours(name):
-    depth = ramp(40, 40, 200, 0.4, 0.3)
-    frame = simulate(depth, sbr=10, ppp=10)
-    empty = np.random.default_rng(1).random(1600) < 0.3
-    seen = PhotonEvents(frame.pixel[~empty[frame.pixel]], frame.toa[~empty[frame.pixel]])
-    cloud = run(name, seen, make_sensor(40, 40))
-    assert len(cloud) > 0.995 * 1600 and np.abs(errors(cloud, depth)).max() < 8
 
 
 @regularised
@@ -132,8 +119,3 @@ def test_rt3d_is_as_good_as_its_authors_program_on_the_same_photons(shared_data,
         theirs = np.abs(file["rt3d_depth_bins"] - photons.reference_depth_bins[0])
     assert found.true_detections >= (theirs <= 10).mean() and found.false_detections <= (theirs > 10).mean()
     assert found.dae_bins <= 1.05 * theirs[theirs <= 10].mean()
-
-
-def test_frequencies_that_the_irf_does_not_pass_are_refused():
-    with pytest.raises(ValueError, match=r"^frequencies is \[.*\]: expected some that the sensor's IRF passes"):
-        Matcher(make_sensor(4, 5).replace(irf=np.ones(T), irf_ref=None), (1, 2, 3))

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.baselines.fisher import DepthInformation, irf_slope
 from srt3d_ros.core.baselines.rt3d import RT3D
-from srt3d_ros.core.baselines.toa import by_pixel
+from srt3d_ros.core.baselines.toa import DepthInformation, by_pixel, irf_slope
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.kernels import cpu
-
-from .scenes import T, make_sensor, simulate
+from tests.core.scenes import T, make_sensor, simulate
 
 
 def test_steps_without_denoiser_reach_maximum_likelihood():

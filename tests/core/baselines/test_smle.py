@@ -6,8 +6,7 @@ import pytest
 from srt3d_ros.core.frequencies import angular_frequencies, consecutive, irf_spectrum
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sketching import sketch_photons
-
-from .scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
+from tests.core.scenes import TAILED, T, background_alone, errors, make_sensor, ramp, run, simulate
 
 
 def test_identity_finds_the_minimum_of_the_data_term():

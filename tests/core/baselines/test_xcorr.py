@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.baselines import correlation
+from srt3d_ros.core.baselines import xcorr
 from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
-
-from .scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
+from tests.core.scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
 
 
 def plain_filter(counts: np.ndarray, irf: np.ndarray, ref: int) -> float:
@@ -38,9 +37,9 @@ def test_depths_are_those_of_a_plain_filter():
 def test_the_size_of_the_batches_does_not_matter(monkeypatch):
     sensor = make_sensor(7, 9)
     photons = by_pixel(simulate(ramp(7, 9, 200, 3, 1), sbr=2, ppp=25), sensor)
-    whole = correlation.correlate(photons, sensor, 2)
-    monkeypatch.setattr(correlation, "CELLS", 4 * T)
-    parts = correlation.correlate(photons, sensor, 2)
+    whole = xcorr.correlate(photons, sensor, 2)
+    monkeypatch.setattr(xcorr, "CELLS", 4 * T)
+    parts = xcorr.correlate(photons, sensor, 2)
     for field in ("depth", "intensity", "background", "false_alarm"):
         np.testing.assert_allclose(getattr(parts, field), getattr(whole, field), rtol=1e-5)
 

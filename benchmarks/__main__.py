@@ -1,0 +1,48 @@
+"""Run one of the developers' benchmarks: python -m benchmarks NAME [--help] [--out FILE] …
+
+Each measurement is a line of JSON with the machine that it was made on, printed and, with --out, appended to a file.
+"""
+
+import argparse
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from srt3d_ros.evaluation.machine import machine
+
+PURPOSES = {
+    "ablation": "quality and time with each constant of the method halved, doubled and off",
+    "frequencies": "expected and measured depth error for each rule that chooses frequencies, as a picture",
+    "gates": "a SPAD array of 308 MB/s that must pass without loss in real time",
+    "overload": "what is dropped at five times the photons that the machine can take, and how soon all is well again",
+    "quickstart": "clouds a second of step 4 of docs/quickstart-driver.md, and the time to the first",
+    "recording": "what recording costs, what a recording weighs, what a killed recorder loses",
+    "two_machines": "what passes between two machines, how late, at what loss (needs root)",
+}
+
+
+def main() -> None:
+    if sys.argv[1:2] in ([], ["-h"], ["--help"]):
+        names = "\n".join(f"    {name:<14}{purpose}" for name, purpose in PURPOSES.items())
+        print(f"{__doc__}\n{names}")
+        return
+    name, *rest = sys.argv[1:]
+    if name not in PURPOSES:
+        sys.exit(f"{name}: expected {', '.join(PURPOSES)}")
+    module = import_module(f"benchmarks.{name}")
+    parser = argparse.ArgumentParser(prog=f"python -m benchmarks {name}", description=module.__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="append the lines to this file")
+    module.add_options(parser)
+    args = parser.parse_args(rest)
+    for line in module.run(args):
+        text = json.dumps(line | machine(), ensure_ascii=False)
+        print(text, flush=True)
+        if args.out:
+            with args.out.open("a", encoding="utf-8") as file:
+                file.write(text + "\n")
+
+
+if __name__ == "__main__":
+    main()

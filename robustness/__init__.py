@@ -1,0 +1,1 @@
+"""Hostile input, broken machines and long runs: what the package survives, measured."""

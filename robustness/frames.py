@@ -1,0 +1,230 @@
+"""Reconstruct frames and sensors that nobody should have, by every method: do all clouds hold numbers?
+
+Each round draws a sensor (array, T, IRF, calibration, lens, timing), a frame (photons, or a sketch as a broken sender
+might make it), a method and its options. A round holds if the sensor or the frame is refused in one line, or if the
+cloud is finite and in its range, and no step divided by 0 or ran over. A round depends on the seed and its own number
+alone: `--first 1234 --rounds 1` repeats one.
+"""
+
+import argparse
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros.core.background import BACKGROUNDS
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.weighting import WEIGHTINGS
+from srt3d_ros.errors import InvalidInput
+
+MAX_SHOWN = 20          # failures that the summary holds in full
+PHOTONS = 20_000        # of a frame, at most about so many
+FULL = 2**32 - 1        # photons that a pixel of a sketch can have
+
+ARRAYS = [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (1, 3), (1, 33), (33, 1), (5, 7), (9, 33), (16, 16)]
+PERIODS = [2, 3, 4, 5, 7, 8, 16, 33, 100, 256, 586, 1_000, 4_095, 4_613, 20_000, 65_535]
+ODD = [0.0, -0.0, 1e-45, 1e-4, 1e-3, 0.5, 1.0, 2.0, 1e4, 1e6, 1e300, -1.0, np.nan, np.inf, -np.inf]
+
+
+@dataclass
+class Tally:
+    rounds: int = 0
+    clouds: int = 0
+    points: int = 0
+    refused: Counter = field(default_factory=Counter)
+    failures: list[str] = field(default_factory=list)
+
+
+def draw_sensor(rng: np.random.Generator) -> SensorModel:
+    """A sensor with up to three odd properties; InvalidInput if it is refused."""
+    rows, cols = ARRAYS[rng.integers(len(ARRAYS))]
+    num_bins = PERIODS[rng.integers(len(PERIODS))]
+    known = {"rows": rows, "cols": cols, "num_bins": num_bins, "bin_width_s": 10.0**rng.uniform(-12, -8),
+             "irf": draw_irf(rng, num_bins)}
+    odd = {
+        "irf": lambda: np.stack([draw_irf(rng, num_bins, length=min(9, num_bins)) for _ in range(rows * cols)]),
+        "irf_ref": lambda: int(rng.integers(-2, known["irf"].shape[-1] + 2)),
+        "gain": lambda: odd_map(rng, (rows, cols), 1.0),
+        "delay_bins": lambda: odd_map(rng, (rows, cols), 0.0),
+        "mask": lambda: rng.random((rows, cols)) > rng.choice([0, 0.1, 0.9, 1]),
+        "background_shape": lambda: draw_irf(rng, num_bins, length=num_bins),
+        "projection": lambda: draw_projection(rng, rows, cols),
+        "bin_width_s": lambda: 10.0**rng.uniform(-21, 1),
+        "toa_offset_bins": lambda: rng.choice([-1, 1]) * 10.0**rng.uniform(-3, 14),
+        "range_offset_m": lambda: rng.choice([-1, 1]) * 10.0**rng.uniform(-3, 14),
+    }
+    for name in rng.choice(list(odd), rng.integers(0, 4), replace=False):
+        known[name] = odd[name]()
+    return SensorModel(**known)
+
+
+def odd_map(rng: np.random.Generator, shape: tuple[int, int], usual: float) -> np.ndarray:
+    """A map with one odd pixel, all odd, or of numbers of every size."""
+    kind = rng.integers(4)
+    if kind == 0:
+        return np.full(shape, ODD[rng.integers(len(ODD))])
+    image = np.full(shape, usual) if kind < 3 else 10.0**rng.uniform(-4, 4, shape)
+    if kind == 1:
+        image[tuple(rng.integers(shape))] = ODD[rng.integers(len(ODD))]
+    return image
+
+
+def draw_irf(rng: np.random.Generator, num_bins: int, length: int | None = None) -> np.ndarray:
+    """An IRF of some shape, length and scale."""
+    length = length or int(min(rng.choice([1, 2, 3, 20, 200, num_bins]), num_bins + (rng.random() < 0.02)))
+    x = np.arange(length)
+    irf = [lambda: np.eye(1, length, rng.integers(length))[0], lambda: np.ones(length),
+           lambda: np.exp(-0.5 * ((x - length / 2) / max(length / 6, 0.1))**2), lambda: rng.random(length)**8,
+           lambda: np.exp(-x / max(length / 5, 1)), lambda: np.eye(1, length)[0] + np.eye(1, length, length // 2)[0],
+           lambda: np.zeros(length)][rng.choice(7, p=[0.2, 0.15, 0.2, 0.15, 0.18, 0.1, 0.02])]()
+    irf = irf * rng.choice([1, 7, 1e-300, 1e-40, 1e30, 1e300], p=[0.6, 0.1, 0.1, 0.1, 0.07, 0.03])
+    if rng.random() < 0.03:
+        irf[rng.integers(length)] = ODD[rng.integers(len(ODD))]
+    return irf
+
+
+def draw_projection(rng: np.random.Generator, rows: int, cols: int):
+    """A lens or a scanner with numbers of every size."""
+    if rng.random() < 0.3:
+        return AngularScan(*(rng.normal(size=4) * 10.0**rng.uniform(-6, 6)))
+    focal = 10.0**rng.uniform(-300, 300) if rng.random() < 0.3 else max(rows, cols) * 10.0**rng.uniform(-2, 2)
+    centre = rng.normal(size=2) * 10.0**rng.uniform(0, 300 if rng.random() < 0.2 else 3)
+    bend = rng.normal(size=5) * 10.0**rng.uniform(-3, 3) if rng.random() < 0.5 else np.zeros(5)
+    return Pinhole(focal, focal * 10.0**rng.uniform(-1, 1), *centre, PlumbBob(*bend))
+
+
+def draw_events(rng: np.random.Generator, sensor: SensorModel) -> PhotonEvents:
+    """Photons of an odd frame."""
+    pixels, num_bins = sensor.pixels, sensor.num_bins
+    count = int(rng.choice([0, 1, 2, pixels, 10 * pixels, PHOTONS]))
+    pixel = [lambda: rng.integers(0, pixels, count), lambda: np.full(count, rng.integers(pixels)),
+             lambda: np.arange(count) % pixels, lambda: np.where(rng.random(count) < 0.9, 0, pixels - 1)][
+                 rng.integers(4)]()
+    edge = rng.choice([0, num_bins - 1, num_bins // 2])
+    spread = rng.integers(0, rng.choice([1, 2, min(9, num_bins), num_bins]), count)
+    toa = (edge + spread) % num_bins
+    if rng.random() < 0.3:
+        toa = np.minimum(toa + rng.random(count), np.nextafter(np.float32(num_bins), np.float32(0)))
+        return PhotonEvents(pixel.astype(np.uint32), toa.astype(np.float32).clip(0, np.nextafter(
+            np.float32(num_bins), np.float32(0))))
+    return PhotonEvents(pixel.astype(np.uint32), toa.astype(rng.choice([np.uint16, np.uint32])))
+
+
+def draw_sketch(rng: np.random.Generator, sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+    """A sketch that no photons have: garbage, as a broken sender might make it."""
+    shape, m = (sensor.rows, sensor.cols), len(frequencies)
+    photons = [lambda: np.zeros(shape), lambda: np.ones(shape), lambda: np.full(shape, FULL),
+               lambda: rng.integers(0, 2**32, shape), lambda: rng.poisson(5, shape),
+               lambda: np.where(rng.random(shape) < 0.1, FULL, rng.integers(0, 3, shape))][rng.integers(6)]()
+    photons = photons.astype(np.uint32)
+    modulus = rng.choice([0, 1e-30, 0.01, 0.5, 1, 1, 1, 1.001, 10])
+    sums = np.exp(2j * np.pi * rng.random((*shape, m))) * modulus
+    if rng.random() < 0.5:          # as of one surface
+        omega = 2 * np.pi * np.array(frequencies) / sensor.num_bins
+        sums = np.exp(1j * omega * rng.uniform(0, sensor.num_bins, (*shape, 1) if rng.random() < 0.5 else 1)) * modulus
+        sums = np.broadcast_to(sums, (*shape, m))
+    with np.errstate(over="ignore", under="ignore"):
+        sums = (sums * np.maximum(photons, rng.integers(2))[..., None]).astype(np.complex64)
+    if rng.random() < 0.1:
+        sums.reshape(-1)[rng.integers(sums.size)] = rng.choice([np.nan, np.inf, -np.inf, 1j * np.inf, 1e38, 1e20])
+    return Sketch(frequencies, sums, photons)
+
+
+def draw_options(rng: np.random.Generator, name: str) -> dict:
+    """Options that the method has."""
+    every = {"false_alarm_rate": lambda: float(rng.choice([1e-12, 1e-4, 0.3, 0.999])),
+             "background": lambda: str(rng.choice(BACKGROUNDS)), "weighting": lambda: str(rng.choice(WEIGHTINGS)),
+             "warm_start": lambda: bool(rng.random() < 0.5), "upsampling": lambda: int(rng.integers(1, 4))}
+    chosen = {option: every[option]() for option in METHODS[name].options if rng.random() < 0.5}
+    return {"surfaces": int(rng.integers(1, 5)), "device": "cpu", **chosen}
+
+
+def draw_frequencies(rng: np.random.Generator, name: str, sensor: SensorModel) -> tuple[int, ...]:
+    """Frequencies by rule, with a size that may be too large, or from a list that may be useless."""
+    if rng.random() < 0.1:
+        return choose(",".join(map(str, rng.integers(-1, sensor.num_bins, rng.integers(1, 5)))), sensor)
+    size = None if rng.random() < 0.6 else int(rng.choice([1, 2, 3, 20, 64, 65]))
+    return choose(METHODS[name].frequencies if rng.random() < 0.7 else "spread", sensor, size)
+
+
+def play(rng: np.random.Generator, tally: Tally) -> list[str]:
+    """One round; returns what is wrong."""
+    try:
+        sensor, name = draw_sensor(rng), str(rng.choice(list(METHODS)))
+        method, options = METHODS[name], draw_options(rng, name)
+        frequencies = draw_frequencies(rng, name, sensor) if method.needs == "sketch" else None
+        reconstruct = method.build(sensor, frequencies, **options)
+        wrong = []
+        for _ in range(1 + 2 * options.get("warm_start", False)):
+            frame = draw_events(rng, sensor)
+            if method.needs == "sketch":
+                frame = (draw_sketch(rng, sensor, frequencies) if rng.random() < 0.5
+                         else sketch_photons(frame, sensor, frequencies))
+            cloud = reconstruct(frame)
+            tally.clouds += 1
+            tally.points += len(cloud)
+            finer = reconstruct.sensor if hasattr(reconstruct, "sensor") else sensor
+            wrong += [f"{name} {options}: {line}" for line in faults(cloud, finer)]
+        return wrong
+    except InvalidInput as refusal:
+        tally.refused[refusal.field] += 1
+        return [] if len(str(refusal).splitlines()) == 1 else [f"a refusal of several lines: {refusal}"]
+
+
+def faults(cloud: PointCloud, sensor: SensorModel) -> list[str]:
+    """What no consumer of the cloud could use."""
+    found = [f"{name} is not finite" for name in ("depth_bins", "intensity", "depth_std_bins", "xyz", "background")
+             if not np.isfinite(getattr(cloud, name)).all()]
+    for name, good in (("depth_bins", (cloud.depth_bins >= 0) & (cloud.depth_bins < sensor.num_bins)),
+                       ("intensity", cloud.intensity > 0), ("depth_std_bins", cloud.depth_std_bins > 0),
+                       ("background", cloud.background >= 0), ("row", cloud.row < sensor.rows),
+                       ("col", cloud.col < sensor.cols)):
+        if not good.all():
+            found.append(f"{name} out of its range: {getattr(cloud, name)[~good][:3]}")
+    for image in (cloud.image("intensity"), cloud.depth_image(sensor.projection)):
+        if np.isinf(image).any() or np.isfinite(image).sum() != (cloud.surface == 0).sum():
+            found.append("an image with other pixels than the cloud")
+    if sensor.mask is not None and not sensor.mask[cloud.row, cloud.col].all():
+        found.append("a point in a masked pixel")
+    return found
+
+
+def play_all(rounds, seed: int, end_s: float = float("inf")) -> Tally:
+    """All rounds, or those before `end_s` of time.monotonic()."""
+    tally = Tally()
+    for number in rounds:
+        if time.monotonic() > end_s:
+            break
+        tally.rounds += 1
+        try:
+            with np.errstate(divide="raise", over="raise", invalid="raise"):
+                wrong = play(np.random.default_rng([seed, number]), tally)
+        except Exception as failure:        # whatever it is, it is a finding
+            wrong = [f"{type(failure).__name__}: {failure}"]
+        tally.failures += [f"round {number}: {line}" for line in wrong]
+    return tally
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rounds", type=int, default=20_000, help="default: %(default)s")
+    parser.add_argument("--seconds", type=float, default=float("inf"), metavar="S", help="end after so long (never)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first round, to repeat one")
+
+
+def run(args: argparse.Namespace) -> tuple[list, dict]:
+    tally = play_all(tqdm(range(args.first, args.first + args.rounds), unit="round"), args.seed,
+                     time.monotonic() + args.seconds)
+    seen = f"{tally.rounds} rounds, {tally.clouds} clouds, {tally.points} points, {tally.refused.total()} refused"
+    verdicts = [("numbers or one line", not tally.failures, "; ".join([seen, *tally.failures[:MAX_SHOWN]]))]
+    return verdicts, {"seed": args.seed, "rounds": tally.rounds, "clouds": tally.clouds, "points": tally.points,
+                      "refused": dict(tally.refused.most_common()), "failures": len(tally.failures)}

@@ -1,0 +1,79 @@
+"""Sensors, scenes and photons that the tests of the methods share."""
+
+import numpy as np
+
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.methods import METHODS, reconstruct
+from srt3d_ros.core.metrics import circular_difference
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+
+T = 586
+IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay
+
+# A peak with a long tail, as measured ones have: only there it matters how the parts of a sketch are weighted.
+TAILED = np.exp(-0.5 * ((np.arange(120) - 12) / 3)**2) + 0.12 * np.exp(-np.maximum(np.arange(120) - 12, 0) / 25)
+
+
+def make_sensor(rows: int, cols: int, **changes) -> SensorModel:
+    return SensorModel(rows, cols, **({"num_bins": T, "bin_width_s": 16e-12, "irf": IRF} | changes))
+
+
+def ramp(rows: int, cols: int, start: float, per_col: float, per_row: float) -> np.ndarray:
+    y, x = np.mgrid[:rows, :cols]
+    return start + per_col * x + per_row * y
+
+
+def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0) -> PhotonEvents:
+    """Photons of surfaces at these depths, [rows, cols] or [S, rows, cols]."""
+    sensor = sensor or make_sensor(*depth_bins.shape[-2:])
+    return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
+
+
+def background_alone(sensor: SensorModel, ppp: float, seed: int = 0) -> PhotonEvents:
+    """Photons spread as the sensor's background_shape says."""
+    rng = np.random.default_rng(seed)
+    count = rng.poisson(ppp * sensor.pixels)
+    pixel = np.sort(rng.integers(0, sensor.pixels, count)).astype(np.uint32)
+    if sensor.background_shape is None:
+        return PhotonEvents(pixel, rng.integers(0, sensor.num_bins, count).astype(np.uint16))
+    cumulative = np.cumsum(sensor.background_shape, dtype=np.float64)
+    toa = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
+    return PhotonEvents(pixel, toa.astype(np.uint16))
+
+
+def with_photons(frame: PhotonEvents, pixel: np.ndarray, toa) -> PhotonEvents:
+    """The frame with further photons in these pixels."""
+    toa = np.broadcast_to(toa, len(pixel)).astype(np.uint16)
+    return PhotonEvents(np.append(frame.pixel, pixel.astype(np.uint32)), np.append(frame.toa, toa))
+
+
+def run(name: str, frame, sensor: SensorModel, sketch_size: int = 10, **options):
+    """The cloud by a method with its own frequencies, of photons or their sketch."""
+    m = min(sketch_size, max((sensor.num_bins - 1) // 2, 1))
+    frequencies = choose(METHODS[name].frequencies, sensor, m)
+    if isinstance(frame, Sketch):
+        return METHODS[name].build(sensor, frequencies, **options)(frame)
+    return reconstruct(name, frame, sensor, frequencies, **options)
+
+
+def pooled(frame, sensor: SensorModel, sketch_size: int = 10, **options):
+    return run("pooled", frame, sensor, sketch_size, **options)
+
+
+def errors(cloud, depth_bins) -> np.ndarray:
+    """Of each point from the depth of its pixel, or from the nearest of several depths of the scene; bins."""
+    depth_bins = np.asarray(depth_bins)
+    truth = depth_bins[cloud.row, cloud.col][:, None] if depth_bins.ndim == 2 else depth_bins[None]
+    difference = circular_difference(cloud.depth_bins[:, None].astype(np.float64), truth, T)
+    return difference[np.arange(len(difference)), np.abs(difference).argmin(axis=1)]
+
+
+def assert_finite(cloud, num_bins: int = T):
+    for name in ("depth_bins", "intensity", "depth_std_bins", "xyz", "background"):
+        assert np.isfinite(getattr(cloud, name)).all(), name
+    assert (cloud.intensity > 0).all() and (cloud.depth_std_bins > 0).all() and (cloud.background >= 0).all()
+    assert (cloud.depth_bins >= 0).all() and (cloud.depth_bins < num_bins).all()
