@@ -150,8 +150,9 @@ def test_whole_reconstructions_agree(backend, monkeypatch, name):
     monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 1)
     sensor, clouds = make_sensor(4, 18), []
     for kernels in (backend.kernels, reference):
-        monkeypatch.setattr("srt3d_ros.core.baselines.options.kernels_for",
-                            lambda device, found=kernels: (device, found))
+        for module in ("rt3d", "sketched"):
+            monkeypatch.setattr(f"srt3d_ros.core.baselines.{module}.kernels_for",
+                                lambda device, found=kernels: (device, found))
         clouds.append(reconstruct(name, make_photons(sensor), sensor, consecutive(7), surfaces=2, device="cpu"))
     fast, slow = clouds
     assert len(fast) > 50
