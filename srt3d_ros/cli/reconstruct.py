@@ -5,6 +5,7 @@ import time
 
 from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
+from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
@@ -34,6 +35,8 @@ def add_parser(subparsers) -> None:
                         help="which they are: least expected error (auto), spread over what the IRF passes, 1 … M, "
                              "or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
+    parser.add_argument("--surface-order", choices=SURFACE_ORDERS, default="strongest",
+                        help="which of a pixel's surfaces comes first in the file (strongest)")
     parser.add_argument("--method", default=DEFAULT_METHOD, metavar="NAME",
                         help=f"how to reconstruct: {', '.join(METHODS)} ({DEFAULT_METHOD})")
     common.add_device(parser)
@@ -88,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
     if method.needs == "sketch":
         seen, sketch_ms = _timed(sketch_photons, frame, sensor, frequencies)
     cloud, reconstruct_ms = _timed(reconstructor, seen)
+    cloud = cloud.ordered(args.surface_order)
     cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
     facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
              "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,

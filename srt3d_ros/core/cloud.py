@@ -6,11 +6,17 @@ import numpy as np
 
 from srt3d_ros.core.projection import Pinhole, Projection
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import require
+
+# Which point of a pixel comes first: the field that a pixel's points are sorted by, and its sign.
+SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
 
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
     """Points of one frame, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
+
+    `ordered` puts the nearest or the farthest of a pixel first.
 
     Args:
         row, col: uint16 [N].
@@ -19,7 +25,7 @@ class PointCloud:
         depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and where photons are pooled also
             what the surface does within the pool.
         xyz: float32 [N, 3], metres, sensor's frame.
-        surface: uint8 [N], 0 for the strongest point of its pixel, 1 for the next, …
+        surface: uint8 [N], 0 for the first point of its pixel, 1 for the next, …
         background: float32 [rows, cols], expected background photons in the frame, over all T bins.
         stamp_ns: start of acquisition, passed through from the photons.
     """
@@ -65,11 +71,11 @@ class PointCloud:
         return self._image(getattr(self, field), surface)
 
     def range_image(self) -> np.ndarray:
-        """Range along the ray of the strongest point, metres; float32 [rows, cols], NaN = no point."""
+        """Range along the ray of each pixel's first point, metres; float32 [rows, cols], NaN = no point."""
         return self._image(self._range_m())
 
     def depth_image(self, projection: Projection) -> np.ndarray:
-        """What a depth image shows (REP-118) of the strongest points; float32 [rows, cols], metres, NaN = no point.
+        """What a depth image shows (REP-118) of the first points; float32 [rows, cols], metres, NaN = no point.
 
         That is z in the optical frame for a pinhole, the range along the ray for a scanner.
         """
@@ -88,6 +94,17 @@ class PointCloud:
         rank = np.arange(len(kept)) - np.repeat(begins, np.diff(begins, append=len(kept)))
         return replace(self, row=row, col=col, depth_bins=self.depth_bins[kept], intensity=self.intensity[kept],
                        depth_std_bins=self.depth_std_bins[kept], xyz=self.xyz[kept], surface=rank.astype(np.uint8))
+
+    def ordered(self, surface_order: str) -> "PointCloud":
+        """The cloud with the `strongest`, `nearest` or `farthest` point of each pixel first; ties keep their order."""
+        require(surface_order in SURFACE_ORDERS, "surface_order", surface_order, " or ".join(SURFACE_ORDERS))
+        field, sign = SURFACE_ORDERS[surface_order]
+        key, later = sign * getattr(self, field), np.flatnonzero(self.surface)
+        if (key[later - 1] <= key[later]).all():
+            return self
+        order = np.lexsort((key, np.cumsum(self.surface == 0)))
+        return replace(self, depth_bins=self.depth_bins[order], intensity=self.intensity[order],
+                       depth_std_bins=self.depth_std_bins[order], xyz=self.xyz[order])
 
     def _range_m(self) -> np.ndarray:
         return np.sqrt(np.einsum("ij,ij->i", self.xyz, self.xyz))       # several times faster than np.linalg.norm

@@ -19,7 +19,7 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
         frame_id: the tf frame of cloud.xyz.
         layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
         sensor: needed by "full" alone, which gives depth_std in metres.
-        organised: one point a pixel, rows × cols, its strongest; where a pixel has none x, y, z and depth_std are NaN
+        organised: one point a pixel, rows × cols, its first; where a pixel has none x, y, z and depth_std are NaN
             and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
     """
     layouts = cloud_layouts("points")
@@ -40,15 +40,15 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
 
 
 def _in_their_pixels(points: np.ndarray, cloud: PointCloud) -> np.ndarray:
-    """The strongest points [rows, cols], and what stands for none."""
+    """The first points [rows, cols], and what stands for none."""
     grid = np.zeros(cloud.background.shape, points.dtype)
     for name in {"x", "y", "z", "depth_std"}.intersection(points.dtype.names):
         grid[name] = np.nan
     if "background" in points.dtype.names:
         grid["background"] = cloud.background
         grid["row"], grid["col"] = np.indices(grid.shape, sparse=True)
-    strongest, as_bytes = cloud.surface == 0, f"V{points.dtype.itemsize}"      # NumPy copies field by field otherwise
-    grid.view(as_bytes)[cloud.row[strongest], cloud.col[strongest]] = points.view(as_bytes)[strongest]
+    first, as_bytes = cloud.surface == 0, f"V{points.dtype.itemsize}"      # NumPy copies field by field otherwise
+    grid.view(as_bytes)[cloud.row[first], cloud.col[first]] = points.view(as_bytes)[first]
     return grid
 
 

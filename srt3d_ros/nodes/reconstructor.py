@@ -43,8 +43,8 @@ SPEC = NodeSpec(
         Service("save_cloud", "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in "
                 "`save_folder`; the answer names it")),
     parameters=PARAMETERS,
-    limits=("A pixel sees at most `surfaces` surfaces, the strongest first; an organised cloud and the images have "
-            "only that one.",
+    limits=("A pixel sees at most `surfaces` surfaces; an organised cloud and the images have only the one that "
+            "`surface_order` puts first.",
             "The images are as the sensor sees them: a lens's distortion is taken off `points`, not off the images, "
             "whose `camera_info` tells it.",
             "A change of a parameter that a reconstruction is made with (`method`, `surfaces`, `upsampling`, …) takes "
@@ -195,7 +195,7 @@ class ReconstructorNode(PipelineNode):
 
     def _publish(self, frame: ReconstructedFrame) -> None:
         settings, seen = frame.settings, frame.wait()
-        cloud = seen.within(*limits_m(settings))
+        cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
         data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], frame.sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=frame.photons)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from srt3d_ros.core.background import BACKGROUNDS
+from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, refuse_old_name
 from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
@@ -19,6 +20,9 @@ PARAMETERS = (
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
         "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True, refuse=refuse_old_name),
     Parameter("surfaces", 1, "Most surfaces of a pixel.", low=1, high=MAX_SURFACES, live=True),
+    Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`; the images and an "
+              "organised cloud show only that one. With `surfaces` of 2 or more, nearest shows a net or fog and "
+              "farthest what is behind it.", choices=tuple(SURFACE_ORDERS), live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: share of the pixels without a surface that "
               "may show a point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins: as the sensor's "
@@ -36,7 +40,7 @@ PARAMETERS = (
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
               "surface.", choices=("xyzi", "full"), live=True),
-    Parameter("organised", False, "`points` as rows × cols with the strongest point of each pixel, NaN where there is "
+    Parameter("organised", False, "`points` as rows × cols with the first point of each pixel, NaN where there is "
               "none; if false, a list of all points.", live=True),
     Parameter("min_range_m", 0.0, "Leave out points nearer than this along their pixel's ray, of `points` and of the "
               "images; 0 = no limit.", "m", low=0.0, live=True),

@@ -52,9 +52,9 @@ SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and 
 POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")
 WATCHED = "while somebody subscribes"
 IMAGES = (
-    Topic("depth", Image, "metres to the strongest point of each pixel: z of a pinhole sensor, range of a scanner",
-          when=WATCHED),
-    Topic("intensity", Image, "signal photons of the strongest point of each pixel", when=WATCHED),
+    Topic("depth", Image, "metres to the first point (`surface_order`) of each pixel: z of a pinhole sensor, range of "
+          "a scanner", when=WATCHED),
+    Topic("intensity", Image, "signal photons of the first point of each pixel", when=WATCHED),
     Topic("background", Image, "background photons of each pixel", when=WATCHED),
 )
 CAMERA_INFO = Topic("camera_info", CameraInfo, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")

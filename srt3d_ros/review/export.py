@@ -99,7 +99,8 @@ def point_cloud(cloud: RecordedCloud, sensor: SensorModel, background: np.ndarra
     """
     range_m = np.linalg.norm(cloud.xyz.astype(np.float64), axis=1)
     row, col = (cloud.row, cloud.col) if cloud.row is not None and cloud.col is not None else _pixels(cloud.xyz, sensor)
-    order = np.lexsort((-cloud.intensity, row.astype(np.int64) * sensor.cols + col))
+    rank = -cloud.intensity if cloud.surface is None else cloud.surface
+    order = np.lexsort((rank, row.astype(np.int64) * sensor.cols + col))
     depth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
     std = np.full(len(cloud), np.nan) if cloud.depth_std_m is None else cloud.depth_std_m / sensor.bin_width_m
     if background is None:

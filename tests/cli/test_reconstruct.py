@@ -66,6 +66,15 @@ def test_it_is_the_reconstruction_of_the_library(reconstruct, photons):
     assert facts["sketch_ms"] > 0 and facts["reconstruct_ms"] > 0
 
 
+@pytest.mark.parametrize(("order", "first"), [("nearest", 80), ("farthest", 200)])
+def test_surface_order_chooses_the_first_surface_of_each_pixel(reconstruct, order, first):
+    _, out = reconstruct("--surfaces", "2", "--surface-order", order)
+    with np.load(out) as file:
+        several = file["surface"][1:] == 1
+        assert several.sum() > 200
+        np.testing.assert_allclose(file["depth_bins"][:-1][several], first, atol=3)
+
+
 def test_upsampling_writes_a_cloud_of_finer_pixels(reconstruct):
     facts, out = reconstruct("--upsampling", "3")
     assert (facts["rows"], facts["upsampling"], facts["points"]) == (12, 3, 9 * 240)
@@ -178,6 +187,7 @@ REFUSED = [
     (("FILE", "-o", "/proc/self/a.npz"), "output is /proc/self/a.npz"),
     (("FILE", *OUT, "--surfaces", "0"), "surfaces is 0"), (("FILE", *OUT, "--surfaces", "5"), "surfaces is 5"),
     (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
+    (("FILE", *OUT, "--surface-order", "first"), "--surface-order: invalid choice: 'first'"),
     (("FILE", *OUT, "--false-alarm-rate", "0"), "false_alarm_rate is 0"),
     (("FILE", *OUT, "--false-alarm-rate", "nan"), "false_alarm_rate is nan"),
     (("FILE", *OUT, "--device", "cuda"), "device is cuda"), (("FILE", *OUT, "--device", "gpu"), "--device"),

@@ -1,10 +1,11 @@
-"""PointCloud: its images."""
+"""PointCloud: its images, limits and the order of a pixel's points."""
 
 import numpy as np
 import pytest
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.errors import InvalidInput
 
 NAN = np.nan
 
@@ -28,7 +29,7 @@ def two_in_one_pixel() -> PointCloud:
     (lambda cloud: cloud.range_image(), [[NAN, 2, NAN], [NAN, NAN, 5]]),
     (lambda cloud: cloud.depth_image(Pinhole(10, 10, 1, 0.5)), [[NAN, 2, NAN], [NAN, NAN, 4]]),
     (lambda cloud: cloud.depth_image(AngularScan(0, 0.1, 0, 0.1)), [[NAN, 2, NAN], [NAN, NAN, 5]])])
-def test_images_show_the_strongest_points_and_nan_elsewhere(two_in_one_pixel, image, expected):
+def test_images_show_the_first_points_and_nan_elsewhere(two_in_one_pixel, image, expected):
     shown = image(two_in_one_pixel)
     assert shown.dtype == np.float32
     np.testing.assert_array_equal(shown, expected)
@@ -59,3 +60,32 @@ def test_further_surfaces_within_the_limits_keep_their_order():
                        np.array([0, 0, 1, 2, 0], np.uint8), np.zeros((2, 3), np.float32))
     kept = cloud.within(max_m=5)
     assert kept.xyz[:, 2].tolist() == [1, 2, 3, 1] and kept.surface.tolist() == [0, 0, 1, 0]
+
+
+@pytest.mark.parametrize(("surface_order", "depth", "intensity"), [
+    ("strongest", [7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]),
+    ("nearest", [7, 10, 40, 40, 20, 90, 90], [1, 5, 9, 2, 3, 8, 6]),
+    ("farthest", [7, 40, 40, 10, 90, 90, 20], [1, 9, 2, 5, 8, 6, 3])])
+def test_the_points_of_a_pixel_come_in_the_order_asked_for_and_ties_keep_theirs(surface_order, depth, intensity):
+    row, col = np.array([0, 0, 0, 0, 1, 1, 1], np.uint16), np.array([1, 2, 2, 2, 0, 0, 0], np.uint16)
+    by_strength = np.float32([[7, 40, 10, 40, 90, 90, 20], [1, 9, 5, 2, 8, 6, 3]])
+    cloud = PointCloud(row, col, *by_strength, by_strength[1] / 10, np.repeat(by_strength[0][:, None], 3, axis=1),
+                       np.array([0, 0, 1, 2, 0, 1, 2], np.uint8), np.zeros((2, 3), np.float32), stamp_ns=9)
+    ordered = cloud.ordered(surface_order)
+    assert ordered.depth_bins.tolist() == ordered.xyz[:, 2].tolist() == depth
+    assert ordered.intensity.tolist() == intensity
+    assert (ordered.depth_std_bins == ordered.intensity / 10).all() and ordered.stamp_ns == 9
+    for name in ("row", "col", "surface"):
+        assert getattr(ordered, name).tolist() == getattr(cloud, name).tolist()
+    assert ordered.ordered("strongest").intensity.tolist() == cloud.intensity.tolist()
+
+
+@pytest.mark.parametrize("surface_order", ["strongest", "nearest", "farthest"])
+def test_a_cloud_of_one_surface_in_each_pixel_keeps_its_order(two_in_one_pixel, surface_order):
+    single = two_in_one_pixel.within(min_m=3)
+    assert single.ordered(surface_order) is single
+
+
+def test_an_unknown_order_is_refused(two_in_one_pixel):
+    with pytest.raises(InvalidInput, match="^surface_order is first: expected strongest or nearest or farthest$"):
+        two_in_one_pixel.ordered("first")

@@ -56,7 +56,7 @@ def test_is_dense_says_whether_every_point_is_finite(codecs, x, dense):
 
 
 @pytest.mark.parametrize("layout", ["xyzi", "full"])
-def test_organised_cloud_has_the_strongest_point_of_each_pixel_in_its_place(two_in_one_pixel, small_sensor, layout):
+def test_organised_cloud_has_the_first_point_of_each_pixel_in_its_place(two_in_one_pixel, small_sensor, layout):
     message = read_cloud(points.encode_cdr(two_in_one_pixel, "lidar", layout, small_sensor, organised=True))
     assert (message.height, message.width, message.is_dense) == (3, 4, False)
     grid = unpack_cloud(message, [cloud_layouts("points")[layout]])

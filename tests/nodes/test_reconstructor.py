@@ -18,6 +18,8 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.projection import AngularScan
 from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.datasets.scene import NetScene, net_sensor
+from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -162,6 +164,33 @@ def test_points_and_images_agree_on_what_is_within_the_limits(graph, sensor, ske
     far = frame()[0]
     assert (far.height, far.width, far.is_dense) == (1, int(seen.sum()) - len(points["xyz"]), True)
     assert int(graph.reports("reconstructor", "frames_out", 3)["points_out_of_range"]) == int(seen.sum())
+
+
+def test_images_and_organised_clouds_show_the_surface_that_surface_order_puts_first(graph, setting):
+    clouds, depths = graph.collect(PointCloud2, "points"), graph.collect(Image, "depth")
+    publisher, net = graph.publisher(PointCloud2, "sketch"), net_sensor()
+    graph.start("reconstructor", lossless=True, surfaces=2, organised=True).ready()
+    sketch = sketch_photons(Simulator(NetScene(net), net, sbr=3, ppp=100).frame(0)[0], net, choose("auto", net, 10))
+    graph.node.create_publisher(String, "sketch/sensor", LATCHED).publish(
+        sketch_message.encode_sensor(net, sketch.frequencies, 1))
+    graph.reports("reconstructor", "num_bins", net.num_bins)
+    graph.matched(publisher)
+    shown = {}
+    for frames, order in enumerate(("strongest", "nearest", "farthest"), start=1):
+        assert order == "strongest" or setting(surface_order=order) == ""
+        publisher.publish(sketch_message.encode_cdr(sketch, "spad"))
+        graph.wait(lambda: len(clouds) == len(depths) == frames, f"a frame, the {order} surfaces first")
+        shown[order] = depth_m = decode_image(depths[-1])[1]
+        assert (decode_points(clouds[-1])[1]["xyz"][:, 2] == depth_m[np.isfinite(depth_m)]).all()
+    strongest, nearest, farthest = shown.values()
+    both = nearest < farthest
+    assert both.sum() > 700
+    assert np.median(nearest[both]) == pytest.approx(NetScene.net_m, abs=0.03)
+    assert np.median(farthest[both]) == pytest.approx(NetScene.plane_m, abs=0.03)
+    assert (nearest[both] < 2.6).all() and (farthest[both] > 2.6).all()
+    from_net = strongest == nearest
+    assert (from_net | (strongest == farthest))[both].all() and 200 < from_net[both].sum() < both.sum() - 200
+    assert setting(surface_order="first") == "surface_order is first: expected strongest or nearest or farthest"
 
 
 def test_parameters_are_refused_with_the_reason_or_change_between_frames_and_no_frame_is_lost(graph, sensor, sketch,

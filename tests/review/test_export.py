@@ -1,5 +1,6 @@
 """Clouds taken out of a recording: in every format what was recorded, pixels and bins found again."""
 
+import dataclasses
 import importlib.util
 
 import numpy as np
@@ -49,6 +50,17 @@ def test_points_of_a_pixel_are_ranked_whatever_their_order(recorded, ball):
     assert np.isnan(found.depth_std_bins).all() and np.isnan(found.background).all()
     strongest = found.image("intensity")
     assert (strongest[found.row, found.col] >= found.intensity).all()
+
+
+def test_recorded_ranks_of_a_pixels_points_are_kept(recorded, ball):
+    cloud, sensor = ball[0].ordered("farthest"), ball[1]
+    (frame,) = recorded.reader.clouds({PLACE})
+    order = np.random.default_rng(0).permutation(len(cloud))
+    names = ("row", "col", "surface", "xyz", "intensity")
+    shuffled = dataclasses.replace(frame, **{name: getattr(cloud, name)[order] for name in names})
+    found = export.point_cloud(shuffled, sensor)
+    for name in names:
+        assert np.array_equal(getattr(found, name), getattr(cloud, name))
 
 
 def test_a_picture_has_cloud_title_figures_and_scale(recorded, tmp_path):
