@@ -13,7 +13,6 @@ import numpy as np
 
 from robustness.targets import Defect, Made, Target
 from robustness.targets_files import own_folder, photon_file, recording
-from srt3d_ros import cloud_files
 from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, main, parser
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, choose
@@ -23,6 +22,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.node_names import NODES
+from srt3d_ros.recording import cloud_files
 
 RUN = ("reconstruct", "review")         # commands that start no processes, and end
 VALUES = ("0", "-1", "1", "2", "3.5", "nan", "inf", "-inf", "1e999", "9" * 400, "", " ", "-", "--", "auto", "cuda",

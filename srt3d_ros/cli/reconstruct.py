@@ -65,10 +65,10 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros import cloud_files
     from srt3d_ros.core.frequencies import choose
     from srt3d_ros.core.sketching import sketch_photons
     from srt3d_ros.datasets import open_photons
+    from srt3d_ros.recording import cloud_files
 
     method, frequencies = find(args.method), ()
     cloud_files.check(args.output)

@@ -10,7 +10,7 @@ from statistics import NormalDist
 import numpy as np
 from tqdm import tqdm
 
-from srt3d_ros import __version__, cloud_files
+from srt3d_ros import __version__
 from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import Method
@@ -19,6 +19,7 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import Case, Observation, photons_near
 from srt3d_ros.evaluation.results import Results, format_value
+from srt3d_ros.recording import cloud_files
 
 # Shares of a normal distribution at which the reported standard deviations of depth are checked.
 NOMINAL = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.6827, 0.8, 0.9, 0.9545, 0.99)

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from std_msgs.msg import String
 
-from srt3d_ros import cloud_files
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
@@ -29,6 +28,7 @@ from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_to
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import in_words
 from srt3d_ros.nodes.worker import Dropped, Refused
+from srt3d_ros.recording import cloud_files
 
 IN_FLIGHT = 2           # frames between reconstruction and publication, in the pipeline "throughput"
 

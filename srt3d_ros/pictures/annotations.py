@@ -6,8 +6,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle, focal_px
-from srt3d_ros.viewpoint import Viewpoint
 
 TEXT, DIM = "#e8eaed", "#8b939e"
 BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours

@@ -12,7 +12,7 @@ import numpy as np
 from srt3d_ros.colours import colour_table, levels, percentile_range
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.viewpoint import Viewpoint, point_radius_m
+from srt3d_ros.core.viewpoint import Viewpoint, point_radius_m
 
 BACKGROUND = (13, 16, 21)
 # Near is bright. The darkest quarter of the map is left out: it is hard to see on the background.

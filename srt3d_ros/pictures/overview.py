@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM, DPI, TEXT
 from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle, draw_fog
-from srt3d_ros.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 
 _WIDTH_PX, _HEIGHT_PX = 2000, 900
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height

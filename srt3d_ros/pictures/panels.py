@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.pictures.cloud_renderer import BACKGROUND, CloudStyle, draw_surface
 from srt3d_ros.pictures.png import save_png
-from srt3d_ros.viewpoint import look_at
 
 DPI = 100
 _PANEL_IN, _ROW_IN, _TITLE_IN, _SCALE_IN = 2.5, 3.2, 0.4, 0.9

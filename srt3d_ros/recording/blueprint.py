@@ -4,9 +4,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.schema import STAMP, metric_path
-from srt3d_ros.viewpoint import Viewpoint
 
 # Of each metric: the name in the legend and the colour (Okabe and Ito's, for any colour vision).
 SERIES = {

@@ -13,11 +13,11 @@ from srt3d_ros.colours import CLOUD_MAP, AdaptiveRange, levels, packed, visible_
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.viewpoint import Viewpoint, look_at, point_radius_m, sensor_axes
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles, still_blueprint
 from srt3d_ros.recording.rerun_streams import send_blueprint
 from srt3d_ros.recording.rrd_file import RrdFile
-from srt3d_ros.viewpoint import Viewpoint, look_at, point_radius_m, sensor_axes
 
 COLOUR_BY = ("intensity", "height", "depth_std", "range")
 _COLOURS = 64           # distinct ones: more look the same and cost a byte per point

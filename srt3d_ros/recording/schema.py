@@ -9,7 +9,7 @@ import rerun as rr
 
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.viewpoint import sensor_axes
+from srt3d_ros.core.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME = "stamp", "frame"                     # timelines

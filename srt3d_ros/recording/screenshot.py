@@ -20,8 +20,8 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.processes import wait_or_kill
-from srt3d_ros.viewpoint import Viewpoint
 
 FOV_DEG = 55                    # of the viewer's eye, across the height of its view
 INSTALL = "apt-get install mesa-vulkan-drivers libvulkan1"

@@ -7,17 +7,16 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from srt3d_ros import cloud_files
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import cloud_files, schema
 from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.gallery import draw, figures_of, title_of
 from srt3d_ros.review.recorded import Recorded
-from srt3d_ros.viewpoint import Viewpoint, look_at
 
 _PICTURE_PX = (1400, 800)
 _PICTURE = ".png"

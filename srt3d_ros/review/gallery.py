@@ -13,6 +13,7 @@ from PIL import Image
 
 from srt3d_ros.colours import colour_table, levels, percentile_range
 from srt3d_ros.core.projection import Projection
+from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.errors import require
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle
@@ -20,7 +21,6 @@ from srt3d_ros.recording import schema, screenshot
 from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames
-from srt3d_ros.viewpoint import Viewpoint, look_at
 
 _LARGE_PX, _SMALL_PX = (1200, 700), (320, 240)
 _STRIP = 12

@@ -10,12 +10,11 @@ from PIL import Image
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-from srt3d_ros import cloud_files
 from srt3d_ros.core.projection import AngularScan
-from srt3d_ros.recording import schema, screenshot
+from srt3d_ros.core.viewpoint import look_at
+from srt3d_ros.recording import cloud_files, schema, screenshot
 from srt3d_ros.recording.blueprint import IMAGE_TITLES, PLOTS, history_frames
 from srt3d_ros.recording.writer import RecordingWriter
-from srt3d_ros.viewpoint import look_at
 
 
 def blueprint_columns(path):

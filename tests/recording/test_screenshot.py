@@ -5,8 +5,8 @@ import tempfile
 import numpy as np
 import pytest
 
+from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.recording import screenshot
-from srt3d_ros.viewpoint import Viewpoint
 
 WIDTH, HEIGHT = 480, 300
 BACKGROUND = (13, 16, 21)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from srt3d_ros import cloud_files
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.recording import cloud_files
 from srt3d_ros.recording.reader import RecordingReader
 
 FREQUENCIES = (1, 2, 5)
@@ -124,6 +124,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, ful
 
 
 def test_rerun_and_matplotlib_are_not_imported_for_the_other_formats(tmp_path):
-    script = "import sys, srt3d_ros.cloud_files; print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])"
-    root = Path(__file__).resolve().parent.parent
+    script = ("import sys, srt3d_ros.recording.cloud_files; "
+              "print([m for m in ('rerun', 'matplotlib', 'PIL') if m in sys.modules])")
+    root = Path(__file__).resolve().parents[2]
     assert subprocess.run([sys.executable, "-c", script], cwd=root, text=True, capture_output=True).stdout == "[]\n"
