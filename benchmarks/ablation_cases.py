@@ -5,7 +5,7 @@ Photon files by their names, and simulated scenes named like `bust_1_10`: SBR 1,
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from tqdm import tqdm
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets.scene import NetScene
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import Case, Observation, of_files, simulated
 
 SIMULATED = {f"{scene}_{sbr:g}_{ppp:g}": (scene, sbr, ppp, surfaces) for scene, sbr, ppp, surfaces in (
@@ -25,10 +26,7 @@ FRAMES = 3                              # of a simulated scene, which moves: the
 SKETCH_SIZE = 10
 TOLERANCE_BINS = {"room_64_*": "3", "*_72x88_*": "3", "mannequin_face_340": "40", "two_layer_100": "40", "*": "10"}
 ALIGNED = {"two_layer_100": (1,)}       # references, from 0, to be shifted by their median offset from the cloud
-SHARE = 0.6                 # of the photons that are reconstructed, where the others judge the cloud
-SEED = 7
-LEAST_BACKGROUND = 0.02     # photons of a pixel
-WINDOW = 5                  # pixels along the side of the square over which the background is averaged
+HELD_OUT = 0.4          # share of the photons of a file without a reference that judges the cloud of the others
 
 
 @dataclass(frozen=True)
@@ -38,14 +36,12 @@ class Trial:
     Args:
         case: sensor, K, tolerance.
         frames: makes the photons.
-        observation: the reference.
-        kept: of a case without a reference, photons (seen, kept) that judge the cloud.
+        observation: the reference, or held-out photons.
     """
 
     case: Case
     frames: Callable[[], list[PhotonEvents]]
     observation: Observation
-    kept: tuple[PhotonEvents, ...] = ()
 
 
 def names_of(data: Path, patterns: list[str]) -> list[str]:
@@ -55,7 +51,7 @@ def names_of(data: Path, patterns: list[str]) -> list[str]:
 
 
 def open_trial(name: str, data: Path) -> Trial:
-    """The case of a name; SHARE of the photons of a file without a reference are to be reconstructed."""
+    """The case of a name; of a file without a reference, photons are held out."""
     if name in SIMULATED:
         scene, sbr, ppp, surfaces = SIMULATED[name]
         case, = simulated(scene, [sbr], [ppp], surfaces=surfaces)
@@ -63,14 +59,12 @@ def open_trial(name: str, data: Path) -> Trial:
         return Trial(case, lambda: [simulator.frame(k)[0] for k in range(FRAMES)],
                      Observation(None, *simulator.expected(FRAMES - 1), complete=True))
     bins = next(bins for pattern, bins in TOLERANCE_BINS.items() if fnmatch(name, pattern))
-    case, = of_files([str(data / f"{name}.npz")], bins, aligned=ALIGNED.get(name, ()))
+    file, options = [str(data / f"{name}.npz")], {"tolerance": bins, "aligned": ALIGNED.get(name, ())}
+    case, = of_files(file, **options)
+    if case.observe().depth_bins is None:
+        case, = of_files(file, **options, held_out_share=HELD_OUT)
     observation = case.observe()
-    if observation.depth_bins is not None:
-        return Trial(case, lambda: [observation.frame], observation)
-    photons = observation.frame
-    chosen = np.random.default_rng(SEED).random(len(photons.pixel)) < SHARE
-    kept = tuple(replace(photons, pixel=photons.pixel[part], toa=photons.toa[part]) for part in (chosen, ~chosen))
-    return Trial(case, lambda: [kept[0]], observation, kept)
+    return Trial(case, lambda: [observation.frame], observation)
 
 
 def save_sketches(names: list[str], data: Path, folder: Path) -> None:
@@ -111,45 +105,9 @@ def reconstruct(trial: Trial, sketches: list, options: dict, repeats: int) -> di
 
 def _quality(cloud, trial: Trial) -> dict:
     from srt3d_ros.evaluation.run import judge
-    if trial.kept:
-        return {"held_out_nats": held_out_gain(cloud, trial.case.sensor, *trial.kept)}
-    found = judge(cloud, trial.case, trial.observation)
+    case, seen, kept = trial.case, trial.observation.frame, trial.observation.held_out
+    if kept is not None:
+        return {"held_out_nats": held_out.gain(cloud, case.sensor, seen, kept, case.held_out)["held_out_nats"]}
+    found = judge(cloud, case, trial.observation)
     return {"td_percent": found["true_detections_percent"], "fd_percent": found["false_detections_percent"],
             **{name: found[name] for name in ("dae_bins", "iae", "within_1_std_percent")}}
-
-
-def held_out_gain(cloud, sensor, seen: PhotonEvents, kept: PhotonEvents) -> float:
-    """Poisson log-likelihood of the kept photons under the cloud, over that under "background only"; nats / 100 pixels.
-
-    A pixel with points (t_k, r_k) expects λ(x) = (1 − s) / s · (Σ_k r_k h(x − t_k) + B / T) of them in bin x. s is
-    SHARE, h the IRF (one for all pixels), B what the cloud leaves of the seen photons, averaged over WINDOW × WINDOW
-    pixels.
-    """
-    bins, pixels, shape = sensor.num_bins, sensor.pixels, (sensor.rows, sensor.cols)
-    pixel, intensity = cloud.row.astype(int) * sensor.cols + cloud.col, np.maximum(cloud.intensity.astype(float), 0)
-    photons, signal = np.bincount(seen.pixel, minlength=pixels), np.bincount(pixel, intensity, minlength=pixels)
-    explained = np.minimum(signal, photons.max() + 1)
-    background = _background(np.maximum(photons - explained, 0).reshape(shape))
-    without = _background(photons.reshape(shape))
-
-    irf = np.zeros(bins)
-    irf[:len(sensor.irf)] = sensor.irf / sensor.irf.sum(dtype=float)
-    at = kept.pixel.astype(int)
-    density = background[at] / bins
-    for rank in np.unique(cloud.surface):
-        points = cloud.surface == rank
-        depth, strength = np.zeros(pixels), np.zeros(pixels)
-        depth[pixel[points]], strength[pixel[points]] = cloud.depth_bins[points], intensity[points]
-        low, between = np.divmod((sensor.toa_positions(kept.toa) - depth[at] + sensor.irf_ref) % bins, 1)
-        low = low.astype(int)
-        density += strength[at] * ((1 - between) * irf[low % bins] + between * irf[(low + 1) % bins])
-    photon_terms = np.log(density * bins / without[at]).sum()
-    expected = (1 - SHARE) / SHARE * (background + signal - without).sum()
-    return float(100 * (photon_terms - expected) / pixels)
-
-
-def _background(photons: np.ndarray) -> np.ndarray:
-    """Mean photons of the pixels around each, at least LEAST_BACKGROUND; float [pixels]."""
-    padded = np.pad(photons.astype(float), WINDOW // 2, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))
-    return np.maximum(windows.mean(axis=(2, 3)).ravel(), LEAST_BACKGROUND)

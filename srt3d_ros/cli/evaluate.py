@@ -13,7 +13,7 @@ _numbers = comma_list(float, "numbers with commas between")
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "evaluate", help="compare the methods on simulated scenes or on photon files with a reference",
+        "evaluate", help="compare the methods on simulated scenes or on photon files",
         description="Reconstruct simulated scenes (or the photon files given) with every method and compare the "
                     "clouds with the truth: a table, DIR/results.csv, figures and a README.md in DIR. The same "
                     "command goes on where an interrupted one stopped. docs/evaluation.md explains the figures.")
@@ -48,6 +48,9 @@ def add_parser(subparsers) -> None:
     files.add_argument("--seen", type=comma_list(float, "two numbers: photons, bins", count=2), default=(8, 60),
                        metavar="PHOTONS,BINS",
                        help="count an aligned reference only where so many photons lie so near (8,60)")
+    files.add_argument("--held-out-photons", type=float, metavar="SHARE",
+                       help="reconstruct the other photons, and judge the clouds by how well they predict these: 0.4; "
+                            "needs no reference")
     parser.set_defaults(run=run)
 
 

@@ -1,7 +1,7 @@
 """Cases: photons with a known truth, from the simulator or from files, made when they are needed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from srt3d_ros.datasets import Photons, open_photons
 from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.evaluation import held_out
 
 SCENES = ("bust", "net")
 HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
@@ -31,6 +32,7 @@ class Observation:
         intensity: float [S, rows, cols], expected signal photons, or None.
         background: float [rows, cols], expected background photons, or None.
         complete: pixels without a depth have no surface; otherwise, their truth is unknown.
+        held_out: photons kept from `frame`, which judge the clouds, or None.
     """
 
     frame: PhotonEvents
@@ -38,6 +40,7 @@ class Observation:
     intensity: np.ndarray | None = None
     background: np.ndarray | None = None
     complete: bool = False
+    held_out: PhotonEvents | None = None
 
     def true_cloud(self, sensor: SensorModel) -> PointCloud | None:
         """The cloud of a perfect reconstruction; None without any reference."""
@@ -69,6 +72,7 @@ class Case:
             points farther away do not count for its offset.
         notes: for the user.
         upsampling: u: clouds and truth have u × u finer pixels for each pixel of the sensor.
+        held_out: share of the photons that judges the clouds of the others, or None.
     """
 
     source: str
@@ -84,6 +88,7 @@ class Case:
     seen: tuple[int, float] = (8, 60.0)
     notes: tuple[str, ...] = ()
     upsampling: int = 1
+    held_out: float | None = None
 
     @cached_property
     def grid(self) -> SensorModel:
@@ -129,16 +134,22 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
 
 
 def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,
-             aligned: tuple[int, ...] = (), seen: tuple[int, float] = (8, 60.0)) -> list[Case]:
+             aligned: tuple[int, ...] = (), seen: tuple[int, float] = (8, 60.0),
+             held_out_share: float | None = None) -> list[Case]:
     """Photon files; `surfaces` is by default the number of a file's references."""
     cases = []
     for photons in map(open_photons, files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
         within = tolerance_bins(FILE_TOLERANCE if tolerance is None else tolerance, photons.name, photons.sensor)
-        cases.append(Case(photons.name, photons.sensor, lambda p=photons: _observed(p),
+        if held_out_share is not None:
+            smaller, least = min(held_out_share, 1 - held_out_share), held_out.LEAST_PHOTONS
+            require(smaller * photons.frame.photons >= least, photons.name, f"{photons.frame.photons} photons",
+                    f"{np.ceil(least / smaller):.0f} or more for --held-out-photons {held_out_share:g}")
+        cases.append(Case(photons.name, photons.sensor, lambda p=photons: _observed(p, held_out_share),
                           surfaces or max(references, 1), within, photons.frame.photons,
                           aligned=tuple(k for k in aligned if k < references), seen=seen,
-                          notes=tuple(f"{photons.name}: {note}" for note in photons.notes)))
+                          notes=tuple(f"{photons.name}: {note}" for note in photons.notes),
+                          held_out=held_out_share))
     names = [case.source for case in cases]
     require(len(set(names)) == len(names), "files", max(names, key=names.count, default=""), "each file name once")
     return cases
@@ -179,8 +190,14 @@ def _merged(frame: PhotonEvents, sensor: SensorModel, factor: int) -> PhotonEven
     return PhotonEvents(pixel[order].astype(np.uint32), frame.toa[order], frame.stamp_ns)
 
 
-def _observed(photons: Photons) -> Observation:
-    return Observation(photons.frame, photons.reference_depth_bins, photons.reference_intensity)
+def _observed(photons: Photons, held_out_share: float | None) -> Observation:
+    observation = Observation(photons.frame, photons.reference_depth_bins, photons.reference_intensity)
+    if held_out_share is None:
+        return observation
+    frame, kept = held_out.split(photons.frame, held_out_share)
+    intensity = observation.intensity
+    return replace(observation, frame=frame, held_out=kept,
+                   intensity=None if intensity is None else (1 - held_out_share) * intensity)
 
 
 def _open_scene(scene: str, quick: bool, upsampling: int):

@@ -51,7 +51,12 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
     require(args.surfaces is None or 1 <= args.surfaces <= MAX_SURFACES, "--surfaces", args.surfaces,
             f"1 to {MAX_SURFACES}")
     require(args.upsampling == 1 or not args.files, "--upsampling", args.upsampling, "1 for photon files")
-    found = cases.of_files(args.files, args.tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen)
+    share = args.held_out_photons
+    require(share is None or 0 < share < 1, "--held-out-photons", share, "a share of the photons, above 0 and below 1")
+    require(share is None or args.files and not args.scene, "--held-out-photons", share,
+            "photon files only: the truth judges simulated scenes")
+    found = cases.of_files(args.files, args.tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen,
+                           share)
     scenes = args.scene or (() if args.files else cases.SCENES)
     sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
     for scene in dict.fromkeys(scenes):

@@ -128,6 +128,7 @@ def _error_map(cloud, reference: np.ndarray, sensor) -> np.ndarray:
 
 def _caption(row: dict[str, str]) -> str:
     if not row["true_detections_percent"]:
-        return f"{int(row['points']):,} points"
+        nats = f"  {number(row, 'held_out_nats'):.1f} nats / 100 pixels" if row["held_out"] else ""
+        return f"{int(row['points']):,} points{nats}"
     return (f"TD {number(row, 'true_detections_percent'):.1f} %  FD {number(row, 'false_detections_percent'):.1f} %  "
             f"DAE {number(row, 'dae_mm'):.3g} mm")

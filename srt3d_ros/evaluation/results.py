@@ -12,18 +12,22 @@ from srt3d_ros.errors import InvalidInput, require
 FORMAT = "2"
 # The columns that identify a row.
 KEY = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
-       "aligned")
+       "aligned", "held_out")
+HELD_OUT = tuple(f"held_out_{figure}" for figure in (
+    "nats", "std", "rim_nats", "rim_std", "rim_percent", "interior_nats", "interior_std", "interior_percent"))
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
            "background_nmse", "within_1_std_percent", "within_2_std_percent", "within_nominal_percent",
-           "offset_bins", "sketch_ms", "reconstruct_ms", "format", "version")
+           "offset_bins", *HELD_OUT, "sketch_ms", "reconstruct_ms", "format", "version")
 COLUMNS = KEY + FIGURES
 EXPECTED = "one by this version: another --out, or --fresh to start anew"
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
-          "iae", "background_nmse", "within_1_std_percent", "within_2_std_percent", "sketch_ms", "reconstruct_ms")
+          "iae", "background_nmse", "within_1_std_percent", "within_2_std_percent", *HELD_OUT, "sketch_ms",
+          "reconstruct_ms")
 _LISTS = ("true_detections_by_surface_percent", "within_nominal_percent")
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
             "≤ 1 σ %", "≤ 2 σ %", "points")
+HELD_OUT_HEADINGS = ("held-out nats / 100 pixels", "of the rim (pixels)", "of the interior (pixels)")
 _DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
              "within_2_std_percent": 0}
 
@@ -121,8 +125,11 @@ def _nanmean(values) -> float:
 
 
 def markdown(rows: list[dict]) -> str:
-    """A table of averaged rows."""
-    return aligned([HEADINGS, *(_cells(row) for row in rows)])
+    """A table of averaged rows; with columns of held-out photons if there are any."""
+    lines = [[*HEADINGS], *(_cells(row) for row in rows)]
+    if any(row["held_out"] for row in rows):
+        lines = [line + more for line, more in zip(lines, [[*HELD_OUT_HEADINGS], *map(_held_out_cells, rows)])]
+    return aligned(lines)
 
 
 def _cells(row: dict) -> list[str]:
@@ -132,6 +139,14 @@ def _cells(row: dict) -> list[str]:
     return [row["source"], row["sbr"] or "–", f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"],
             row["sketch_size"] or "–", detected, *(_shown(row[name], digits) for name, digits in _DECIMALS.items()),
             f"{row['points']:.0f}"]
+
+
+def _held_out_cells(row: dict) -> list[str]:
+    """Nats ± standard error, then what rim and interior add, with their share of the pixels."""
+    cells = [" ± ".join(_shown(row[f"held_out_{part}{figure}"], 1) for figure in ("nats", "std"))
+             for part in ("", "rim_", "interior_")]
+    shares = ["", *(f" ({row[f'held_out_{part}_percent']:.0f} %)" for part in ("rim", "interior"))]
+    return [cell + share for cell, share in zip(cells, shares)]
 
 
 def _shown(value: float, digits: int) -> str:

@@ -17,6 +17,7 @@ from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import Case, Observation, photons_near
 from srt3d_ros.evaluation.results import Results, format_value
 from srt3d_ros.recording import cloud_files
@@ -55,7 +56,7 @@ class Job:
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
                 "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
                 "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
-                "aligned": aligned or None}
+                "aligned": aligned or None, "held_out": case.held_out}
 
 
 def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
@@ -98,6 +99,8 @@ def _judged(job: Job, observation: Observation) -> dict:
     row = job.key | facts | {
         "num_bins": sensor.num_bins, "bin_width_mm": sensor.bin_width_m * 1e3, "points": len(cloud),
         "photons_per_pixel": observation.frame.photons / sensor.pixels, "version": __version__}
+    if observation.held_out is not None:
+        row |= held_out.gain(cloud, sensor, observation.frame, observation.held_out, case.held_out)
     return row if observation.depth_bins is None else row | judge(cloud, case, observation)
 
 
@@ -165,7 +168,7 @@ def with_clouds(jobs: list[Job], wanted: Callable[[Job], bool], folder: Path) ->
 
 
 def _file_name(job: Job) -> str:
-    parts = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces")
+    parts = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "held_out")
     key = {name: format_value(job.key[name]) for name in parts}
     return "_".join(f"{name}-{text}" if name != "source" else text for name, text in key.items() if text)
 

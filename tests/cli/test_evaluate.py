@@ -9,6 +9,7 @@ import pytest
 
 from srt3d_ros.cli import main
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import npz
 from srt3d_ros.datasets.scene import StaticScene
@@ -22,12 +23,13 @@ SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """layers.npz: photons of two surfaces; bare.npz: photons without reference; step.npz: a scene."""
+    """layers.npz: photons of two surfaces; bare.npz: photons without reference, few.npz: few; step.npz: a scene."""
     path = tmp_path_factory.mktemp("evaluate")
     depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
     events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
     npz.save(path / "layers.npz", SENSOR, events, truth)
     npz.save(path / "bare.npz", SENSOR, events)
+    npz.save(path / "few.npz", SENSOR, PhotonEvents(events.pixel[:240], events.toa[:240]))
     np.savez(path / "step.npz", depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
     return path
 
@@ -61,6 +63,21 @@ def test_every_method_is_held_against_every_file(run):
     assert len(table) == 1 + 2 * len(METHODS)
     figures = {"reconstructions_files.png", "errors_files.png", "calibration_files.png"}
     assert figures <= {path.name for path in out.iterdir()}
+
+
+def test_held_out_photons_judge_files_without_a_reference(run):
+    code, printed, out = run("bare.npz", "layers.npz", "--held-out-photons", "0.4", "--surfaces", "2")
+    rows = rows_of(out)
+    assert code == 0 and len(rows) == 2 * len(METHODS)
+    for row in rows:
+        assert row["held_out"] == "0.4" and float(row["held_out_nats"]) > 10 * float(row["held_out_std"]) > 0
+        assert float(row["photons_per_pixel"]) == pytest.approx(36, rel=0.05)
+        assert bool(row["true_detections_percent"]) == (row["source"] == "layers")
+    ours = next(row for row in rows if (row["source"], row["method"]) == ("bare", "pooled"))
+    shown = f"| {float(ours['held_out_nats']):.1f} ± {float(ours['held_out_std']):.1f}"
+    assert shown in printed.out and shown in (out / "README.md").read_text(encoding="utf-8")
+    code, printed, _ = run("bare.npz", "--methods", "pooled", "--surfaces", "2")        # of all photons: another row
+    assert code == 0 and len(rows_of(out)) == len(rows) + 1 and "held-out" not in printed.out
 
 
 def test_a_scene_is_simulated_at_every_setting(run):
@@ -131,6 +148,13 @@ BAD = {
     "no repeats": (["--repeats", "0"], "--repeats is 0"), "few photons": (["--max-photons", "1"], "--max-photons is 1"),
     "reference 0": (["layers.npz", "--align", "0"], "--align is"), "seen": (["layers.npz", "--seen", "8"], "--seen"),
     "surfaces 0": (["layers.npz", "--surfaces", "0"], "--surfaces is 0"),
+    "share above 1": (["bare.npz", "--held-out-photons", "1.5"], "--held-out-photons is 1.5"),
+    "share 0": (["bare.npz", "--held-out-photons", "0"], "--held-out-photons is 0"),
+    "share nan": (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
+    "photons of no file": (["--held-out-photons", "0.4"], "expected photon files only"),
+    "photons of a scene": (["bare.npz", "--scene", "step.npz", "--held-out-photons", "0.4"], "photon files only"),
+    "few held out": (["few.npz", "--held-out-photons", "0.4"],
+                     "few is 240 photons: expected 250 or more for --held-out-photons 0.4"),
     "a file as folder": (["layers.npz", "--out", "layers.npz"], "--out is layers.npz"),
     "no folder": (["layers.npz", "--out"], "--out"),
 }

@@ -1,10 +1,13 @@
 """What is evaluated: settings of simulated scenes, and photon files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.scene import default_sensor, net_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import limited, of_files, photons_near, simulated, tolerance_bins
@@ -55,6 +58,16 @@ def test_a_file_has_as_many_surfaces_as_references(layers):
     assert case.observe().depth_bins.shape == (2, 12, 20) and case.observe().intensity is None
     case, = of_files([str(layers)], "10,layers=40", surfaces=1, aligned=(1, 2))
     assert (case.surfaces, case.tolerance_bins, case.aligned) == (1, 40, (1,))      # it has no third reference
+
+
+def test_held_out_photons_are_no_longer_in_the_frame_and_its_reference(layers, monkeypatch):
+    photons = replace(open_photons(layers), reference_intensity=np.full((2, 12, 20), 10.0))
+    monkeypatch.setattr("srt3d_ros.evaluation.cases.open_photons", lambda path: photons)
+    case, = of_files([str(layers)], held_out_share=0.25)
+    seen = case.observe()
+    assert case.held_out == 0.25 and seen.frame.photons + seen.held_out.photons == photons.frame.photons
+    assert seen.held_out.photons / photons.frame.photons == pytest.approx(0.25, abs=0.02)
+    assert (seen.intensity == 7.5).all() and np.array_equal(seen.depth_bins, photons.reference_depth_bins)
 
 
 def test_files_of_one_name_are_refused(layers):
