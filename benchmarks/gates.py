@@ -2,15 +2,18 @@
 
 32 × 32 pixels at 150,400 cycles a second, 308 MB/s, as 100 messages of 3 MB a second; two make a frame, so that 50
 clouds a second are to come. Latency counts from the frame's stamp, where its acquisition begins, to the arrival of the
-cloud here; `after_frame` leaves the acquisition out.
+cloud here.
 """
 
 import argparse
 from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.pipeline import driven_pipeline, losses, percentiles, write_photons
+from benchmarks.pipeline import percentiles, send
+from robustness.testbed import Testbed
 from srt3d_ros.benchmark.frames import gates_of, gates_sensor
 from srt3d_ros.core.photons import PhotonGates
 
@@ -26,18 +29,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Iterator[dict]:
     sensor = gates_sensor()
     words = gates_of(sensor, DETECTED * CYCLES, CYCLES).words
-    packets = [PhotonGates(np.roll(words, k, axis=0)) for k in range(VARIANTS)]
     nodes = {"reconstructor": {}, "sketcher": {"packets_per_frame": PER_FRAME}}
-    with driven_pipeline(nodes, lambda folder: write_photons(folder, sensor, packets)) as pipeline:
-        pipeline.drive(f"{RATE_HZ}:2")              # compiles for the sensor
-        first, before = len(pipeline.probe.arrivals), losses(pipeline.probe)
-        (sent,), cpu = pipeline.drive(f"{RATE_HZ}:{args.seconds}")
-        arrivals, after = pipeline.probe.arrivals[first:], losses(pipeline.probe)
-    latencies_ms = np.array([arrival.latency_ms for arrival in arrivals])
+    with TemporaryDirectory() as folder, Testbed(nodes, Path(folder) / "gates") as testbed:
+        testbed.write_packets("spad", sensor, [PhotonGates(np.roll(words, k, axis=0)) for k in range(VARIANTS)])
+        testbed.start("driver")
+        send(testbed, "spad", (RATE_HZ, 2))         # compiles for the sensor
+        before = testbed.losses()
+        (phase,) = send(testbed, "spad", (RATE_HZ, args.seconds))
+        lost = testbed.losses() - before
+    arrivals = phase.pop("arrivals")
     span_s = (arrivals[-1].received_ns - arrivals[0].received_ns) * 1e-9
-    yield {"case": "gates", "seconds": args.seconds, "packets_sent": sent["sent"], "packets_skipped": sent["skipped"],
-           "MB_per_s": round(sent["bytes"] / args.seconds / 1e6, 1),
-           "clouds": len(arrivals), "clouds_lost": sent["sent"] // PER_FRAME - len(arrivals),
-           "clouds_per_s": round((len(arrivals) - 1) / span_s, 2), "latency_ms": percentiles(latencies_ms),
-           "after_frame_ms": percentiles(latencies_ms - 1e3 * PER_FRAME / RATE_HZ), "cpu_percent": cpu,
-           "counted": {key: n - before.get(key, 0) for key, n in after.items() if n != before.get(key, 0)}}
+    yield {"case": "gates", "seconds": args.seconds, **phase,
+           "clouds": len(arrivals), "clouds_lost": phase["sent"] // PER_FRAME - len(arrivals),
+           "clouds_per_s": round((len(arrivals) - 1) / span_s, 2),
+           "latency_ms": percentiles([arrival.latency_ms for arrival in arrivals]), "lost": dict(lost)}
