@@ -3,28 +3,15 @@
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.link import ROBOT, Link
+from srt3d_ros.nodes.pipeline_probe import Arrival
 from srt3d_ros.processes import Process, Processes, node_command, wait
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / "config" / "fastdds_network.xml")
 WAIT_S = 180.0          # generous: nodes compile, and the machine may be busy
-
-
-@dataclass(frozen=True)
-class Arrival:
-    """A message that arrived: when its frame was acquired, when it came, how long it is."""
-
-    stamp_ns: int
-    received_ns: int
-    bytes: int
-
-    @property
-    def latency_ms(self) -> float:
-        return (self.received_ns - self.stamp_ns) * 1e-6
 
 
 class Machines(Processes):
@@ -58,7 +45,7 @@ class Machines(Processes):
 
 
 class Watch:
-    """What benchmarks/watch.py prints: arrivals, and each node's newest diagnostics with their level and message."""
+    """What benchmarks/watch.py prints: arrivals, and each node's newest diagnostics."""
 
     def __init__(self):
         self.arrivals: list[Arrival] = []
@@ -73,6 +60,6 @@ class Watch:
         if line.startswith("{"):
             facts = json.loads(line)
             if "node" in facts:
-                self.reports[facts["node"]] = {"level": facts["level"], "message": facts["message"], **facts["values"]}
+                self.reports[facts["node"]] = facts["values"]
             else:
                 self.arrivals.append(Arrival(**facts))

@@ -34,13 +34,13 @@ def main() -> None:
 
 
 def _on_message(raw: bytes) -> None:
-    _print(received_ns=time.time_ns(), stamp_ns=cdr.stamp_ns(raw), bytes=len(raw))
+    cloud = cdr.read_cloud(raw)
+    _print(received_ns=time.time_ns(), stamp_ns=cloud.header.stamp_ns, points=cloud.height * cloud.width)
 
 
 def _on_diagnostics(message: DiagnosticArray) -> None:
     for status in message.status:
-        values = {pair.key: pair.value for pair in status.values}
-        _print(node=status.name, level=status.level[0], message=status.message, values=values)
+        _print(node=status.name, values={pair.key: pair.value for pair in status.values})
 
 
 def _print(**facts) -> None:
