@@ -37,17 +37,19 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         send(testbed, "scanner", (10, 2))       # compiles for the sensor
         (probed,) = send(testbed, "scanner", (PROBE_HZ, PROBE_S))
         capacity_hz = max(len(probed["arrivals"]) / PROBE_S, 2.0)
-        before, normal = testbed.losses(), (capacity_hz / 2, NORMAL_S)
+        normal, clouds = (capacity_hz / 2, NORMAL_S), len(testbed.probe.arrivals)
+        lost, sent = testbed.losses(), testbed.drive()["sent"]
         phases = send(testbed, "scanner", normal, (TIMES * capacity_hz, args.seconds), normal)
-        dropped = testbed.losses() - before
+        dropped, sent = testbed.losses() - lost, testbed.drive()["sent"] - sent
+        clouds = len(testbed.probe.arrivals) - clouds
     late_ms = [np.array([arrival.latency_ms for arrival in phase["arrivals"]]) - 1e3 / phase["rate_hz"]
                for phase in phases]
     for name, phase, latencies_ms in zip(("before", "overload", "after"), phases, late_ms):
         yield {"phase": name, **phase, "arrivals": len(latencies_ms), "latency_ms": percentiles(latencies_ms)}
     good_ns = [arrival.stamp_ns for arrival, ms in zip(phases[2]["arrivals"], late_ms[2])
                if ms < NORMAL * np.percentile(late_ms[0], 95)]
-    yield {"capacity_hz": round(capacity_hz, 1), "dropped": dict(dropped),
-           "unaccounted": sum(phase["sent"] - len(phase["arrivals"]) for phase in phases) - dropped.total(),
+    yield {"capacity_hz": round(capacity_hz, 1), "sent": sent, "clouds": clouds, "dropped": dict(dropped),
+           "unaccounted": sent - clouds - dropped.total(),
            "bound_ms": round(PERIODS * 1e3 / capacity_hz + phases[1]["reconstruct_ms"], 1),
            "recovery_s": recovery_s(good_ns, phases[2])}
 

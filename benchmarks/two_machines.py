@@ -1,7 +1,7 @@
 """Sketches between two machines joined by 100 Mbit/s or 1 Gbit/s: what passes, how late, at what loss.
 
-The machines are network namespaces (link.py): needs root and iproute2. `limits` sends sketches of all sizes over both
-links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher.
+The machines are network namespaces (machines.py): needs root and iproute2. `limits` sends sketches of all sizes over
+both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher.
 """
 
 import argparse
@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.link import ROBOT, SENSOR, Link, why_not
-from benchmarks.machines import NETWORK_PROFILE, Machines
+from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
 from benchmarks.pipeline import percentiles
 from srt3d_ros.benchmark import frames
 from srt3d_ros.datasets import npz

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 
 from tqdm import tqdm
 
-from robustness.targets import Defect, Target, damaged, targets, try_input
+from robustness.targets import Defect, damaged, targets, try_input
 from srt3d_ros.errors import printable
 
 HANG_S = 60.0
@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--target", nargs="+", choices=names, default=names, metavar="NAME",
                         help=f"default: all, {', '.join(names)}")
     parser.add_argument("--rounds", type=int, metavar="N", help="inputs for each target; default: more for faster ones")
-    parser.add_argument("--scale", type=float, default=1.0, metavar="X", help="of the default numbers (1)")
     parser.add_argument("--seconds", type=float, default=float("inf"), metavar="S", help="end after so long (never)")
     parser.add_argument("--first", type=int, default=0, help="number of the first input, to repeat one")
 
@@ -35,19 +34,19 @@ def run(args: argparse.Namespace) -> tuple[list, dict]:
     end_s, verdicts, results = time.monotonic() + args.seconds, [], {}
     for name in tqdm(args.target, unit="target"):
         target = targets()[name]
-        rounds = args.rounds or max(round(target.rounds * args.scale), 1)
-        tried, was_read, defects = _fuzz(target, range(args.first, args.first + rounds), args.seed, end_s)
+        numbers = range(args.first, args.first + (args.rounds or target.rounds))
+        tried, was_read, defects = _fuzz(name, numbers, args.seed, end_s)
         results[name] = {"tried": tried, "read": was_read, "defects": len(defects)}
         verdicts.append((name, not defects, "; ".join([f"{tried} tried, {was_read} read", *defects])))
     return verdicts, {"seed": args.seed, "tried": sum(one["tried"] for one in results.values()), "targets": results}
 
 
-def _fuzz(target: Target, numbers: range, seed: int, end_s: float) -> tuple[int, int, list[str]]:
+def _fuzz(name: str, numbers: range, seed: int, end_s: float) -> tuple[int, int, list[str]]:
     """Try inputs in a process of its own, in another if one ends it; how many were tried and read, and the defects."""
     tried, was_read, defects = 0, 0, []
     while tried < len(numbers) and len(defects) < MAX_DEFECTS and time.monotonic() < end_s:
         receiver, sender = SPAWN.Pipe(duplex=False)
-        worker = SPAWN.Process(target=_try_all, args=(target.name, numbers[tried:], seed, sender), daemon=True)
+        worker = SPAWN.Process(target=_try_all, args=(name, numbers[tried:], seed, sender), daemon=True)
         worker.start()
         sender.close()
         try:
