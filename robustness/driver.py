@@ -10,8 +10,6 @@ sent in time is skipped, as by a sensor whose buffer is full.
     sensor: str         be this sensor from now on; "" sends nothing
     rate_hz: float      packets a second
     lose, double, late, cut: float      share of the packets that are lost, sent twice, sent late, sent in part
-    shuffle: bool       the packets of the folder come together, in any order
-    shift_s: float      added to the stamps
 """
 
 import json
@@ -43,7 +41,7 @@ DEPTH = 10
 class Driver:
     def __init__(self, folder: Path):
         self._folder = folder
-        self._settings = {"sensor": "", "rate_hz": 40.0, "shuffle": False, "shift_s": 0.0} | dict.fromkeys(FATES, 0.0)
+        self._settings = {"sensor": "", "rate_hz": 40.0} | dict.fromkeys(FATES, 0.0)
         self._done: Counter[str] = Counter()
         self._node = rclpy.create_node("driver")
         self._description = self._node.create_publisher(String, "sensor", LATCHED)
@@ -51,7 +49,6 @@ class Driver:
                             for topic, kind in (("photons", PointCloud2), ("gates", Image))}
         self._topic = "photons"
         self._packets: list[bytes] = []
-        self._together: list[bytes] = []                        # packets to be shuffled
         self._held: deque[tuple[float, bytes]] = deque()        # late packets, until when
         self._random = random.Random(0)
 
@@ -66,12 +63,9 @@ class Driver:
             if time.time_ns() - begins_ns - period_ns > BEHIND_NS:
                 self._done["skipped"] += 1
             else:
-                shift_ns = round(self._settings["shift_s"] * 1e9)
-                self._together.append(cdr.restamp(packets[number % len(packets)], begins_ns + shift_ns))
+                self._packet(cdr.restamp(packets[number % len(packets)], begins_ns))
             number += 1
             begins_ns += period_ns
-            if not self._settings["shuffle"] or number % len(packets) == 0:
-                self._send_together()
 
     def _wait_until(self, due_ns: int) -> None:
         """Obey commands until then."""
@@ -94,17 +88,8 @@ class Driver:
                                                   and all_acknowledged(self._description)):
                 time.sleep(0.01)
             self._held.clear()
-            self._together.clear()
             paths = sorted(folder.glob("[0-9]*"))
             self._topic, self._packets = paths[0].suffix[1:], [path.read_bytes() for path in paths]
-
-    def _send_together(self) -> None:
-        if self._settings["shuffle"]:
-            self._random.shuffle(self._together)
-            self._done["shuffle"] += 1
-        for packet in self._together:
-            self._packet(packet)
-        self._together.clear()
 
     def _packet(self, packet: bytes) -> None:
         self._send_held(time.monotonic())

@@ -18,7 +18,6 @@ from srt3d_ros.processes import Process
 PLANE_M, PPP, SBR, PACKETS = 3.0, 20.0, 4.0, 4
 NEAR_M = 0.06               # of a median of hundreds of points from the plane: bins are up to 3 cm
 ENOUGH = 0.9                # of the pixels have a point
-AHEAD_NS = 60 * 10**9
 SUFFIX = {"recorder": ".rrd", "bag_recorder": ".bag"}
 IRF = np.exp(-0.5 * (np.arange(15) - 7) ** 2 / 4)
 USUAL = SensorModel(24, 32, 300, 1e-10, IRF, frame_id="spad", projection=Pinhole.from_fov(24, 32, 20.0))
@@ -40,7 +39,7 @@ class FaultTestbed(Testbed):
     """
 
     def __init__(self, folder: Path):
-        self.sensor, self._shift_s = "usual", 0.0
+        self.sensor = "usual"
         super().__init__({name: {"path": str(folder / f"000{suffix}")} for name, suffix in SUFFIX.items()} | {
             "reconstructor": {}, "sketcher": {"frame_period_s": 0.1, "gap_s": 1.0}}, folder)
         self.clouds: list[tuple[int, int]] = []
@@ -72,7 +71,7 @@ class FaultTestbed(Testbed):
             parameters["path"] = str(self.folder / f"{self._number(name) + 1:03}{SUFFIX[name]}")
         process = super().start(name, *ros_args, **parameters)
         if name == "driver":
-            self.drive(sensor=self.sensor, shift_s=self._shift_s)
+            self.drive(sensor=self.sensor)
         return process
 
     def remove(self, name: str) -> None:
@@ -81,20 +80,15 @@ class FaultTestbed(Testbed):
         super().remove(name)
 
     def drive(self, **settings) -> Counter[str]:
-        self.sensor, self._shift_s = settings.get("sensor") or self.sensor, settings.get("shift_s", self._shift_s)
+        self.sensor = settings.get("sensor") or self.sensor
         return super().drive(**settings)
-
-    def stamp_ns(self) -> int:
-        """Of a frame that the driver begins now."""
-        return time.time_ns() + round(self._shift_s * 1e9)
 
     def wait_for_cloud(self, timeout_s: float) -> float:
         """Seconds until a cloud of photons from now on comes, with as many points as it should have."""
-        began_s, since_ns, enough = time.monotonic(), self.stamp_ns(), ENOUGH * SENSORS[self.sensor].pixels
+        began_s, since_ns, enough = time.monotonic(), time.time_ns(), ENOUGH * SENSORS[self.sensor].pixels
         self.clouds.clear()
-        # Those far ahead are of a time that has been taken back.
-        self.wait(lambda: any(0 <= stamp_ns - since_ns < AHEAD_NS and points > enough
-                              for stamp_ns, points in self.clouds), "a cloud", timeout_s)
+        self.wait(lambda: any(stamp_ns >= since_ns and points > enough for stamp_ns, points in self.clouds),
+                  "a cloud", timeout_s)
         return time.monotonic() - began_s
 
     def _number(self, name: str) -> int:

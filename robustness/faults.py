@@ -23,10 +23,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from builtin_interfaces.msg import Time
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from robustness.fault_testbed import SENSORS, SUFFIX, FaultTestbed
@@ -36,7 +32,6 @@ NODES = ("sketcher", "reconstructor", *SUFFIX)
 HELD_S, STOPPED_S = 2.0, 3.0
 LATE_S = 0.6                # more than a late packet is late
 SHARE = 0.3                 # of the packets
-JUMPS_S = (-100.0, 1000.0, -5.0, 3.0)
 CLOUD_S = 10.0              # for clouds that a fault must not stop
 BACK_S = 3.0
 MAX_BACK_S = 30.0           # for which clouds are waited that have to be back earlier
@@ -122,44 +117,15 @@ def sensor(testbed: FaultTestbed, choice: random.Random, *, comes_back: bool) ->
     return name
 
 
-def clock(testbed: FaultTestbed, choice: random.Random) -> str:
-    """Simulated time jumps back and forth, and the stamps with it."""
-    publisher = testbed.probe.node.create_publisher(Clock, "/clock", 10)
-    shift_s = 0.0
-    try:
-        _follow_clock(testbed, True)
-        for jump_s in choice.sample(JUMPS_S, 3):
-            shift_s += jump_s
-            testbed.drive(shift_s=shift_s)
-            timer = testbed.probe.node.create_timer(0.05, lambda: publisher.publish(
-                Clock(clock=Time(sec=testbed.stamp_ns() // 10**9, nanosec=testbed.stamp_ns() % 10**9))))
-            testbed.spin(1.0)
-            testbed.wait_for_cloud(CLOUD_S)
-            testbed.probe.node.destroy_timer(timer)
-    finally:
-        _follow_clock(testbed, False)
-        testbed.drive(shift_s=0.0)
-        testbed.probe.node.destroy_publisher(publisher)
-    return f"{shift_s:+g} s in the end"
-
-
-def _follow_clock(testbed: FaultTestbed, follow: bool) -> None:
-    request = SetParameters.Request(parameters=[Parameter("use_sim_time", value=follow).to_parameter_msg()])
-    for name in NODES:
-        answer, = testbed.probe.call(SetParameters, f"{name}/set_parameters", request).results
-        assert answer.successful, answer.reason
-
-
 FAULTS = {
     "kill": partial(restart, numbers=(signal.SIGKILL,)),
     "restart": partial(restart, numbers=(signal.SIGTERM, signal.SIGINT)),
     "stop": pause, "twins": twins,
     "lost": partial(packets, fate="lose", cause=""), "doubled": partial(packets, fate="double", cause="duplicate"),
     "late": partial(packets, fate="late", cause="late"), "cut": partial(packets, fate="cut", cause="malformed"),
-    "shuffled": partial(packets, fate="shuffle", cause=""),
-    "sensor": partial(sensor, comes_back=True), "replaced": partial(sensor, comes_back=False), "clock": clock,
+    "sensor": partial(sensor, comes_back=True), "replaced": partial(sensor, comes_back=False),
 }
-COUNTED = ("lost", "doubled", "late", "cut", "shuffled")    # the sketcher, unharmed, accounts for every packet sent
+COUNTED = ("lost", "doubled", "late", "cut")    # the sketcher, unharmed, accounts for every packet sent
 
 
 @dataclass
