@@ -1,11 +1,11 @@
-"""A sensor driver on command, which may misbehave: sends prebuilt packets of `photons` or `gates`, restamped.
+"""A sensor driver on command, which may misbehave: sends prebuilt packets of `photons`, restamped.
 
     python robustness/driver.py FOLDER
 
-FOLDER holds a folder for each sensor: `sensor.json`, and NUMBER.photons or NUMBER.gates, messages as CDR bytes that are
-sent in turn. Each line of standard input is a JSON object with settings to change; the answer is a line of JSON with
-what was done so far. A stamp is where acquisition begins, one interval before the packet is sent. What could not be
-sent in time is skipped, as by a sensor whose buffer is full.
+FOLDER holds a folder for each sensor: `sensor.json`, and packets as CDR bytes, NUMBER.cdr, which are sent in turn. Each
+line of standard input is a JSON object with settings to change; the answer is a line of JSON with what was done so far.
+A stamp is where acquisition begins, one interval before the packet is sent. What could not be sent in time is skipped,
+as by a sensor whose buffer is full.
 
     sensor: str         be this sensor from now on; "" sends nothing
     rate_hz: float      packets a second
@@ -23,7 +23,7 @@ from pathlib import Path
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.messages import cdr
@@ -45,9 +45,7 @@ class Driver:
         self._done: Counter[str] = Counter()
         self._node = rclpy.create_node("driver")
         self._description = self._node.create_publisher(String, "sensor", LATCHED)
-        self._publishers = {topic: self._node.create_publisher(kind, topic, DEPTH)
-                            for topic, kind in (("photons", PointCloud2), ("gates", Image))}
-        self._topic = "photons"
+        self._publisher = self._node.create_publisher(PointCloud2, "photons", DEPTH)
         self._packets: list[bytes] = []
         self._held: deque[tuple[float, bytes]] = deque()        # late packets, until when
         self._random = random.Random(0)
@@ -88,8 +86,7 @@ class Driver:
                                                   and all_acknowledged(self._description)):
                 time.sleep(0.01)
             self._held.clear()
-            paths = sorted(folder.glob("[0-9]*"))
-            self._topic, self._packets = paths[0].suffix[1:], [path.read_bytes() for path in paths]
+            self._packets = [path.read_bytes() for path in sorted(folder.glob("*.cdr"))]
 
     def _packet(self, packet: bytes) -> None:
         self._send_held(time.monotonic())
@@ -108,7 +105,7 @@ class Driver:
             self._send(self._held.popleft()[1])
 
     def _send(self, packet: bytes) -> None:
-        self._publishers[self._topic].publish(packet)
+        self._publisher.publish(packet)
         self._done["sent"] += 1
         self._done["bytes"] += len(packet)
 

@@ -9,9 +9,8 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.pipeline_probe import PipelineProbe
@@ -71,14 +70,13 @@ class Testbed(Processes):
         super().start(name, *ros_args, **self.parameters.get(name, {}) | parameters)
         return self.wait_ready(name)
 
-    def write_packets(self, name: str, sensor: SensorModel, frames: list[PhotonEvents | PhotonGates]) -> None:
+    def write_packets(self, name: str, sensor: SensorModel, frames: list[PhotonEvents]) -> None:
         """Write a sensor and the packets that the driver sends of it in turn."""
         folder = self.folder / "sensors" / name
         folder.mkdir(parents=True)
         (folder / "sensor.json").write_text(sensor_message.encode(sensor).data)
         for k, frame in enumerate(frames):
-            topic, codec = ("gates", gates_message) if isinstance(frame, PhotonGates) else ("photons", photons_message)
-            (folder / f"{k:03}.{topic}").write_bytes(codec.encode_cdr(frame, sensor, sensor.frame_id))
+            (folder / f"{k:03}.cdr").write_bytes(photons_message.encode_cdr(frame, sensor, sensor.frame_id))
 
     def drive(self, **settings) -> Counter[str]:
         """Have the driver behave like this (see driver.py); what it did so far."""
