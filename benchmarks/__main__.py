@@ -14,10 +14,9 @@ from srt3d_ros.evaluation.machine import machine
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
     "frequencies": "expected and measured depth error for each rule that chooses frequencies, as a picture",
-    "gates": "a SPAD array of 308 MB/s that must pass without loss in real time",
     "overload": "what is dropped at five times the photons that the machine can take, and how soon all is well again",
     "quickstart": "clouds a second of step 4 of docs/quickstart-driver.md, and the time to the first",
-    "recording": "what recording costs, what a recording weighs, what a killed recorder loses",
+    "recording": "what a killed recorder loses",
     "two_machines": "what passes between two machines, how late, at what loss (needs root)",
 }
 

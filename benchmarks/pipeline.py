@@ -1,89 +1,41 @@
-"""Nodes in processes of their own, fed by benchmarks/driver.py, and what is seen of them from outside."""
+"""What the driver of a testbed sends in phases, what comes of it, and what the processes use meanwhile."""
 
-import json
 import os
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.benchmark.ros import running
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.processes import Process
+from robustness.testbed import Testbed
 
 TICK_S = 1 / os.sysconf("SC_CLK_TCK")
-LAST_MESSAGES_S = 1.5       # for the last clouds and the last diagnostics
 
 
-@dataclass(frozen=True)
-class DrivenPipeline:
-    """Running nodes.
+def send(testbed: Testbed, sensor: str, *phases: tuple[float, float]) -> list[dict]:
+    """Have the driver send at each of these rates for so many seconds; what it did, arrivals and CPU of each phase.
 
-    Args:
-        probe: a PipelineProbe.
-        processes: of the nodes.
-        folder: removed at the end; messages/ is what the driver sends.
+    A cloud belongs to the phase in which the acquisition of its frame began. Latencies are from there on.
     """
-
-    probe: object
-    processes: dict[str, Process]
-    folder: Path
-
-    def driver_command(self, phases: str) -> list[str]:
-        """What sends the messages; `phases` as in driver.py."""
-        return [sys.executable, str(Path(__file__).with_name("driver.py")), str(self.folder / "messages"), phases]
-
-    def drive(self, phases: str, watch: Callable[[], None] = lambda: None) -> tuple[list[dict], dict[str, float]]:
-        """Send, calling `watch` about ten times a second; the driver's phases, and the CPU of each process in %."""
-        before = self._cpu_s()
-        driver = Process(self.driver_command(phases))
-        while driver.running:
-            self.probe.spin_until(lambda: False, 0.1)
-            watch()
-        after = self._cpu_s()
-        assert driver.code() == 0, driver.text
-        result = json.loads(next(line for line in reversed(driver.lines) if line.startswith("{")))
-        sent = result["phases"]
-        sending_s = (sent[-1]["ended_ns"] - sent[0]["began_ns"]) * 1e-9
-        used_s = {name: after[name] - before[name] for name in before} | {"driver": result["cpu_s"]}
-        self.probe.spin_until(lambda: False, LAST_MESSAGES_S)
-        return sent, {name: round(100 * seconds / sending_s, 1) for name, seconds in used_s.items()}
-
-    def _cpu_s(self) -> dict[str, float]:
-        return {name: cpu_s(process.pid) for name, process in self.processes.items()} | {"probe": time.process_time()}
+    results = []
+    for rate_hz, seconds in phases:
+        before, used_s, began_ns = testbed.drive(sensor=sensor, rate_hz=rate_hz), _cpu_s(testbed), time.time_ns()
+        testbed.spin(seconds)
+        ended_ns, done = time.time_ns(), testbed.drive() - before
+        results.append({"rate_hz": rate_hz, "began_ns": began_ns, "ended_ns": ended_ns, "sent": done["sent"],
+                        "skipped": done["skipped"], "MB_per_s": round(done["bytes"] * 1e-6 / seconds, 1),
+                        "reconstruct_ms": float(testbed.probe.value("reconstructor", "reconstruct_ms") or "nan"),
+                        "cpu_percent": {name: round((now_s - used_s[name]) * 1e11 / (ended_ns - began_ns), 1)
+                                        for name, now_s in _cpu_s(testbed).items()}})
+    testbed.drive(sensor="")
+    testbed.settle(testbed.parameters)
+    for phase in results:
+        phase["arrivals"] = [arrival for arrival in testbed.probe.arrivals
+                             if phase["began_ns"] <= arrival.stamp_ns < phase["ended_ns"]]
+    return results
 
 
-@contextmanager
-def driven_pipeline(nodes: dict[str, dict], write_messages: Callable[[Path], None]) -> Iterator[DrivenPipeline]:
-    """Nodes with these parameters, ready, and messages for them, which `write_messages` writes to a folder."""
-    with running(nodes) as (probe, processes, folder):
-        (folder / "messages").mkdir()
-        write_messages(folder / "messages")
-        yield DrivenPipeline(probe, processes, folder)
-
-
-def write_photons(folder: Path, sensor: SensorModel, frames: list[PhotonEvents | PhotonGates]) -> None:
-    """Write photons or gates and their sensor for the driver."""
-    (folder / "sensor.json").write_text(sensor_message.encode(sensor).data)
-    for k, frame in enumerate(frames):
-        topic, codec = ("gates", gates_message) if isinstance(frame, PhotonGates) else ("photons", photons_message)
-        write_packet(folder, k, {topic: codec.encode_cdr(frame, sensor, sensor.frame_id)})
-
-
-def write_packet(folder: Path, number: int, messages: dict[str, bytes]) -> None:
-    """Write messages, by topic, that the driver sends together."""
-    packet = folder / f"{number:03}"
-    packet.mkdir()
-    for topic, message in messages.items():
-        (packet / f"{topic}.cdr").write_bytes(message)
+def _cpu_s(testbed: Testbed) -> dict[str, float]:
+    return {name: cpu_s(process.pid) for name, process in testbed.items()} | {"probe": time.process_time()}
 
 
 def cpu_s(pid: int) -> float:
@@ -94,12 +46,6 @@ def cpu_s(pid: int) -> float:
     except OSError:
         return 0.0
     return (int(fields[11]) + int(fields[12])) * TICK_S + sum(cpu_s(int(child)) for child in children)
-
-
-def losses(probe) -> dict[str, int]:
-    """All counts of drops, losses and errors in the nodes' newest diagnostics, by NODE.KEY."""
-    return {f"{node}.{key}": int(value) for node, values in probe.statuses.items() for key, value in values.items()
-            if key.startswith("dropped") and not key.endswith("_per_s") or key in ("message_lost", "errors")}
 
 
 def percentiles(latencies_ms) -> dict[str, float]:

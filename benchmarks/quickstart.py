@@ -9,10 +9,12 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from benchmarks.pipeline import cpu_s, losses, percentiles
+from benchmarks.pipeline import cpu_s, percentiles
+from robustness.testbed import Testbed
 from srt3d_ros import shared_files
-from srt3d_ros.benchmark.ros import running
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--config", "spad_32x32_gates"]
 START_S, SETTLE_S = 60.0, 3.0
@@ -31,20 +33,21 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 
 def measure(record: bool, seconds: float) -> dict:
     """The figures with or without a recording."""
-    with running({}) as (probe, processes, folder):
-        profile = str(shared_files.find("config/fastdds_64mb.xml"))
-        processes.run("driver", [sys.executable, str(shared_files.find("examples/spad_driver.py"))],
-                      environment={"FASTRTPS_DEFAULT_PROFILES_FILE": profile})
+    with TemporaryDirectory() as folder, Testbed({}, Path(folder) / "quickstart") as testbed:
+        probe, profile = testbed.probe, str(shared_files.find("config/fastdds_64mb.xml"))
+        testbed.run("driver", [sys.executable, str(shared_files.find("examples/spad_driver.py"))],
+                    environment={"FASTRTPS_DEFAULT_PROFILES_FILE": profile})
         started_ns = time.time_ns()
-        up = processes.run("up", [*UP, *(["--record", str(folder / "run.rrd")] if record else [])])
-        probe.wait(lambda: probe.arrivals, "a cloud", START_S)
-        probe.spin_until(lambda: False, SETTLE_S)
+        up = testbed.run("up", [*UP, *(["--record", str(testbed.folder / "run.rrd")] if record else [])])
+        testbed.wait(lambda: probe.arrivals, "a cloud", START_S)
+        testbed.spin(SETTLE_S)
         first, used_s, began = len(probe.arrivals), cpu_s(up.pid), time.monotonic()
-        probe.spin_until(lambda: False, seconds)
+        testbed.spin(seconds)
         lasted_s, used_s = time.monotonic() - began, cpu_s(up.pid) - used_s
-        arrivals, dropped = probe.arrivals[first:], {key: count for key, count in losses(probe).items() if count}
-        processes.stop()
+        arrivals = probe.arrivals[first:]
+        testbed.stop()
         return {"clouds_per_s": round(len(arrivals) / lasted_s, 1),
                 "first_cloud_s": round((probe.arrivals[0].received_ns - started_ns) * 1e-9, 2),
                 "latency_ms": percentiles([arrival.latency_ms for arrival in arrivals]),
-                "cpu_percent": round(100 * used_s / lasted_s), "exit_code": up.returncode, "dropped_in_all": dropped}
+                "cpu_percent": round(100 * used_s / lasted_s), "exit_code": up.returncode,
+                "dropped_in_all": dict(testbed.losses())}

@@ -5,6 +5,7 @@
 It reads the topic as the nodes do: reliable, and only the newest messages wait.
 """
 
+import contextlib
 import json
 import sys
 import time
@@ -12,7 +13,6 @@ import time
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages import cdr
@@ -25,22 +25,20 @@ def main() -> None:
     transport.prepare_process()
     rclpy.init(args=[])
     node = rclpy.create_node("watch")
-    node.create_subscription(DiagnosticArray, "/diagnostics", _on_diagnostics, QoSProfile(depth=100))
-    node.create_subscription(PointCloud2, topic, _on_message, QoSProfile(depth=SUBSCRIBE_DEPTH), raw=True)
-    try:
+    node.create_subscription(DiagnosticArray, "/diagnostics", _on_diagnostics, 100)
+    node.create_subscription(PointCloud2, topic, _on_message, SUBSCRIBE_DEPTH, raw=True)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 def _on_message(raw: bytes) -> None:
-    _print(received_ns=time.time_ns(), stamp_ns=cdr.stamp_ns(raw), bytes=len(raw))
+    cloud = cdr.read_cloud(raw)
+    _print(received_ns=time.time_ns(), stamp_ns=cloud.header.stamp_ns, points=cloud.height * cloud.width)
 
 
 def _on_diagnostics(message: DiagnosticArray) -> None:
     for status in message.status:
-        values = {pair.key: pair.value for pair in status.values}
-        _print(node=status.name, level=status.level[0], message=status.message, values=values)
+        _print(node=status.name, values={pair.key: pair.value for pair in status.values})
 
 
 def _print(**facts) -> None:

@@ -18,32 +18,27 @@ from launch import Action, LaunchDescription
 
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "sensor", "points")
-SWITCH = ("true", "false")
 END_S = "60"        # after Ctrl-C, for a recording and a bag to be written; launch would end the nodes after 5 s
 
-ARGUMENTS = (
-    DeclareLaunchArgument("config", default_value="", description="Parameter file: a path, or the name of one that "
-                          "comes with the package, such as scanner_141x141."),
-    DeclareLaunchArgument("namespace", default_value="", description="Namespace of all nodes and topics."),
-    DeclareLaunchArgument("sensor_file", default_value="", description="Description of the sensor (.json), for a "
-                          "driver that publishes none."),
-    DeclareLaunchArgument("photons", default_value="", description="Topic of the photons, as events."),
-    DeclareLaunchArgument("gates", default_value="", description="Topic of the photons, as gates."),
-    DeclareLaunchArgument("sensor", default_value="", description="Topic of the sensor's description."),
-    DeclareLaunchArgument("points", default_value="", description="Topic of the clouds."),
-    DeclareLaunchArgument("device", default_value="", description="Where to reconstruct.",
-                          choices=("", "auto", "cpu", "cuda")),
-    DeclareLaunchArgument("input", default_value="", description="Photon file or bag to play, or: simulator. "
-                          "Without, a driver publishes the photons."),
-    DeclareLaunchArgument("record", default_value="", description="Recording (.rrd) to write."),
-    DeclareLaunchArgument("bag", default_value="", description="Bag (a folder) to record the photons in."),
-    DeclareLaunchArgument("autostart", default_value="", description="Whether the nodes configure and activate "
-                          "themselves; false: a lifecycle manager does.", choices=("", *SWITCH)),
-    DeclareLaunchArgument("use_sim_time", default_value="", description="Whether the clock is the topic /clock.",
-                          choices=("", *SWITCH)),
-    DeclareLaunchArgument("log_level", default_value="info", description="What the nodes log.",
-                          choices=("debug", "info", "warn", "error", "fatal")),
-)
+ARGUMENTS = {
+    "config": "Parameter file: a path, or the name of one that comes with the package, such as scanner_141x141.",
+    "namespace": "Namespace of all nodes and topics.",
+    "sensor_file": "Description of the sensor (.json), for a driver that publishes none.",
+    "photons": "Topic of the photons, as events.",
+    "gates": "Topic of the photons, as gates.",
+    "sensor": "Topic of the sensor's description.",
+    "points": "Topic of the clouds.",
+    "device": "Where to reconstruct.",
+    "input": "Photon file or bag to play, or: simulator. Without, a driver publishes the photons.",
+    "record": "Recording (.rrd) to write.",
+    "bag": "Bag (a folder) to record the photons in.",
+    "autostart": "Whether the nodes configure and activate themselves; false: a lifecycle manager does.",
+    "use_sim_time": "Whether the clock is the topic /clock.",
+    "log_level": "What the nodes log.",
+}
+CHOICES = {"device": ("", "auto", "cpu", "cuda"), "autostart": ("", "true", "false"),
+           "use_sim_time": ("", "true", "false"),
+           "log_level": ("info", "debug", "warn", "error", "fatal")}       # the first is the default
 
 # Of each node: which parameter an argument sets. The player comes last, so that all listen when it starts.
 NODES = {
@@ -58,13 +53,14 @@ ONLY_WITH = {"recorder": "record", "bag_recorder": "bag", "player": "input"}
 
 def generate_launch_description() -> LaunchDescription:
     """What `ros2 launch` runs."""
-    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=pipeline)])
+    arguments = [DeclareLaunchArgument(name, default_value=CHOICES.get(name, ("",))[0], description=about,
+                                       choices=CHOICES.get(name)) for name, about in ARGUMENTS.items()]
+    return LaunchDescription([*arguments, OpaqueFunction(function=pipeline)])
 
 
 def pipeline(context) -> list[Action]:
     """The nodes, by what was given, and what may have been meant by what is no argument."""
-    given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
-    given = {name: value for name, value in given.items() if value}
+    given = {name: value for name in ARGUMENTS if (value := context.launch_configurations[name])}
     files = [ParameterFile(config_file(given["config"]))] if "config" in given else []
     remappings = [(topic, given[topic]) for topic in TOPICS if topic in given]
     switches = {name: given[name] == "true" for name in ("autostart", "use_sim_time") if name in given}
@@ -84,13 +80,13 @@ def own(configurations: dict[str, str], node: str) -> dict:
 
 def passed_over(configurations: dict[str, str]) -> list[LogInfo]:
     """A line for each name that is a parameter's or nearly an argument's. Others may be an including file's."""
-    arguments, lines = [argument.name for argument in ARGUMENTS], []
+    lines = []
     table = yaml.safe_load(Path(get_package_share_directory(PACKAGE), "config", "srt3d.yaml").read_text())
     for name in configurations:
         of = [section.strip("/*") for section, content in table.items() if name in content["ros__parameters"]]
         near = [f"{node}.{name}:=…" for node in of] or [
-            f"{meant}:=…" for meant in difflib.get_close_matches(name, arguments, n=1)]
-        if name not in arguments and near:
+            f"{meant}:=…" for meant in difflib.get_close_matches(name, ARGUMENTS, n=1)]
+        if name not in ARGUMENTS and near:
             lines.append(LogInfo(msg=f"{name}:=… is ignored: there is no such argument, did you mean "
                                      f"{' or '.join(near)}?"))
     return lines

@@ -1,14 +1,15 @@
-"""A sensor driver that misbehaves on command: packets of `photons`, several a frame, at 10 frames a second.
+"""A sensor driver on command, which may misbehave: sends prebuilt packets of `photons`, restamped.
 
     python robustness/driver.py FOLDER
 
-FOLDER holds a folder for each sensor: `sensor.json` and the packets of a frame as CDR bytes, *.cdr. Each line of
-standard input is a JSON object with settings to change; the answer is a line of JSON with what was done so far.
+FOLDER holds a folder for each sensor: `sensor.json`, and packets as CDR bytes, NUMBER.cdr, which are sent in turn. Each
+line of standard input is a JSON object with settings to change; the answer is a line of JSON with what was done so far.
+A stamp is where acquisition begins, one interval before the packet is sent. What could not be sent in time is skipped,
+as by a sensor whose buffer is full.
 
     sensor: str         be this sensor from now on; "" sends nothing
+    rate_hz: float      packets a second
     lose, double, late, cut: float      share of the packets that are lost, sent twice, sent late, sent in part
-    shuffle: bool       a frame's packets come together, in any order
-    shift_s: float      added to the stamps
 """
 
 import json
@@ -30,34 +31,39 @@ from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.topics import LATCHED
 
-FRAME_NS = 100_000_000
-LATE_S = 0.35           # three frames
-BEHIND_NS = 500_000_000     # further behind than this, as after a stop, and what was missed is not sent
+FATES = ("lose", "double", "late", "cut")
+LATE_S = 0.35           # of a late packet
+BEHIND_NS = 50_000_000  # further behind than this, and packets are skipped
 DESCRIBED_S = 5.0       # nobody may be there to receive the description
+DEPTH = 10
 
 
 class Driver:
     def __init__(self, folder: Path):
         self._folder = folder
-        self._settings = {"sensor": "", "lose": 0.0, "double": 0.0, "late": 0.0, "cut": 0.0, "shuffle": False,
-                          "shift_s": 0.0}
+        self._settings = {"sensor": "", "rate_hz": 40.0} | dict.fromkeys(FATES, 0.0)
         self._done: Counter[str] = Counter()
         self._node = rclpy.create_node("driver")
         self._description = self._node.create_publisher(String, "sensor", LATCHED)
-        self._publisher = self._node.create_publisher(PointCloud2, "photons", 10)
+        self._publisher = self._node.create_publisher(PointCloud2, "photons", DEPTH)
         self._packets: list[bytes] = []
         self._held: deque[tuple[float, bytes]] = deque()        # late packets, until when
         self._random = random.Random(0)
 
     def run(self) -> None:
-        due_ns = 0
+        number, begins_ns = 0, time.time_ns()
         while True:
-            if not self._settings["sensor"] or time.time_ns() - due_ns > BEHIND_NS:
-                due_ns = time.time_ns() + FRAME_NS // 10
-                self._wait_until(due_ns)
+            packets, period_ns = self._packets, round(1e9 / self._settings["rate_hz"])
+            self._wait_until(begins_ns + period_ns)
+            if not packets or packets is not self._packets:
+                number, begins_ns = 0, time.time_ns()
+                continue
+            if time.time_ns() - begins_ns - period_ns > BEHIND_NS:
+                self._done["skipped"] += 1
             else:
-                self._frame(due_ns)
-                due_ns += FRAME_NS
+                self._packet(cdr.restamp(packets[number % len(packets)], begins_ns))
+            number += 1
+            begins_ns += period_ns
 
     def _wait_until(self, due_ns: int) -> None:
         """Obey commands until then."""
@@ -70,6 +76,7 @@ class Driver:
         was = self._settings["sensor"]
         self._settings |= settings
         if not self._settings["sensor"]:
+            self._packets = []
             self._send_held(float("inf"))
         elif self._settings["sensor"] != was:
             folder = self._folder / self._settings["sensor"]
@@ -81,29 +88,10 @@ class Driver:
             self._held.clear()
             self._packets = [path.read_bytes() for path in sorted(folder.glob("*.cdr"))]
 
-    def _frame(self, begins_ns: int) -> None:
-        """Send the packets of one frame, each when its acquisition has ended."""
-        packets, period_ns = self._packets, FRAME_NS // len(self._packets)
-        order = list(range(len(packets)))
-        if shuffled := self._settings["shuffle"]:
-            self._random.shuffle(order)
-            self._done["shuffle"] += 1
-        for place, k in enumerate(order):
-            self._wait_until(begins_ns + (len(packets) if shuffled else place + 1) * period_ns)
-            if not self._settings["sensor"] or packets is not self._packets:     # the rest is never sent
-                return
-            shift_ns = round(self._settings["shift_s"] * 1e9)
-            self._packet(cdr.restamp(packets[k], begins_ns + k * period_ns + shift_ns))
-
     def _packet(self, packet: bytes) -> None:
         self._send_held(time.monotonic())
-        chance = self._random.random()
-        for fate in ("lose", "double", "late", "cut"):
-            chance -= self._settings[fate]
-            if chance < 0:
-                break
-        else:
-            fate = "send"
+        shares = [self._settings[fate] for fate in FATES]
+        (fate,) = self._random.choices((*FATES, "send"), [*shares, 1 - sum(shares)])
         self._done[fate] += 1
         if fate == "late":
             self._held.append((time.monotonic() + LATE_S, packet))
@@ -119,6 +107,7 @@ class Driver:
     def _send(self, packet: bytes) -> None:
         self._publisher.publish(packet)
         self._done["sent"] += 1
+        self._done["bytes"] += len(packet)
 
 
 if __name__ == "__main__":

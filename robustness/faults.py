@@ -9,29 +9,123 @@ round does the next fault, takes it back, and passes if
 - the frame counts of every node add up, and where driver and sketcher are not harmed, all packets sent are counted;
 - recordings and bags that were finished open, and those that were cut off are repaired or refused in one line.
 
-The first round that fails is the last, and leaves its logs beside the summary. Faults of the disk and of shared memory
-need root or user namespaces: they get disks of their own, which nobody else sees.
+The first round that fails is the last, and leaves its logs beside the summary.
 """
 
 import argparse
-import os
 import random
+import signal
 import statistics
 import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
-from robustness.fault_table import CLOUD_S, FAULTS, NODES
-from robustness.fault_testbed import SUFFIX, FaultTestbed, enter_own_mounts
-from srt3d_ros.processes import Process, join_private_network
+from robustness.fault_testbed import SENSORS, SUFFIX, FaultTestbed
+from srt3d_ros.processes import STOP_TIMEOUT_S, Process, node_command
 
+NODES = ("sketcher", "reconstructor", *SUFFIX)
+HELD_S, STOPPED_S = 2.0, 3.0
+LATE_S = 0.6                # more than a late packet is late
+SHARE = 0.3                 # of the packets
+CLOUD_S = 10.0              # for clouds that a fault must not stop
 BACK_S = 3.0
 MAX_BACK_S = 30.0           # for which clouds are waited that have to be back earlier
 OPEN_S = 300.0
+
+# The faults: each does its harm, checks that it was done, takes it back, and returns a few words on what it did.
+
+
+def end(testbed: FaultTestbed, name: str, number: int) -> None:
+    """End a process; in order, its last diagnostics must balance, but the driver has none."""
+    process = testbed[name]
+    process.send(number)
+    testbed.wait(lambda: not process.running, f"the end of {name}", STOP_TIMEOUT_S)
+    if name != "driver" and number != signal.SIGKILL:
+        assert process.returncode == 0, f"{name} {process.ending}:\n{process.text}"
+        balanced = testbed.saw(lambda: not testbed.unbalanced([name]), LATE_S + STOPPED_S)
+        assert balanced, f"the last report of {name} does not balance: {testbed.latest[name]}"
+
+
+def restart(testbed: FaultTestbed, choice: random.Random, *, numbers: tuple[int, ...]) -> str:
+    name, number = choice.choice((*NODES, "driver")), choice.choice(numbers)
+    end(testbed, name, number)
+    testbed.spin(choice.uniform(0, 1))
+    testbed.start(name)
+    return f"{name}, {signal.Signals(number).name}"
+
+
+def pause(testbed: FaultTestbed, choice: random.Random) -> str:
+    """Clouds must go on meanwhile where the process only listens, as a reliable subscriber that stops reading."""
+    name = choice.choice((*NODES, "driver"))
+    testbed[name].halt()
+    try:
+        testbed.spin(STOPPED_S)
+        assert testbed[name].halted, f"{name} was not stopped"
+        if name in SUFFIX:
+            testbed.wait_for_cloud(CLOUD_S)
+    finally:
+        testbed[name].go_on()
+    return name
+
+
+def twins(testbed: FaultTestbed, choice: random.Random) -> str:
+    testbed.run("second", node_command("reconstructor", "-r", "__node:=second"), is_node=True)
+    testbed.wait_ready("second")
+    testbed.clouds.clear()
+    testbed.wait(lambda: len(testbed.clouds) > len(set(testbed.clouds)) + 3, "clouds of both")
+    end(testbed, "second", choice.choice((signal.SIGKILL, signal.SIGTERM)))
+    testbed.remove("second")
+    return "two reconstructors"
+
+
+def packets(testbed: FaultTestbed, choice: random.Random, *, fate: str, cause: str) -> str:
+    """The driver does this to packets; the sketcher drops them for this cause, if any, and for no other.
+
+    A busy machine drops some before they are read (queue), or leaves their frame too late.
+    """
+    before, counted = testbed.drive(), testbed.totals("sketcher")
+    testbed.drive(**{fate: SHARE})
+    testbed.spin(HELD_S)
+    testbed.drive(**{fate: 0})
+    testbed.spin(LATE_S)
+    testbed.drive(sensor="")
+    testbed.settle(["sketcher"])
+    driver, sketcher = testbed.drive(sensor=testbed.sensor) - before, testbed.totals("sketcher") - counted
+    done, dropped = driver[fate], sketcher[f"dropped.{cause}"]
+    busy = {other: sketcher[f"dropped.{other}"] for other in {"queue", "late"} - {cause}}
+    assert done and sketcher["dropped"] == dropped + sum(busy.values()), f"of {driver} {sketcher} came out"
+    if cause:
+        assert dropped == done or 0 < dropped < done and (any(busy.values()) or sketcher["message_lost"]), sketcher
+    return f"{done} times"
+
+
+def sensor(testbed: FaultTestbed, choice: random.Random, *, comes_back: bool) -> str:
+    """Another size, T or IRF: from a driver that comes back, or in the middle of a frame."""
+    name = choice.choice([name for name in SENSORS if name != testbed.sensor])
+    testbed.spin(choice.uniform(0, 0.1))
+    if comes_back:
+        testbed["driver"].kill()
+        testbed.sensor = name
+        testbed.start("driver")
+    else:
+        testbed.drive(sensor=name)
+    return name
+
+
+FAULTS = {
+    "kill": partial(restart, numbers=(signal.SIGKILL,)),
+    "restart": partial(restart, numbers=(signal.SIGTERM, signal.SIGINT)),
+    "stop": pause, "twins": twins,
+    "lost": partial(packets, fate="lose", cause=""), "doubled": partial(packets, fate="double", cause="duplicate"),
+    "late": partial(packets, fate="late", cause="late"), "cut": partial(packets, fate="cut", cause="malformed"),
+    "sensor": partial(sensor, comes_back=True), "replaced": partial(sensor, comes_back=False),
+}
+COUNTED = ("lost", "doubled", "late", "cut")    # the sketcher, unharmed, accounts for every packet sent
 
 
 @dataclass
@@ -53,15 +147,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> tuple[list, dict]:
-    own_mounts = enter_own_mounts()
-    if "ROS_DOMAIN_ID" not in os.environ:
-        join_private_network()
-    left_out = [] if own_mounts else [name for name in args.only if FAULTS[name].on_own_disks]
-    if left_out:
-        print(f"left out: {', '.join(left_out)}: they need root, or user namespaces", file=sys.stderr)
-    faults = [name for name in args.only if name not in left_out]
-    rounds, end_s, folder = [], time.monotonic() + args.seconds, args.out.parent / "faults"
-    with FaultTestbed(folder, own_mounts) as testbed:
+    faults, rounds, end_s, folder = args.only, [], time.monotonic() + args.seconds, args.out.parent / "faults"
+    with FaultTestbed(folder) as testbed:
         for number in tqdm(range(args.first, args.first + args.rounds), unit="round"):
             rounds.append(played := Round(faults[number % len(faults)]))
             play(testbed, played, random.Random(f"{args.seed}/{number}"), args.back_s)
@@ -78,19 +165,19 @@ def run(args: argparse.Namespace) -> tuple[list, dict]:
     verdicts += [(f"round {number}, {played.fault} (--first {number} --rounds 1)", False, problem)
                  for problem in played.problems]
     verdicts.append(("what was recorded opens", not unreadable, "; ".join(unreadable) or "all"))
-    return verdicts, {"seed": args.seed, "rounds": len(rounds), "left_out": left_out, "faults": summary}
+    return verdicts, {"seed": args.seed, "rounds": len(rounds), "faults": summary}
 
 
 def play(testbed: FaultTestbed, played: Round, choice: random.Random, back_s: float) -> None:
     """Do the round's fault and note what came of it."""
-    fault, replaced = FAULTS[played.fault], len(testbed.replaced)
+    replaced = len(testbed.replaced)
     testbed.misplaced.clear()
     try:
         testbed.drive(sensor="")
         testbed.settle(NODES)
         lost, came, sent = testbed.losses(), packets_counted(testbed), testbed.drive(sensor=testbed.sensor)
         testbed.wait_for_cloud(MAX_BACK_S)
-        played.did = fault.do(testbed, choice)
+        played.did = FAULTS[played.fault](testbed, choice)
         played.recovery_s = round(testbed.wait_for_cloud(max(MAX_BACK_S, back_s)), 3)
         if played.recovery_s > back_s:
             played.problems.append(f"clouds were back after {played.recovery_s:.1f} s")
@@ -99,7 +186,7 @@ def play(testbed: FaultTestbed, played: Round, choice: random.Random, back_s: fl
         sent = testbed.drive(sensor="") - sent
         played.problems += [f"{name}: {amount} frames are not accounted for: {testbed.latest.get(name)}"
                             for name, amount in testbed.settle(NODES).items()]
-        if fault.counted and (gone := sent["sent"] - (packets_counted(testbed) - came)):
+        if played.fault in COUNTED and (gone := sent["sent"] - (packets_counted(testbed) - came)):
             played.problems.append(f"{gone} of {sent['sent']} packets are not accounted for")
         played.lost = testbed.losses() - lost
     except (AssertionError, TimeoutError) as problem:

@@ -54,89 +54,81 @@ def draw_sensor(rng: np.random.Generator) -> SensorModel:
     odd = {
         "irf": lambda: np.stack([draw_irf(rng, num_bins, length=min(9, num_bins)) for _ in range(rows * cols)]),
         "irf_ref": lambda: int(rng.integers(-2, known["irf"].shape[-1] + 2)),
-        "gain": lambda: odd_map(rng, (rows, cols), 1.0),
-        "delay_bins": lambda: odd_map(rng, (rows, cols), 0.0),
+        "gain": lambda: odd_map(rng, np.ones((rows, cols))),
+        "delay_bins": lambda: odd_map(rng, np.zeros((rows, cols))),
         "mask": lambda: rng.random((rows, cols)) > rng.choice([0, 0.1, 0.9, 1]),
         "background_shape": lambda: draw_irf(rng, num_bins, length=num_bins),
         "projection": lambda: draw_projection(rng, rows, cols),
         "bin_width_s": lambda: 10.0**rng.uniform(-21, 1),
-        "toa_offset_bins": lambda: rng.choice([-1, 1]) * 10.0**rng.uniform(-3, 14),
-        "range_offset_m": lambda: rng.choice([-1, 1]) * 10.0**rng.uniform(-3, 14),
+        "toa_offset_bins": lambda: any_size(rng, 14),
+        "range_offset_m": lambda: any_size(rng, 14),
     }
     for name in rng.choice(list(odd), rng.integers(0, 4), replace=False):
         known[name] = odd[name]()
     return SensorModel(**known)
 
 
-def odd_map(rng: np.random.Generator, shape: tuple[int, int], usual: float) -> np.ndarray:
+def any_size(rng: np.random.Generator, digits: float, shape=None):
+    """Numbers of every size up to so many digits, of both signs."""
+    return rng.normal(size=shape) * 10.0**rng.uniform(-3, digits, shape)
+
+
+def odd_map(rng: np.random.Generator, usual: np.ndarray) -> np.ndarray:
     """A map with one odd pixel, all odd, or of numbers of every size."""
-    kind = rng.integers(4)
-    if kind == 0:
-        return np.full(shape, ODD[rng.integers(len(ODD))])
-    image = np.full(shape, usual) if kind < 3 else 10.0**rng.uniform(-4, 4, shape)
-    if kind == 1:
-        image[tuple(rng.integers(shape))] = ODD[rng.integers(len(ODD))]
-    return image
+    odd = ODD[rng.integers(len(ODD))]
+    one_odd = usual.copy()
+    one_odd.flat[rng.integers(usual.size)] = odd
+    return [one_odd, np.full_like(usual, odd), np.abs(any_size(rng, 4, usual.shape)), usual][rng.integers(4)]
 
 
 def draw_irf(rng: np.random.Generator, num_bins: int, length: int | None = None) -> np.ndarray:
     """An IRF of some shape, length and scale."""
     length = length or int(min(rng.choice([1, 2, 3, 20, 200, num_bins]), num_bins + (rng.random() < 0.02)))
     x = np.arange(length)
-    irf = [lambda: np.eye(1, length, rng.integers(length))[0], lambda: np.ones(length),
-           lambda: np.exp(-0.5 * ((x - length / 2) / max(length / 6, 0.1))**2), lambda: rng.random(length)**8,
-           lambda: np.exp(-x / max(length / 5, 1)), lambda: np.eye(1, length)[0] + np.eye(1, length, length // 2)[0],
-           lambda: np.zeros(length)][rng.choice(7, p=[0.2, 0.15, 0.2, 0.15, 0.18, 0.1, 0.02])]()
-    irf = irf * rng.choice([1, 7, 1e-300, 1e-40, 1e30, 1e300], p=[0.6, 0.1, 0.1, 0.1, 0.07, 0.03])
-    if rng.random() < 0.03:
-        irf[rng.integers(length)] = ODD[rng.integers(len(ODD))]
-    return irf
+    shapes = [np.eye(1, length, rng.integers(length))[0], np.ones(length), rng.random(length)**8,
+              np.exp(-0.5 * ((x - length / 2) / max(length / 6, 0.1))**2), np.exp(-x / max(length / 5, 1)),
+              np.zeros(length)]
+    irf = shapes[rng.choice(6, p=[0.25, 0.15, 0.2, 0.2, 0.18, 0.02])]
+    irf = irf * rng.choice([1, 1e-300, 1e-40, 1e30, 1e300], p=[0.7, 0.1, 0.1, 0.07, 0.03])
+    return odd_map(rng, irf) if rng.random() < 0.03 else irf
 
 
 def draw_projection(rng: np.random.Generator, rows: int, cols: int):
     """A lens or a scanner with numbers of every size."""
     if rng.random() < 0.3:
-        return AngularScan(*(rng.normal(size=4) * 10.0**rng.uniform(-6, 6)))
-    focal = 10.0**rng.uniform(-300, 300) if rng.random() < 0.3 else max(rows, cols) * 10.0**rng.uniform(-2, 2)
-    centre = rng.normal(size=2) * 10.0**rng.uniform(0, 300 if rng.random() < 0.2 else 3)
-    bend = rng.normal(size=5) * 10.0**rng.uniform(-3, 3) if rng.random() < 0.5 else np.zeros(5)
-    return Pinhole(focal, focal * 10.0**rng.uniform(-1, 1), *centre, PlumbBob(*bend))
+        return AngularScan(*any_size(rng, 6, 4))
+    focal = max(rows, cols) * abs(any_size(rng, rng.choice([2, 300])))
+    bend = any_size(rng, 3, 5) if rng.random() < 0.5 else np.zeros(5)
+    return Pinhole(focal, focal * 10.0**rng.uniform(-1, 1), *any_size(rng, rng.choice([3, 3, 300]), 2), PlumbBob(*bend))
 
 
 def draw_events(rng: np.random.Generator, sensor: SensorModel) -> PhotonEvents:
     """Photons of an odd frame."""
     pixels, num_bins = sensor.pixels, sensor.num_bins
     count = int(rng.choice([0, 1, 2, pixels, 10 * pixels, PHOTONS]))
-    pixel = [lambda: rng.integers(0, pixels, count), lambda: np.full(count, rng.integers(pixels)),
-             lambda: np.arange(count) % pixels, lambda: np.where(rng.random(count) < 0.9, 0, pixels - 1)][
-                 rng.integers(4)]()
-    edge = rng.choice([0, num_bins - 1, num_bins // 2])
+    pixel = [rng.integers(0, pixels, count), np.full(count, rng.integers(pixels)), np.arange(count) % pixels,
+             np.where(rng.random(count) < 0.9, 0, pixels - 1)][rng.integers(4)].astype(np.uint32)
     spread = rng.integers(0, rng.choice([1, 2, min(9, num_bins), num_bins]), count)
-    toa = (edge + spread) % num_bins
+    toa = (rng.choice([0, num_bins - 1, num_bins // 2]) + spread) % num_bins
     if rng.random() < 0.3:
-        toa = np.minimum(toa + rng.random(count), np.nextafter(np.float32(num_bins), np.float32(0)))
-        return PhotonEvents(pixel.astype(np.uint32), toa.astype(np.float32).clip(0, np.nextafter(
-            np.float32(num_bins), np.float32(0))))
-    return PhotonEvents(pixel.astype(np.uint32), toa.astype(rng.choice([np.uint16, np.uint32])))
+        last = np.nextafter(np.float32(num_bins), np.float32(0))
+        return PhotonEvents(pixel, np.minimum(toa + rng.random(count), last).astype(np.float32).clip(0, last))
+    return PhotonEvents(pixel, toa.astype(rng.choice([np.uint16, np.uint32])))
 
 
 def draw_sketch(rng: np.random.Generator, sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     """A sketch that no photons have: garbage, as a broken sender might make it."""
     shape, m = (sensor.rows, sensor.cols), len(frequencies)
-    photons = [lambda: np.zeros(shape), lambda: np.ones(shape), lambda: np.full(shape, FULL),
-               lambda: rng.integers(0, 2**32, shape), lambda: rng.poisson(5, shape),
-               lambda: np.where(rng.random(shape) < 0.1, FULL, rng.integers(0, 3, shape))][rng.integers(6)]()
-    photons = photons.astype(np.uint32)
-    modulus = rng.choice([0, 1e-30, 0.01, 0.5, 1, 1, 1, 1.001, 10])
-    sums = np.exp(2j * np.pi * rng.random((*shape, m))) * modulus
-    if rng.random() < 0.5:          # as of one surface
-        omega = 2 * np.pi * np.array(frequencies) / sensor.num_bins
-        sums = np.exp(1j * omega * rng.uniform(0, sensor.num_bins, (*shape, 1) if rng.random() < 0.5 else 1)) * modulus
-        sums = np.broadcast_to(sums, (*shape, m))
+    photons = [np.zeros(shape), np.ones(shape), np.full(shape, FULL), rng.integers(0, 2**32, shape),
+               rng.poisson(5, shape)][rng.integers(5)].astype(np.uint32)
+    # as of one surface, or of none
+    toa = rng.uniform(0, sensor.num_bins, (*shape, rng.choice([1, m])))
+    sums = np.exp(2j * np.pi / sensor.num_bins * np.array(frequencies) * toa)
+    sums *= rng.choice([0, 1e-30, 0.01, 0.5, 1, 1, 1, 1.001, 10])
     with np.errstate(over="ignore", under="ignore"):
         sums = (sums * np.maximum(photons, rng.integers(2))[..., None]).astype(np.complex64)
     if rng.random() < 0.1:
-        sums.reshape(-1)[rng.integers(sums.size)] = rng.choice([np.nan, np.inf, -np.inf, 1j * np.inf, 1e38, 1e20])
+        sums.flat[rng.integers(sums.size)] = rng.choice([np.nan, np.inf, -np.inf, 1j * np.inf, 1e38, 1e20])
     return Sketch(frequencies, sums, photons)
 
 

@@ -12,9 +12,7 @@ fifth of the run, the last minute is compared with the first, and of memory the 
 """
 
 import argparse
-import os
 import re
-import shutil
 import sys
 import time
 from collections import defaultdict
@@ -25,7 +23,6 @@ import psutil
 from tqdm import tqdm
 
 from robustness.testbed import Testbed
-from srt3d_ros.processes import join_private_network
 from srt3d_ros.recording.reader import RecordingReader
 
 LISTENERS = ("recorder", "reconstructor", "sketcher")       # started before the player
@@ -45,11 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> tuple[list, dict]:
-    if "ROS_DOMAIN_ID" not in os.environ:
-        join_private_network()
     folder = args.out.parent / "soak"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
     begin_s, end_s = min(180.0, args.seconds / 5), args.seconds - 1
     minute_s = min(60.0, (args.seconds - begin_s) / 3)
     apart_s = end_s - minute_s - begin_s        # whole files, so that the last minute sees one at the age of the first
@@ -58,7 +51,7 @@ def run(args: argparse.Namespace) -> tuple[list, dict]:
     nodes = dict.fromkeys(LISTENERS, every)
     nodes["recorder"] = every | {"path": str(folder / "soak.rrd"), "split_period_s": file_s}
     frames = round(args.seconds * RATE_HZ)
-    with Testbed(nodes) as testbed:
+    with Testbed(nodes, folder) as testbed:
         probe = testbed.probe
         testbed.start("player", input=args.input, rate_hz=RATE_HZ, frames=frames, seed=args.seed, **SCENE, **every)
         testbed.wait(lambda: probe.arrivals, "a cloud", CLOUDS_S)

@@ -1,87 +1,78 @@
-"""Fuzz targets of messages: what DDS or a bag hands to each codec."""
+"""Fuzz targets of messages, as DDS or a bag hands them to each codec, and of what users type."""
 
+import contextlib
+import io
+import itertools
+import re
+import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo
+
 from robustness.targets import Defect, Made, Target
+from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, parser
+from srt3d_ros.cli.up import node_specs, parameters_yaml, ros_arguments
 from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import camera, cdr, gates, images, photons, points, sensor, sketch
+from srt3d_ros.node_names import NODES
 
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "messages" / "golden"
+SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535))
 FREQUENCIES = (1, 3)        # of the golden sketches
 SENSOR_TEXTS = [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens")]
+COMMAND_LINES = ("reconstruct a.npz -o out.ply --sketch-size 2 --device auto", "review a.rrd --no-report --json",
+                 "reconstruct a.npz -o out.ply --gate 5,40 --frequencies 1,3 --surfaces 2", "evaluate --out results",
+                 "up -p sketcher.sketch_size:=5 -r photons:=/p --config spad_32x32_gates", "play a.npz --rate 2")
 
 
-def golden_sensor() -> SensorModel:
-    """The sensor of the golden messages."""
-    return SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535))
+def _golden(*names: str) -> list[bytes]:
+    return [bytes.fromhex((GOLDEN / f"{name}.hex").read_text()) for name in names]
 
 
-def _photons() -> Made:
-    described = golden_sensor()
-
-    def read(raw: bytes) -> None:
-        events, again = _read_twice(photons, raw, described)
-        _check_same(events.pixel.tobytes() + events.toa.tobytes(), again.pixel.tobytes() + again.toa.tobytes())
-        cdr.restamp(raw, cdr.stamp_ns(raw))
-
-    return read, _golden("photons_uint16", "photons_uint32", "photons_float32")
+def _written_again(write, read, raw: bytes):
+    """What is read from the bytes. Written and read again it must be the same."""
+    frame = read(raw)
+    written = write(frame)
+    if write(read(written)) != written:
+        raise Defect("a frame changes when it is written and read again")
+    return frame
 
 
-def _gates() -> Made:
-    described = golden_sensor()
-
-    def read(raw: bytes) -> None:
-        frame, again = _read_twice(gates, raw, described)
-        _check_same(frame.words.tobytes(), again.words.tobytes())
-        frame.to_events(described).check(described)
-
-    return read, _golden("gates")
+def _photons(raw: bytes) -> None:
+    _written_again(lambda frame: photons.encode_cdr(frame[1], SENSOR, frame[0].frame_id),
+                   lambda raw: photons.decode_cdr(raw, SENSOR), raw)
+    cdr.restamp(raw, cdr.stamp_ns(raw))
 
 
-def _sketch() -> Made:
-    described = golden_sensor()
-
-    def read(raw: bytes) -> None:
-        _, made = sketch.decode_cdr(raw, FREQUENCIES, described)
-        _check_same(made.photons.tobytes(), sketch.decode_counts_cdr(raw)[1].astype(made.photons.dtype).tobytes())
-
-    return read, _golden("sketch_float32", "sketch_int16")
+def _gates(raw: bytes) -> None:
+    _, frame = _written_again(lambda frame: gates.encode_cdr(frame[1], SENSOR, frame[0].frame_id),
+                              lambda raw: gates.decode_cdr(raw, SENSOR), raw)
+    frame.to_events(SENSOR).check(SENSOR)
 
 
-def _points() -> Made:
-    return points.decode_cdr, _golden("points_xyzi", "points_full", "points_xyzi_organised", "points_full_organised")
+def _sketch(raw: bytes) -> None:
+    _, made = sketch.decode_cdr(raw, FREQUENCIES, SENSOR)
+    if not (made.photons == sketch.decode_counts_cdr(raw)[1]).all():
+        raise Defect("a sketch has other counts when only these are read")
 
 
-def _images() -> Made:
-    def read(raw: bytes) -> None:
-        header, image = images.decode_cdr(raw)
-        again = images.decode_cdr(images.encode_cdr(image, header.stamp_ns, header.frame_id))
-        _check_same((header, image.tobytes()), (again[0], again[1].tobytes()))
-
-    return read, _golden("image_32FC1")
+def _images(raw: bytes) -> None:
+    _written_again(lambda frame: images.encode_cdr(frame[1], frame[0].stamp_ns, frame[0].frame_id),
+                   images.decode_cdr, raw)
 
 
-def _sensor() -> Made:
-    def read(raw: bytes) -> None:
-        described = sensor.from_json(raw.decode(errors="replace"))
-        if not sensor.from_json(sensor.to_json(described)).same_as(described):
-            raise Defect("a sensor changes when it is written and read again")
-
-    return read, SENSOR_TEXTS
+def _sensor(raw: bytes) -> None:
+    _written_again(sensor.to_json, sensor.from_json, raw.decode(errors="replace"))
 
 
-def _sketch_sensor() -> Made:
-    def read(raw: bytes) -> None:
-        sketch.decode_sensor(SimpleNamespace(data=raw.decode(errors="replace")))
-
-    return read, [sketch.encode_sensor(golden_sensor(), FREQUENCIES, 3).data.encode()]
+def _sketch_sensor(raw: bytes) -> None:
+    sketch.decode_sensor(SimpleNamespace(data=raw.decode(errors="replace")))
 
 
 def _camera_info() -> Made:
-    from rclpy.serialization import deserialize_message, serialize_message
-    from sensor_msgs.msg import CameraInfo
-
     def read(raw: bytes) -> None:
         try:
             message = deserialize_message(raw, CameraInfo)
@@ -93,25 +84,72 @@ def _camera_info() -> Made:
     return read, [serialize_message(message) for message in described if message is not None]
 
 
-def _golden(*names: str) -> list[bytes]:
-    return [bytes.fromhex((GOLDEN / f"{name}.hex").read_text()) for name in names]
+def _parameters() -> Made:
+    """The bytes are a parameter file; the nodes read it in turn."""
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    from srt3d_ros.nodes.parameters import Parameters
+    from srt3d_ros.nodes.specs import SPECS
+    from tools.generate_docs import generated
+
+    context = Context()         # of its own: whoever else is in this process has the default one
+    context.init(args=[])
+    names = itertools.cycle(NODES)
+
+    def read(raw: bytes) -> None:
+        name = next(names)
+        with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
+            file.write(raw)
+            file.flush()
+            try:
+                node = Node(name, context=context, start_parameter_services=False, enable_rosout=False,
+                            automatically_declare_parameters_from_overrides=True,
+                            cli_args=["--ros-args", "--params-file", file.name, "--log-level", "fatal"])
+            except RuntimeError as error:               # rcl's parser: the process says so in a line and ends
+                raise InvalidInput("command line", "parameters.yaml", f"ROS arguments ({error})") from None
+        try:
+            Parameters(node, SPECS[name].table)
+        finally:
+            node.destroy_node()
+
+    every = re.sub(r" *#.*\n", "", generated()["config/srt3d.yaml"])
+    return read, [every.encode(), re.sub(r"(?m)(ros__parameters:\n(?:.*\n){2})(?:    .*\n)+", r"\1", every).encode()]
 
 
-def _read_twice(codec, raw: bytes, described: SensorModel) -> tuple:
-    """The frame in the bytes, and the frame after it was written and read again."""
-    header, frame = codec.decode_cdr(raw, described)
-    header_again, again = codec.decode_cdr(codec.encode_cdr(frame, described, header.frame_id), described)
-    _check_same(header, header_again)
-    return frame, again
+def _arguments(raw: bytes) -> None:
+    """The bytes are the words of a command line."""
+    argv, said = raw.decode(errors="surrogateescape").split(" "), io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        try:
+            args, code = parser((argv[0],) if argv[0] in COMMANDS else COMMANDS).parse_args(argv), 0
+            if argv[0] == "up":
+                specs = node_specs(args)
+                parameters_yaml(args, specs)
+                ros_arguments(args, specs, __file__)
+        except SystemExit as exit:
+            code = exit.code or 0
+    lines = said.getvalue().splitlines()
+    if code not in (0, BAD_INPUT) or len(lines) != (code == BAD_INPUT):
+        raise Defect(f"arguments: {argv} end with {code}: {said.getvalue()[-500:]}")
+    if code == BAD_INPUT:
+        raise InvalidInput("command line", " ".join(argv), "another")
 
 
-def _check_same(one, other) -> None:
-    if one != other:
-        raise Defect("a frame changes when it is written and read again")
+def _target(name: str, read, examples: list[bytes], rounds: int) -> Target:
+    return Target(name, lambda: (read, examples), rounds)
 
 
 TARGETS = (
-    Target("photons", _photons, 200_000), Target("gates", _gates, 200_000), Target("sketch", _sketch, 150_000),
-    Target("points", _points, 200_000), Target("images", _images, 200_000), Target("sensor", _sensor, 100_000),
-    Target("sketch_sensor", _sketch_sensor, 100_000), Target("camera_info", _camera_info, 100_000),
+    _target("photons", _photons, _golden("photons_uint16", "photons_uint32", "photons_float32"), 200_000),
+    _target("gates", _gates, _golden("gates"), 200_000),
+    _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16"), 150_000),
+    _target("points", points.decode_cdr, _golden("points_xyzi", "points_full", "points_xyzi_organised",
+                                                 "points_full_organised"), 200_000),
+    _target("images", _images, _golden("image_32FC1"), 200_000),
+    _target("sensor", _sensor, SENSOR_TEXTS, 100_000),
+    _target("sketch_sensor", _sketch_sensor, [sketch.encode_sensor(SENSOR, FREQUENCIES, 3).data.encode()], 100_000),
+    Target("camera_info", _camera_info, 100_000),
+    Target("parameters", _parameters, 3_000),
+    _target("arguments", _arguments, [line.encode() for line in COMMAND_LINES], 20_000),
 )

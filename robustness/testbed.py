@@ -1,27 +1,43 @@
-"""Testbed: real nodes as processes, what a probe sees of them, and the frame counts of each over all its restarts."""
+"""Testbed: real nodes and a driver as processes, what a probe sees of them, and the frame counts over all restarts."""
 
+import json
+import os
+import shutil
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.pipeline_probe import PipelineProbe
-from srt3d_ros.processes import READY_TIMEOUT_S, Process, Processes
+from srt3d_ros.processes import READY_TIMEOUT_S, Process, Processes, join_private_network
 
 BALANCE_S = 20.0            # until all frames in transit have arrived and are reported; a node reports once a second
 IN_TRANSIT = ("unaccounted_frames", "unaccounted_photons", "under_way", "photons_under_way")
 
 
 class Testbed(Processes):
-    """A context manager: the nodes run inside it.
+    """A context manager: the nodes run inside it, in a ROS domain of their own unless ROS_DOMAIN_ID is set.
 
     Args:
         nodes: parameters of each node to start, who listens before who speaks.
+        folder: made anew, for what the driver sends and the nodes record.
 
     Attributes:
         replaced: processes that have a successor, or were removed, by name.
         latest: the newest diagnostics of each node.
     """
 
-    def __init__(self, nodes: dict[str, dict]):
+    def __init__(self, nodes: dict[str, dict], folder: Path):
+        if "ROS_DOMAIN_ID" not in os.environ:
+            join_private_network()
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        self.folder = folder
         self.probe = PipelineProbe(keep_every=10**9)
         super().__init__(self.probe.spin_until)
         self.parameters = nodes
@@ -47,9 +63,28 @@ class Testbed(Processes):
         self.probe.__exit__()
 
     def start(self, name: str, *ros_args: str, **parameters) -> Process:
-        """Start a node, or start it again, and wait until it is ready."""
+        """Start a node or the driver, or start it again, and wait until it is ready."""
+        if name == "driver":
+            script = str(Path(__file__).with_name("driver.py"))
+            return self.run(name, [sys.executable, script, str(self.folder / "sensors")], stdin=subprocess.PIPE).ready()
         super().start(name, *ros_args, **self.parameters.get(name, {}) | parameters)
         return self.wait_ready(name)
+
+    def write_packets(self, name: str, sensor: SensorModel, frames: list[PhotonEvents]) -> None:
+        """Write a sensor and the packets that the driver sends of it in turn."""
+        folder = self.folder / "sensors" / name
+        folder.mkdir(parents=True)
+        (folder / "sensor.json").write_text(sensor_message.encode(sensor).data)
+        for k, frame in enumerate(frames):
+            (folder / f"{k:03}.cdr").write_bytes(photons_message.encode_cdr(frame, sensor, sensor.frame_id))
+
+    def drive(self, **settings) -> Counter[str]:
+        """Have the driver behave like this (see driver.py); what it did so far."""
+        driver = self["driver"]
+        before = len(driver.lines)
+        driver.tell(json.dumps(settings))
+        self.wait(lambda: len(driver.lines) > before or not driver.running, "an answer of the driver")
+        return Counter(json.loads(driver.lines[-1]))
 
     def run(self, name: str, command: list[str], **options) -> Process:
         if name in self:

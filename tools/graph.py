@@ -4,9 +4,12 @@ From top to bottom: the sources of photons, then in turn the topics of a node an
 the robot. Nodes that only record are at the sides.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from html import escape
+from itertools import zip_longest
+
+from srt3d_ros.nodes.node_spec import NodeSpec
+from srt3d_ros.nodes.topics import Topic
 
 PILL, GAP = (158, 46), 10           # width and height of a topic; space between two
 NODE = (300, 56)
@@ -16,50 +19,49 @@ FONT = "font-family='DejaVu Sans, Verdana, sans-serif'"
 MONO = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace'"
 INK, DIM = "#1d2733", "#5c6b7a"
 NODE_FILL, PILL_FILL, OUTSIDE = "#1f5b8f", "#e8f1f9", "#f1efe9"
+CHAIN = ("player", "sketcher", "reconstructor")      # from top to bottom; the other nodes only record
 ROBOT = "your robot: Nav2, RViz, octomap, …"
 LEGEND = ("dashed: only at times (docs/nodes.md says when)     latched: late subscribers get it too     "
           "every node: /diagnostics, once a second")
 
 
-@dataclass(frozen=True)
-class Row:
-    """Topics side by side, and the node that subscribes to them (None: the robot)."""
-
-    topics: tuple
-    reader: object | None
-
-
-def draw(specs: Iterable) -> str:
-    """The graph as the text of an SVG file.
-
-    Args:
-        specs: of all nodes, `srt3d_ros.nodes.node_spec.NodeSpec`.
-    """
-    specs = list(specs)
-    sinks = [one for one in specs if not list(one.outputs)]
-    chain = _chain([one for one in specs if one not in sinks])
+def draw(specs: Iterable[NodeSpec]) -> str:
+    """The graph of these nodes as the text of an SVG file."""
+    by_name = {spec.name: spec for spec in specs}
+    chain = [by_name.pop(name) for name in CHAIN]
     rows = _rows(chain)
-    widest = max(len(row.topics) for row in rows) * (PILL[0] + GAP) - GAP
-    middle = MARGIN + SIDE + LANE + widest / 2
+    middle = MARGIN + SIDE + LANE + (max(map(len, rows)) * (PILL[0] + GAP) - GAP) / 2
     driver, player = middle - NODE[0] / 2 - GAP, middle + NODE[0] / 2 + GAP
     parts = [_box(driver, MARGIN, NODE, "your driver", OUTSIDE), _box(player, MARGIN, NODE, chain[0].name)]
-    published = {topic.name for topic in chain[0].outputs}
     y, bands = MARGIN + NODE[1], []
-    for number, row in enumerate(rows):
+    for row, reader in zip(rows, (*chain[1:], None)):
         pills_y, reader_y = y + STEP, y + 2 * STEP + PILL[1]
-        xs = [middle + (k - (len(row.topics) - 1) / 2) * (PILL[0] + GAP) for k in range(len(row.topics))]
-        for x, topic in zip(xs, row.topics):
-            starts = (middle,) if number else (driver, player) if topic.name in published else (driver,)
+        xs = [middle + (k - (len(row) - 1) / 2) * (PILL[0] + GAP) for k in range(len(row))]
+        for x, topic in zip(xs, row):
+            starts = (middle,) if bands else (driver, player) if topic in chain[0].outputs else (driver,)
             parts += [_curve(start, y, x, pills_y) for start in starts]
             parts += [_curve(x, pills_y + PILL[1], middle, reader_y, arrow=True), _pill(x, pills_y, topic)]
-        parts.append(_box(middle, reader_y, NODE, row.reader.name) if row.reader else
+        parts.append(_box(middle, reader_y, NODE, reader.name) if reader else
                      _box(middle, reader_y, (1.5 * NODE[0], NODE[1]), ROBOT, OUTSIDE))
-        bands.append((pills_y + PILL[1] / 2, xs, row.topics))
+        bands.append((pills_y + PILL[1] / 2, xs, row))
         y = reader_y + NODE[1]
-    for sink, side in zip(sinks, (-1, 1)):
+    for sink, side in zip(by_name.values(), (-1, 1)):
         parts += _sink(sink, side, 2 * middle, y, bands)
     parts.append(_text(middle, y + 36, LEGEND, FONT, 13, DIM))
     return _svg(2 * middle, y + 36 + MARGIN, parts)
+
+
+def _rows(chain: list[NodeSpec]) -> list[list[Topic]]:
+    """Below each node of the chain the topics that it publishes, and those of the driver for the node after it."""
+    made = {topic.name for node in chain for topic in node.outputs}
+    seen: set[str] = set()
+    rows = []
+    for node, reader in zip_longest(chain, chain[1:]):
+        outside = [topic for topic in (reader.inputs if reader else ()) if topic.name not in made]
+        topics = {topic.name: topic for topic in (*node.outputs, *outside) if not topic.name.startswith("/")}
+        rows.append([topic for name, topic in topics.items() if name not in seen])
+        seen |= set(topics)
+    return rows
 
 
 def _svg(width: float, height: float, parts: list[str]) -> str:
@@ -69,31 +71,6 @@ def _svg(width: float, height: float, parts: list[str]) -> str:
             f"<defs><marker id='tip' viewBox='0 0 8 8' refX='7' refY='4' markerWidth='8' markerHeight='8' "
             f"orient='auto'><path d='M0 0 L8 4 L0 8 z' fill='{DIM}'/></marker></defs>")
     return "\n".join([head, *sorted(parts, key=lambda part: not part.startswith("<path")), "</svg>", ""])
-
-
-def _chain(nodes: list) -> list:
-    """The nodes in the order of the data: each after those that publish its required inputs."""
-    chain: list = []
-    while nodes:
-        ready = next(one for one in nodes if not any(
-            {topic.name for topic in one.inputs if not topic.when} & {topic.name for topic in other.outputs}
-            for other in nodes if other is not one))
-        chain.append(ready)
-        nodes = [one for one in nodes if one is not ready]
-    return chain
-
-
-def _rows(chain: Sequence) -> list[Row]:
-    """Each topic once: below the first node that publishes it, or else above its subscriber."""
-    made = {topic.name for node in chain for topic in node.outputs}
-    seen: set[str] = set()
-    rows = []
-    for one, reader in zip(chain, (*chain[1:], None)):
-        outside = [topic for topic in (reader.inputs if reader else ()) if topic.name not in made]
-        topics = {topic.name: topic for topic in (*one.outputs, *outside) if not topic.name.startswith("/")}
-        rows.append(Row(tuple(topic for name, topic in topics.items() if name not in seen), reader))
-        seen |= set(topics)
-    return rows
 
 
 def _sink(node, side: int, width: float, bottom: float, bands: list) -> list[str]:
@@ -144,4 +121,3 @@ def _curve(x0: float, y0: float, x1: float, y1: float, arrow: bool = False) -> s
     tip = " marker-end='url(#tip)'" if arrow else ""
     return (f"<path d='M{x0:g} {y0:g} C{x0:g} {y0 + bend:g} {x1:g} {y1 - bend:g} {x1:g} {y1:g}' fill='none' "
             f"stroke='{DIM}'{tip}/>")
-

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.topics import DIAGNOSTICS, Topic
+from tools.schema_tables import table
 
 WIDTH = 120
 FROM_DRIVER = ("sensor", "sensor/camera_info", "photons", "gates")
@@ -54,7 +55,7 @@ def page(specs: Iterable[NodeSpec]) -> str:
              "## Diagnostics", LEVELS, _equations(specs), ACCOUNTING]
     for spec in specs:
         parts += _node(spec, shared)
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
 
 
 def _node(spec: NodeSpec, shared: Iterable[Parameter]) -> list[str]:
@@ -80,7 +81,7 @@ def _topics(specs: list[NodeSpec]) -> str:
              ", ".join(_publishers(topic, specs)),
              ", ".join(spec.name for spec in specs if topic.name in {one.name for one in spec.inputs}))
             for topic in topics.values()]
-    return _table(("topic", "type", "content", "published by", "read by"), rows)
+    return table(("topic", "type", "content", "published by", "read by"), rows)
 
 
 def _publishers(topic: Topic, specs: list[NodeSpec]) -> list[str]:
@@ -92,12 +93,12 @@ def _publishers(topic: Topic, specs: list[NodeSpec]) -> list[str]:
     return own or [EVERY_NODE]
 
 
-def _parameters(table: Iterable[Parameter], specs: Iterable[NodeSpec] = ()) -> str:
+def _parameters(parameters: Iterable[Parameter], specs: Iterable[NodeSpec] = ()) -> str:
     """A table of parameters; with `specs`, also of the nodes that have each."""
     rows = [(f"`{parameter.name}`", *_owners(parameter, specs), f"`{_yaml_value(parameter.default)}`",
              parameter.expected, "live" if parameter.live else "at start", parameter.description)
-            for parameter in table]
-    return _table(("parameter", *(("nodes",) if specs else ()), "default", "value", "changes", "what it does"), rows)
+            for parameter in parameters]
+    return table(("parameter", *(("nodes",) if specs else ()), "default", "value", "changes", "what it does"), rows)
 
 
 def _owners(parameter: Parameter, specs: Iterable[NodeSpec]) -> tuple[str, ...]:
@@ -115,9 +116,9 @@ def _equations(specs: list[NodeSpec]) -> str:
 def as_yaml(tables: dict[str, Iterable[Parameter]]) -> str:
     """A parameter file with every default, commented, for nodes of these names in any namespace."""
     lines = []
-    for node, table in tables.items():
+    for node, parameters in tables.items():
         lines += ["", f"/**/{node}:", "  ros__parameters:"]
-        for parameter in table:
+        for parameter in parameters:
             text = f"{parameter.description} [{parameter.expected}{', live' * parameter.live}]"
             lines += textwrap.wrap(text, 116, initial_indent="    # ", subsequent_indent="    # ")
             lines.append(f"    {parameter.name}: {_yaml_value(parameter.default)}")
@@ -131,8 +132,3 @@ def _yaml_value(value: Value) -> str:
         return f'"{value}"'
     text = repr(value)
     return text.replace("e", ".0e") if "e" in text and "." not in text else text     # YAML's floats need the dot
-
-
-def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [heads, ("---",) * len(heads), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)

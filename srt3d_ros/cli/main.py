@@ -33,7 +33,7 @@ class OneLineParser(argparse.ArgumentParser):
     """An ArgumentParser that says what is wrong in one line; `srt3d … --help` shows the usage."""
 
     def error(self, message: str):
-        self.exit(BAD_INPUT, f"srt3d: error: {message} (see {self.prog} --help)\n")
+        self.exit(BAD_INPUT, f"srt3d: error: {printable(message)} (see {self.prog} --help)\n")
 
 
 @contextmanager

@@ -136,10 +136,11 @@ def test_every_file_and_module_exists(page, repository):
         assert importlib.util.find_spec(module), module
 
 
-def test_every_command_of_robustness_exists():
-    pytest.importorskip("robustness")
-    named = {name for text in PAGES.values() for name in re.findall(r"python -m robustness (\w+)", text)}
-    assert named and all(importlib.util.find_spec(f"robustness.{name}") for name in named)
+@pytest.mark.parametrize("package", ["benchmarks", "robustness"])
+def test_every_command_of_developers_exists(package):
+    pytest.importorskip(package)
+    named = {name for text in PAGES.values() for name in re.findall(rf"python -m {package} (\w+)", text)}
+    assert named and all(importlib.util.find_spec(f"{package}.{name}") for name in named)
 
 
 def test_every_extra_that_is_installed_exists(repository, monkeypatch):

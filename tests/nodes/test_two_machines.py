@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.link import ROBOT, SENSOR, Link, why_not
-from benchmarks.machines import NETWORK_PROFILE, Machines
+from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
 
 SIDE = 141
 SKETCH_BYTES = SIDE**2 * (4 + 4 * 5)        # int16, m = 5

@@ -14,11 +14,11 @@ def test_faults_are_done_and_survived(repository, tmp_path):
     out = tmp_path / "faults.json"
     ended = subprocess.run(
         [sys.executable, "-m", "robustness", "faults", "--rounds", "4", "--only", "kill", "doubled", "cut",
-         "clock", "--back-s", BACK_S, "--out", out], cwd=repository, capture_output=True, text=True)
+         "sensor", "--back-s", BACK_S, "--out", out], cwd=repository, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     seen = json.loads(out.read_text())["faults"]
     assert {name: (one["rounds"], one["failed"]) for name, one in seen.items()} == dict.fromkeys(
-        ("kill", "doubled", "cut", "clock"), (1, 0))
+        ("kill", "doubled", "cut", "sensor"), (1, 0))
     assert seen["doubled"]["lost"]["sketcher: duplicate"] > 0 and seen["cut"]["lost"]["sketcher: malformed"] > 0
     assert "SIGKILL" in ended.stderr and "faults: holds" in ended.stdout
 

@@ -7,7 +7,7 @@ ROUNDS = 100
 
 def test_every_method_gives_numbers_or_refuses_in_one_line(monkeypatch):
     monkeypatch.setattr(frames, "PERIODS", [2, 3, 4, 5, 8, 33, 100, 586])
-    tally = frames.play_all(range(ROUNDS), seed=3)
+    tally = frames.play_all(range(ROUNDS), seed=1)
     assert tally.failures == []
     assert tally.clouds > ROUNDS / 4 and tally.points > 300 and len(tally.refused) > 5
 
