@@ -4,8 +4,8 @@
     python -m benchmarks ablation --constants PRIOR_VOTE,SPREAD --only "bust*,room_64_2_50"
 
 Cases are photon files, those without a reference judged by held-out photons, and simulated scenes named like
-`bust_1_10`: SBR 1, 10 photons per pixel. There is a line for each variant, with every number of every case; then a Markdown table of the mean changes over the
-cases, and of the case that loses most.
+`bust_1_10`: SBR 1, 10 photons per pixel. There is a line for each variant, with every number of every case; then a
+Markdown table of the mean changes over the cases, and of the case that loses most.
 """
 
 import argparse
