@@ -74,6 +74,7 @@ def test_a_region_shows_the_pixels_that_lie_in_it():
     rows, cols, lens = camera.decode_camera_info(calibrated(roi=region(5, 2, 8, 6)))
     assert (rows, cols) == (6, 8)
     np.testing.assert_allclose(lens.rays(rows, cols), LENS.rays(12, 16)[2:8, 5:13], atol=1e-6)
+    assert camera.decode_camera_info(calibrated(roi=region(15, 11, 1, 1)))[:2] == (1, 1)
 
 
 @pytest.mark.parametrize(("roi", "left", "top", "rows", "cols"), [
