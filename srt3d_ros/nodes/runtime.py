@@ -98,7 +98,10 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while not (stop.requested or node.finished.is_set()):
-            executor.spin_once(timeout_sec=WAKE_S)
+            try:
+                executor.spin_once(timeout_sec=WAKE_S)
+            except rclpy_implementation.InvalidHandle:
+                continue    # the worker destroyed a subscription whose events rclpy was about to wait for
     except KeyboardInterrupt:
         pass
     except InvalidInput as error:

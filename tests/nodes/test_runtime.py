@@ -23,8 +23,10 @@ from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import Topic
 
+RESUBSCRIBE = 1000
+
 class ProbeNode(PipelineNode):
-    '''Does what the width of its message says: 0 fails, n works for n / 10 s.'''
+    '''Does what the width of its message says: 0 fails, n works for n / 10 s, RESUBSCRIBE does so again and again.'''
     spec = NodeSpec("probe", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
     def __init__(self):
         super().__init__(queue_limit=8)
@@ -35,6 +37,13 @@ class ProbeNode(PipelineNode):
         self.subscribe("in", self.on_message)
     def on_message(self, raw):
         cloud = read_cloud(raw)
+        if cloud.width == RESUBSCRIBE:
+            sys.setswitchinterval(1e-5)     # to meet the race often
+            for _ in range(500):
+                self.unsubscribe()
+                self.subscribe("in", self.on_message)
+            print("resubscribed", flush=True)
+            return self.publish_frame(self.publisher, raw, cloud.header.stamp_ns)
         1 / cloud.width
         print("working", flush=True)
         time.sleep(cloud.width / 10)
@@ -68,6 +77,16 @@ def test_the_node_logs_what_the_library_logs():
     logging.getLogger("others").warning("not ours")
     LIBRARY.removeHandler(forwarding)
     assert logger.mock_calls == [call.info("no device"), call.warning("beware")]
+
+
+def test_a_worker_may_replace_subscriptions_while_the_executor_waits_on_them(graph, start):
+    probe = start().ready()
+    publisher = graph.matched(graph.publisher(PointCloud2, "in"))
+    publisher.publish(message(1000))
+    graph.wait(lambda: probe.says("resubscribed") or not probe.running, "500 new subscriptions")
+    graph.wait(lambda: publisher.get_subscription_count() == 1, "the last of them")
+    publisher.publish(message(1))
+    graph.wait(lambda: probe.says("working"), "a message on it")
 
 
 def test_an_unexpected_failure_is_counted_and_logged_and_the_node_goes_on(graph, start):
