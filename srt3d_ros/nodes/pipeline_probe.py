@@ -1,4 +1,4 @@
-"""Watch a running pipeline from outside, as any ROS 2 node could, and call its services."""
+"""Watch a running pipeline from outside, as any ROS 2 node could."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -19,8 +18,6 @@ from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import transport
 
 CLOUDS_DEPTH = 64       # the probe shares its machine with the pipeline: clouds wait rather than be lost
-ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
-ANSWER_S = 40.0         # a recorder finishes its file before it answers
 
 
 @dataclass(frozen=True)
@@ -70,21 +67,6 @@ class PipelineProbe:
             self._executor.spin_once(timeout_sec=min(left_s, 0.1))
         return bool(met)
 
-    def wait(self, condition: Callable[[], object], what: str, timeout_s: float = ANSWER_S) -> None:
-        """Receive until the condition holds; TimeoutError names `what` never came."""
-        if not self.spin_until(condition, timeout_s):
-            raise TimeoutError(f"waited {timeout_s:.0f} s for {what}")
-
-    def call(self, service_type: type, service: str, request):
-        """The answer of a service, NODE/SERVICE."""
-        client = self.node.create_client(service_type, service)
-        self.wait(client.service_is_ready, f"the service {service}")
-        become_known(self.node, service.partition("/")[0], self.wait)
-        future = client.call_async(request)
-        self.wait(future.done, f"an answer of {service}")
-        self.node.destroy_client(client)
-        return future.result()
-
     def value(self, node: str, key: str) -> str:
         """A value of a node's latest diagnostics; empty if there is none."""
         return self.statuses.get(node, {}).get(key, "")
@@ -116,26 +98,3 @@ class PipelineProbe:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.statuses[status.name] = {pair.key: pair.value for pair in status.values}
-
-
-def become_known(node: Node, name: str, wait: Callable[[Callable[[], object], str], object]) -> None:
-    """Return once another node has found the clients that `node` has made so far.
-
-    An answer waits no more than 0.1 s for a client that its server has not found, and is lost then. Clients are found
-    in the order in which they were made: who answers the newest, to what may be asked twice, has found them all.
-
-    Args:
-        name: of the other node, relative to the namespace of `node`.
-        wait: (condition, what is waited for) → returns once the condition holds.
-    """
-    client = node.create_client(ListParameters, f"{name}/list_parameters")
-    wait(client.service_is_ready, f"the parameters of {name}")
-    began, answers = time.monotonic(), []
-
-    def answered() -> bool:
-        if time.monotonic() >= began + len(answers) * ASK_AGAIN_S:
-            answers.append(client.call_async(ListParameters.Request()))
-        return any(answer.done() for answer in answers)
-
-    wait(answered, f"{name} to find its clients")
-    node.destroy_client(client)

@@ -4,6 +4,7 @@ import itertools
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
@@ -20,11 +23,11 @@ from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.frame_accounting import FRAMES
-from srt3d_ros.nodes.pipeline_probe import become_known
 from srt3d_ros.nodes.specs import SPECS
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.processes import Process, node_command, parameter_arguments, wait
 
+ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
 ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
 
@@ -94,7 +97,7 @@ class Graph:
 
     def known_to(self, name: str) -> None:
         """Return once a node has found all that the test's node has made so far."""
-        become_known(self.node, name, self.wait)
+        _become_known(self.node, name, self.wait)
 
     def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
         """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
@@ -161,6 +164,29 @@ class Graph:
             values = {pair.key: pair.value for pair in status.values}
             values |= {"level": status.level, "message": status.message}
             self._reports.setdefault(status.name, []).append(values)
+
+
+def _become_known(node: Node, name: str, wait: Callable[[Callable[[], object], str], object]) -> None:
+    """Return once another node has found the clients that `node` has made so far.
+
+    An answer waits no more than 0.1 s for a client that its server has not found, and is lost then. Clients are found
+    in the order in which they were made: who answers the newest, to what may be asked twice, has found them all.
+
+    Args:
+        name: of the other node, relative to the namespace of `node`.
+        wait: (condition, what is waited for) → returns once the condition holds.
+    """
+    client = node.create_client(ListParameters, f"{name}/list_parameters")
+    wait(client.service_is_ready, f"the parameters of {name}")
+    began, answers = time.monotonic(), []
+
+    def answered() -> bool:
+        if time.monotonic() >= began + len(answers) * ASK_AGAIN_S:
+            answers.append(client.call_async(ListParameters.Request()))
+        return any(answer.done() for answer in answers)
+
+    wait(answered, f"{name} to find its clients")
+    node.destroy_client(client)
 
 
 def check_outdated_are_dropped(graph: Graph, name: str, describe: Callable[[SensorModel], None], frames,
