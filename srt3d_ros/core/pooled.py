@@ -29,8 +29,11 @@ from srt3d_ros.kernels.constants import (
     FIRST_STEPS,
     REST_SCALES,
     SAME_SURFACE,
+    SLANTED,
+    SLANTS,
     SURE,
     SURE_SCALES,
+    SURE_SLANTED,
     WEAK,
     WINDOWS,
 )
@@ -151,7 +154,20 @@ class Pooled:
                 matched = self.kernels.residual(frame, state, terms, layer, self._scratch)
             for scale in scales:
                 least = enough if scale == scales[-1] and layer == 0 else max(SURE, enough)
+                slanted = scale == SLANTED and layer == 0 and carried is None
+                if slanted:
+                    before = self._scratch.array("before", state.shape)
+                    before[:] = state
                 self.kernels.search(frame, matched, state, layer, *scale, least, self._scratch, carried, confirmed)
+                if slanted:
+                    self._search_slanted(frame, state, before, *scale)
+
+    def _search_slanted(self, frame: MatchedFrame, state, before, sigma: float, step: int) -> None:
+        """Slanted windows where the flat one of this scale was not sure, or might be smeared."""
+        for slope in SLANTS:
+            slope = tuple(part * frame.resolution_bins / sigma for part in slope)
+            self.kernels.search(frame, frame.matched, state, 0, sigma, step, SURE_SLANTED, self._scratch, slope=slope,
+                                before=before)
 
     def _iterate(self, frame: MatchedFrame, state, sigma: float, radius: int, steps: int = 1):
         """Birth and death of surfaces, then Gauss-Newton steps on the data terms pooled over the window."""

@@ -124,7 +124,8 @@ class Kernels(Protocol):
         """
 
     def search(self, frame: FrameData, matched: Array, state: Array, layer: int, sigma: float, step: int, enough: float,
-               scratch: Scratch | None = None, carried: Array | None = None, confirmed: float = 0.0) -> None:
+               scratch: Scratch | None = None, carried: Array | None = None, confirmed: float = 0.0,
+               slope: tuple[float, float] = (0.0, 0.0), before: Array | None = None) -> None:
         """Give open pixels the surface that one scale shows: score = √(p / q) · ρ(S E / p) / c(t) > `enough`.
 
         Open is a used pixel without surface `layer`, but with the one before. Of the open pixels around each cell
@@ -132,7 +133,12 @@ class Kernels(Protocol):
         grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
         a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
-        The cell's open pixels get depth t, slopes 0, intensity S / G and standard deviation
+        With a slope, z_l exp(−i ω_l slope · position) are pooled instead, which adds up a plane of this slope as a flat
+        window adds up one of slope 0, and slope · position is added to t, of each pixel. So slopes are tried one after
+        the other, with pixels that are open `before` the first of them: a surface found since is replaced by one with
+        a higher score, while its own is below DOUBTFUL.
+
+        The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
         √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,
         and brighter than FAINTEST of the first.
 
@@ -146,6 +152,8 @@ class Kernels(Protocol):
             carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
                 score there is above `confirmed`, and the new one is not better by STAY: (score² − score_old²) / 2.
             confirmed: standard deviations.
+            slope: of the window's plane, bins per pixel to the right and downwards; 0 if sigma is.
+            before: the state that tells which pixels are open; None: `state`.
         """
 
     def residual(self, frame: FrameData, state: Array, terms: Array, layer: int,
@@ -224,13 +232,14 @@ class Kernels(Protocol):
         CELL × CELL pixels at multiples of CELL: the same sums over the cell (N with w²), with w = the agreement alone,
         along the plane of the cell's middle point.
 
-        The plane is fitted to the depths within FINE by least squares, weights w / std_q², and the ridge C / (E Σ w /
-        std_q²) + RIDGE on the slopes. Its turn (Δ_col, Δ_row) moves S by −Δ · Σ w b · offset. The step is
-        d = S / max(B, V₊ C / 2E), at most δ, and R = V + d S − d² B / 2.
+        The plane is fitted to the depths of pixels, and of the cells' middle points, by least squares: weights
+        w / std_q², of cells CELL² as much, and the ridge C / (E Σ w / std_q²) + RIDGE on the slopes. Its turn (Δ_col,
+        Δ_row) moves S by −Δ · Σ w b · offset. The step is d = S / max(B, V₊ C / 2E), at most δ, and
+        R = V + d S − d² B / 2.
 
         With S' = min(R₊ / E, p) the point gets intensity R₊ / (E G), standard deviation
         √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score R / √(N E / 2), and residual
-        √(Σ w b e² / B − NOISE_SHOWN (std_before² − std²)₊)₊: how far the surface leaves the plane, by about which the
+        √(Σ w b e² / B − (std_before² − std²)₊)₊: how far the surface leaves the plane, by about which the
         depth may be wrong, less noise that the step takes away.
 
         Args:

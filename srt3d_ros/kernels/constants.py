@@ -13,16 +13,19 @@ MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many wi
 SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))    # σ and size of the cells, pixels: a pixel takes the first that is sure
 REST_SCALES = ((3.0, 2), (6.0, 3))              # and those for what is still open after the first iteration
 SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
+DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may pass SURE
+SURE_SLANTED = 7.5      # score of a slanted window that is enough: it has more ways to fit noise
+SLANTED = (2.0, 2)      # the scale that tries them: narrower ones take noise for a slope, wider ones bridge edges
+SLANTS = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))     # to the right, downwards; widths of a peak per σ
 WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
 APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
 FAINTEST = 0.05         # of a pixel's first surface that a further one must give: less may be a wrong IRF's
 
 # ---- Iterations: the pool (`pooled_step`)
 
-WINDOWS = ((2.0, 3), (3.5, 4), (5.0, 8))        # σ and radius, pixels, of each iteration: wide where depths are known
+WINDOWS = ((2.0, 3), (4.5, 7), (9.0, 14))       # σ and radius, pixels, of each iteration: wide where depths are known
 FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
 SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
-NOISE_SHOWN = 2 / 3     # of the noise that a step takes away, what the distances from the plane show: errors fit then
 
 # ---- Iterations: the birth/death update (`birth_death`)
 
@@ -50,7 +53,7 @@ STAY = 1.5              # log-likelihood ratio by which another depth must be be
 
 # ---- Geometry and numerics of the pool, not the method's
 
-FINE = 4                # pixels: neighbours up to here are added one by one, and measure the plane
+FINE = 4                # pixels: neighbours up to here are added one by one
 RIDGE = 1e-3            # pixels²: keeps the plane finite where rounding is all that tells a support from a line
 CELL = 3                # pixels along the side of the cells by which farther ones are added; odd
 

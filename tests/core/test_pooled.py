@@ -119,8 +119,8 @@ def test_a_single_layer_stays_single():
         assert evaluate(cloud, depth, 10, T).false_detections < 0.005 and (cloud.surface == 0).sum() == depth.size
 
 
-# The formula takes planes and weights, which are measured themselves, for known: seen are 1.05 to 1.4, and 1.5 at a
-# slope of 5 bins a pixel.
+# On planes standard deviations are up to 1.75 times the errors: what noise moves depths off the plane is not told from
+# relief, of which scenes have some, as the tests of coverage say.
 @pytest.mark.parametrize(("per_col", "sbr", "ppp"), [(0, 10, 100), (0.3, 1, 100), (0.5, 10, 1000), (0.5, 10, 10),
                                                      (2, 10, 100), (2, 1, 30)])
 @pytest.mark.parametrize("gain", [1.0, 0.25])
@@ -129,7 +129,7 @@ def test_errors_are_as_large_as_their_standard_deviations_say(per_col, sbr, ppp,
     sensor = make_sensor(40, 40, gain=np.full((40, 40), gain))
     cloud = pooled(simulate(depth, sbr, ppp, sensor), sensor)
     ratio = errors(cloud, depth) / cloud.depth_std_bins
-    assert 1 / 1.6 < np.sqrt((ratio**2).mean()) < 1.6
+    assert 1 / 1.8 < np.sqrt((ratio**2).mean()) < 1.3
 
 
 # ---- Background alone
@@ -140,8 +140,10 @@ def test_background_alone_shows_few_points(m, rate, ppp):
     sensor, frames = make_sensor(64, 64), 20
     points = [len(pooled(background_alone(sensor, ppp, seed), sensor, m, false_alarm_rate=rate))
               for seed in range(frames)]
-    # A false point comes with its window's 120 pixels or more, so that counts scatter: 11 times the rate, or 4 of them.
-    assert sum(points) <= max(11 * rate * frames * sensor.pixels, 4 * 120)
+    # A false point comes with its window's 120 to 430 pixels, so that counts scatter: 4 times the rate, or 4 of them.
+    # Where few photons meet narrow pulses, chance meetings pass for surfaces more often.
+    times = 16 if ppp < 0.1 and m == 40 else 4
+    assert sum(points) <= max(times * rate * frames * sensor.pixels, 4 * 120)
 
 
 def test_fewer_false_alarms_are_allowed_fewer_points_appear():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import cpu, maps, reference
-from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN
+from srt3d_ros.kernels.constants import CELL, FINE
 
 from .frames import GATE, T, assert_states_agree, cases, exact_frame, exact_state, make_frame, make_state, make_terms
 
@@ -138,5 +138,5 @@ def test_the_residual_is_the_distance_of_the_neighbours_from_the_plane(kernels):
     close = (1 - 0.4**2 / (2 * GATE * 0.5**2))**2
     other = close * (inside & ((dx + dy) % 2 == 1)).sum()
     mean = 0.4**2 * other / (other + (inside & ((dx + dy) % 2 == 0)).sum())
-    gone = NOISE_SHOWN * (0.5**2 - point[maps.STD]**2)
+    gone = 0.5**2 - point[maps.STD]**2
     assert point[maps.RESIDUAL] == pytest.approx(np.sqrt(max(mean - gone, 0)), rel=0.05, abs=0.02)

@@ -9,7 +9,7 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.kernels import maps, reference
-from srt3d_ros.kernels.constants import REST_SCALES, SURE_SCALES
+from srt3d_ros.kernels.constants import DOUBTFUL, REST_SCALES, SURE_SCALES
 
 from .frames import (
     DEPTH_TOLERANCE,
@@ -18,6 +18,7 @@ from .frames import (
     T,
     assert_states_agree,
     cases,
+    exact_frame,
     make_frame,
     make_sensor,
     make_sketch,
@@ -133,6 +134,49 @@ def test_search_keeps_carried_surfaces_that_photons_confirm(backend, surfaces, s
     there = view[:, -1, maps.INTENSITY] > 0
     same = view[:, -1, maps.DEPTH][there] == maps.crop(carried, *frame.shape)[:, -1, maps.DEPTH][there]
     assert same.sum() > 10 and (~same).sum() > 2
+
+
+@pytest.mark.parametrize(("backend", "shape", "scale"), cases(
+    [((7, 35), (2.0, 2)), ((5, 33), (1.5, 1))], [((9, 67), (3.0, 3))]), indirect=["backend"])
+def test_search_with_slopes(backend, shape, scale):
+    """One after the other, as the reference; surfaces that are sure stay, and others only give way to better ones."""
+    frame = make_frame(shape, 3, FAINT)
+    before = make_state(frame, 1, 3)
+    before[:, 0, maps.INTENSITY, ::3] = 0
+    padded, state, replaced = frame.padded, before.copy(), 0
+    for slope in ((0.0, 0.0), (1.2, -0.8), (-2.0, 0.0)):
+        last, expected = state.copy(), state.copy()
+        arguments = 0, *scale, 4.0, None, None, 0.0, slope, before
+        state = backend.changed("search", padded, padded.matched, state, *arguments)[2]
+        reference.search(padded, padded.matched, expected, *arguments)
+        assert_states_agree(state, expected, shape)
+        changed = (state != last).any(axis=2)[:, 0]
+        assert not changed[before[:, 0, maps.INTENSITY] > 0].any()
+        had = changed & (last[:, 0, maps.INTENSITY] > 0)
+        assert (last[:, 0, maps.SCORE][had] < DOUBTFUL).all()
+        assert (state[:, 0, maps.SCORE][had] > last[:, 0, maps.SCORE][had]).all()
+        replaced += had.sum()
+        if slope != (0.0, 0.0):
+            assert (state[:, 0, maps.SLOPE_COL][changed] == np.float32(slope[0])).all()
+            assert (state[:, 0, maps.SLOPE_ROW][changed] == np.float32(slope[1])).all()
+    assert replaced > 5
+
+
+@pytest.mark.parametrize("slope", [(4.0, 0.0), (-3.0, 2.0)])
+def test_a_slanted_window_adds_up_what_a_flat_one_smears(backend, slope):
+    row, col = np.mgrid[:9, :40]
+    depth = ((290 + slope[0] * col + slope[1] * row) % T)[None]     # beyond the end of the period
+    frame = exact_frame(depth, np.full(depth.shape, 5.0), 40)
+    scores = []
+    for tried in ((0.0, 0.0), slope):
+        state = maps.no_surfaces(*frame.shape, 1)
+        padded = frame.padded
+        state = backend.changed("search", padded, padded.matched, state, 0, 2.0, 2, 0.1, None, None, 0.0, tried)[2]
+        found = maps.crop(state, *frame.shape)[2:-2, 0, :, 4:-4]
+        scores.append(found[:, maps.SCORE].min())
+    assert scores[1] > 1.2 * scores[0]
+    error = circular_difference(found[:, maps.DEPTH], depth[0, 2:-2, 4:-4], T)
+    assert np.abs(error).max() < 0.1 * frame.resolution_bins
 
 
 @pytest.mark.parametrize(("surfaces", "layer"), [(2, 1), (3, 1)])

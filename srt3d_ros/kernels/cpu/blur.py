@@ -10,10 +10,15 @@ from srt3d_ros.kernels.maps import MARGIN
 
 
 @parallel
-def _bin_cells(values, counts, exposure, mask, top, step, out):
-    """Sums over cells of the channels of `values`, then of `counts` and `exposure` if there is room; rows first."""
+def _bin_cells(values, counts, exposure, mask, top, step, near, out):
+    """Sums over cells of the channels of `values`, then of `counts` and `exposure` if there is room; rows first.
+
+    Rows of cells that are not `near` stay as they are.
+    """
     (rows, cols), channels = mask.shape, values.shape[1]
     for i in prange(out.shape[0]):
+        if not near[i]:
+            continue
         total = np.zeros(out.shape[2] * step, np.float32)
         for c in range(out.shape[1]):
             total[:] = ZERO
@@ -51,9 +56,11 @@ def _add_rows(values, c, weights, i, into):
 
 
 @parallel
-def _blur(values, weights, squares, squared, out):
-    """Windows of cells; channel `squared` with the weights' squares."""
+def _blur(values, weights, squares, squared, needed, out):
+    """Windows of cells, of the rows that are `needed`; channel `squared` with the weights' squares."""
     for i in prange(out.shape[0]):
+        if not needed[i]:
+            continue
         rows = np.empty(out.shape[2] + len(weights) - 1, np.float32)
         for c in range(out.shape[1]):
             taps = squares if c == squared else weights
@@ -69,16 +76,27 @@ def _blur(values, weights, squares, squared, out):
 def blur(values, weights, step):
     (rows, channels, cols), unused = values.shape, np.empty((0, 0), np.float32)
     cells, out = (np.empty((-(-rows // step), channels, -(-cols // step)), np.float32) for _ in range(2))
-    _bin_cells(values, unused, unused, np.ones((rows, cols), np.float32), 0, step, cells)
-    _blur(cells, weights, weights, -1, out)
+    every = np.ones(len(cells), bool)
+    _bin_cells(values, unused, unused, np.ones((rows, cols), np.float32), 0, step, every, cells)
+    _blur(cells, weights, weights, -1, every, out)
     return out
 
 
-def pool(matched, counts, exposure, is_open, weights, step, scratch):
-    """Channels of `blur` of a padded sketch, of counts by squared weights, and of exposure: of open pixels alone."""
+def rows_of_pools(wanted, weights, step):
+    """Which rows of cells have a wanted pixel, and which are within their windows; bool [cells] each."""
+    needed = np.logical_or.reduceat(wanted.any(axis=1), np.arange(0, len(wanted), step))
+    around = np.pad(needed, len(weights) // 2)
+    return needed, np.lib.stride_tricks.sliding_window_view(around, len(weights)).any(axis=1)
+
+
+def pool(matched, counts, exposure, is_open, weights, step, needed, near, scratch):
+    """Channels of `blur` of a padded sketch, of counts by squared weights, and of exposure: of open pixels alone.
+
+    `needed` and `near` are those of `rows_of_pools`; other rows mean nothing.
+    """
     (rows, cols), channels = is_open.shape, matched.shape[1]
     shape = -(-rows // step), channels + 2, -(-cols // step)
     cells, out = (borrow(scratch, name, shape) for name in ("cells of pools", "pools"))
-    _bin_cells(matched, counts, exposure, is_open, MARGIN, step, cells)
-    _blur(cells, weights, weights**2, channels, out)
+    _bin_cells(matched, counts, exposure, is_open, MARGIN, step, near, cells)
+    _blur(cells, weights, weights**2, channels, needed, out)
     return out

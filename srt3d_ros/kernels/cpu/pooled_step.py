@@ -8,7 +8,7 @@ not overlap, and that no index counts from the end.
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
+from srt3d_ros.kernels.constants import CELL, FINE, RIDGE
 from srt3d_ros.kernels.cpu.arithmetic import (
     COUNTS,
     CURVATURE,
@@ -141,11 +141,11 @@ def _add(s, state, terms, at, term, padded_cols, dx, dy, near, max_chi2, period)
 
 
 @inline
-def _add_to_plane(s, state, at, padded_cols, dx):
-    """Add the neighbours' depths to the sums of the planes, each weighed by its variance."""
+def _add_to_plane(s, state, at, padded_cols, dx, pixels):
+    """Add the neighbours' depths to the sums of the planes, each weighed by its variance and its number of pixels."""
     for x in range(B):
         std = state[at + STD * padded_cols + x]
-        p = s[W + x] / (std * std + TINY) if state[at + INTENSITY * padded_cols + x] > ZERO else ZERO
+        p = pixels * s[W + x] / (std * std + TINY) if state[at + INTENSITY * padded_cols + x] > ZERO else ZERO
         off = p * s[E + x]
         s[ROW_P + x] += p
         s[ROW_PX + x] += p * dx
@@ -192,7 +192,7 @@ def _add_grid(s, state, terms, i, j, padded_cols, surfaces, reach, step, nearest
                     _add(s, state, terms, mine, term + q * TERMS * U(padded_cols), U(padded_cols), right, down, near,
                          max_chi2, period)
                     if in_plane:
-                        _add_to_plane(s, state, mine, U(padded_cols), right)
+                        _add_to_plane(s, state, mine, U(padded_cols), right, F32(step * step))
         _end_row(s, F32(dy))
 
 
@@ -239,7 +239,7 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
         out[point + STD * padded_cols + x] = std if signal > ZERO else period
         out[point + SCORE * padded_cols + x] = value / np.sqrt(HALF * s[S2 + x] * total + TINY) if seen else ZERO
         # The distances were measured before the step, and show noise that it takes away.
-        gone = F32(NOISE_SHOWN) * max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
+        gone = max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
         spread = s[SPREAD + x] / max(s[C + x], least + TINY) - gone
         out[point + RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
 
@@ -262,7 +262,7 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, w
                           max_chi2, period)
                 if radius > FINE:
                     _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, FINE, most,
-                              weights, False, max_chi2, period)
+                              weights, True, max_chi2, period)
                 _fit_plane(s, curvature / total)
                 _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, period)
 

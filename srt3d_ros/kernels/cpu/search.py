@@ -3,9 +3,9 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
-from srt3d_ros.kernels.cpu.blur import pool
+from srt3d_ros.kernels.cpu.blur import pool, rows_of_pools
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.likelihood import surprise
@@ -24,6 +24,47 @@ def _find_open(exposure, state, layer, is_open):
             if layer > 0:
                 found = found and state[a, layer - 1, INTENSITY, b] > ZERO
             is_open[i, j] = ONE if found else ZERO
+
+
+@parallel
+def _find_doubtful(state, layer, is_open, wanted):
+    rows, cols = is_open.shape
+    for i in prange(rows):
+        a = i + MARGIN
+        for j in range(cols):
+            b = j + MARGIN
+            sure = state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(DOUBTFUL)
+            wanted[i, j] = ZERO if sure else is_open[i, j]
+
+
+@parallel
+def _shear(matched, cos_col, sin_col, cos_row, sin_row, near, step, out):
+    """z exp(−i (φ_col + φ_row)), in rows of cells that are `near`."""
+    padded_rows, channels, cols = matched.shape
+    m = channels // 2
+    for row in prange(padded_rows - 2 * MARGIN):
+        if not near[row // step]:
+            continue
+        i = row + MARGIN
+        for l in range(m):
+            cosine, sine = cos_row[l, i], sin_row[l, i]
+            for j in range(cols):
+                c = cosine * cos_col[l, j] - sine * sin_col[l, j]
+                s = cosine * sin_col[l, j] + sine * cos_col[l, j]
+                re, im = matched[i, l, j], matched[i, m + l, j]
+                out[i, l, j] = re * c + im * s
+                out[i, m + l, j] = im * c - re * s
+
+
+def _sheared(matched, bin_frequencies, slope, near, step, scratch):
+    """The map with a plane of this slope turned to depth 0, in rows of cells that are `near`."""
+    turns = 2 * np.pi * bin_frequencies.astype(np.float64)[:, None]
+    col, row = (turns * (rise * (np.arange(pixels) - MARGIN)) for rise, pixels in
+                zip(slope, (matched.shape[2], matched.shape[0])))
+    out = borrow(scratch, "sheared", matched.shape)
+    _shear(matched, *(f(phase).astype(np.float32) for phase in (col, row) for f in (np.cos, np.sin)), near,
+           step, out)
+    return out
 
 
 @line
@@ -53,9 +94,9 @@ def _is_new(state, a, layer, b, depth, intensity, apart, period):
 
 
 @line
-def _list_cells(i, m, top, step, matched, counts, counts_at, is_open, share, enough, max_response, background_table,
+def _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, enough, max_response, background_table,
                 bound, listed):
-    """List the cells of row i with an open pixel that may be sure: R(z, t) is at most Σ_l |z_l| at any depth t."""
+    """List the cells of row i with a wanted pixel that may be sure: R(z, t) is at most Σ_l |z_l| at any depth t."""
     found, cells = 0, len(bound)
     bound[:] = ZERO
     for l in range(m):
@@ -64,9 +105,9 @@ def _list_cells(i, m, top, step, matched, counts, counts_at, is_open, share, eno
             bound[j] += np.sqrt(re * re + im * im)
     for j in range(cells):
         if _score(bound[j], counts[top + i, counts_at, top + j], share, max_response, background_table) > enough:
-            for a in range(i * step, min((i + 1) * step, is_open.shape[0])):
-                for b in range(j * step, min((j + 1) * step, is_open.shape[1])):
-                    if is_open[a, b] > ZERO and (found == 0 or listed[found - 1] != j):
+            for a in range(i * step, min((i + 1) * step, wanted.shape[0])):
+                for b in range(j * step, min((j + 1) * step, wanted.shape[1])):
+                    if wanted[a, b] > ZERO and (found == 0 or listed[found - 1] != j):
                         listed[found] = j
                         found += 1
     return found
@@ -74,9 +115,9 @@ def _list_cells(i, m, top, step, matched, counts, counts_at, is_open, share, eno
 
 @parallel
 def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share, enough, energy, curvature,
-            max_response, background_table, moments, clutter, bin_frequencies, cos, sin, odd, cells, num_bins, is_open,
-            layer, carried, confirmed, state):
-    rows, cols = is_open.shape
+            max_response, background_table, moments, clutter, bin_frequencies, cos, sin, odd, cells, num_bins, wanted,
+            layer, carried, confirmed, slope, state):
+    rows, cols = wanted.shape
     m, total, period = len(energy), total_of(energy), F32(num_bins)
     apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
     least = min(enough, confirmed) if warm else enough
@@ -85,7 +126,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
         place, height = aligned(BLOCK), aligned(BLOCK)
         width = -(-cols // step)
         bound, listed = np.empty(width, np.float32), np.empty(width, np.int64)
-        found = _list_cells(i, m, top, step, matched, counts, counts_at, is_open, share, least, max_response,
+        found = _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, least, max_response,
                             background_table, bound, listed)
         for first in range(0, found, BLOCK):
             block = min(BLOCK, found - first)
@@ -97,13 +138,14 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                 j = listed[first + x]
                 photons = counts[top + i, counts_at, top + j]
                 light = max(exposure[top + i, exposure_at, top + j], EPSILON)
-                depth = place[x] - period * np.floor(place[x] / period)
+                depth = place[x] + F32(step) * (slope[0] * F32(j) + slope[1] * F32(i))
+                depth -= period * np.floor(depth / period)
                 score = _score(height[x], photons, share, max_response, background_table)
                 score /= clutter[int(np.rint(depth)) % len(clutter)]
                 signal = height[x] / total
                 for a in range(i * step + MARGIN, min((i + 1) * step, rows) + MARGIN):
                     for b in range(j * step + MARGIN, min((j + 1) * step, cols) + MARGIN):
-                        if is_open[a - MARGIN, b - MARGIN] == ZERO:
+                        if wanted[a - MARGIN, b - MARGIN] == ZERO:
                             continue
                         if warm and carried[a, layer, INTENSITY, b] > ZERO:
                             old = carried[a, layer, DEPTH, b]
@@ -118,9 +160,13 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                                                                period)
                                 state[a, layer, SCORE, b] = known
                                 continue
-                        if score > enough and _is_new(state, a, layer, b, depth, signal / light, apart, period):
-                            state[a, layer, DEPTH, b] = depth
-                            state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = ZERO, ZERO
+                        rival = state[a, layer, SCORE, b] if state[a, layer, INTENSITY, b] > ZERO else enough
+                        new = score > max(enough, rival)
+                        if new and _is_new(state, a, layer, b, depth, signal / light, apart, period):
+                            right, down = F32(b - MARGIN - j * step), F32(a - MARGIN - i * step)
+                            t = depth + slope[0] * right + slope[1] * down
+                            state[a, layer, DEPTH, b] = t - period * np.floor(t / period)
+                            state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = slope
                             state[a, layer, INTENSITY, b] = signal / light
                             state[a, layer, STD, b] = _std(signal, photons, share, moments, curvature, period)
                             state[a, layer, SCORE, b] = score
@@ -130,22 +176,29 @@ def drop_weak(state, weak):
     state[:, :, INTENSITY] *= state[:, :, SCORE] >= F32(weak)
 
 
-def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
+def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
+           slope=(0.0, 0.0), before=None):
     """The cells of a row that may be sure are matched together, BLOCK at a time."""
     rows, cols = frame.shape
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
     is_open = borrow(scratch, "open", (rows, cols))
-    _find_open(frame.exposure, state, layer, is_open)
-    if not is_open.any():
+    _find_open(frame.exposure, state if before is None else before, layer, is_open)
+    wanted = borrow(scratch, "wanted", (rows, cols))
+    _find_doubtful(state, layer, is_open, wanted)
+    if not wanted.any():
         return
     maps, channels = (matched, frame.counts[:, None], frame.exposure[:, None]), (0, 0)
     top, share = MARGIN, ONE
     if sigma > 0:
-        pools = pool(matched, frame.counts, frame.exposure, is_open, window_weights(sigma / step), step, scratch)
+        weights = window_weights(sigma / step)
+        needed, near = rows_of_pools(wanted, weights, step)
+        if slope != (0.0, 0.0):
+            matched = _sheared(matched, frame.bin_frequencies, slope, near, step, scratch)
+        pools = pool(matched, frame.counts, frame.exposure, is_open, weights, step, needed, near, scratch)
         maps, channels = (pools, pools, pools), (matched.shape[1], matched.shape[1] + 1)
         top, share = 0, HALF
     clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
     _search(*maps, *channels, top, step, share, F32(enough), frame.energy, F32(frame.curvature),
             F32(frame.max_response), frame.background_table, frame.moments, clutter, frame.bin_frequencies,
-            *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, is_open, layer, carried, F32(confirmed),
-            state)
+            *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, wanted, layer, carried, F32(confirmed),
+            (F32(slope[0]), F32(slope[1])), state)

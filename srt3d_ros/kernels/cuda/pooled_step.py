@@ -37,8 +37,7 @@ from srt3d_ros.kernels.cuda.maps import (
     tiles,
 )
 
-FINE, CELL, NOISE_SHOWN, RIDGE = (tl.constexpr(getattr(constants, name)) for name in (
-    "FINE", "CELL", "NOISE_SHOWN", "RIDGE"))
+FINE, CELL, RIDGE = (tl.constexpr(getattr(constants, name)) for name in ("FINE", "CELL", "RIDGE"))
 
 
 @triton.jit
@@ -170,7 +169,8 @@ def _add_neighbour(sums, bends, planes, records, terms, point, by_distance, dy, 
         shown = terms + (dy * SURFACES + q) * TERMS * padded_cols + dx
         if FIT:
             seen = tl.load(shown + EXPOSURE * padded_cols) > 0.0                # terms are 0 without a surface
-            planes = _add_to_plane(planes, seen, weight, e, variance, dy, dx)
+            pixels = weight * (CELL * CELL) if CELLS else weight
+            planes = _add_to_plane(planes, seen, pixels, e, variance, dy, dx)
         sums, bends = _add_terms(sums, bends, shown, weight, e, dy, dx, padded_cols, CELLS)
     return sums, bends, planes
 
@@ -186,7 +186,7 @@ def _no_sums():
 @triton.jit
 def _pool(records, terms, cells, point, fall, steepness, padded_cols, RADIUS: tl.constexpr, FAR: tl.constexpr,
           SURFACES: tl.constexpr):
-    """The sums of `_add_terms` over a round window, and the slopes of the planes through the pixels up to FINE away.
+    """The sums of `_add_terms` over a round window, and the slopes of the planes through its depths.
 
     Pixels up to FINE away come first, then cells, whose centres are up to FAR away. Columns are unrolled so that
     several neighbours wait for memory at once, unless that makes too much code.
@@ -199,14 +199,14 @@ def _pool(records, terms, cells, point, fall, steepness, padded_cols, RADIUS: tl
             by_distance = tl.where(inside, near(dx * dx + dy * dy, fall), 0.0)
             sums, bends, planes = _add_neighbour(sums, bends, planes, records, terms, point, by_distance, dy, dx,
                                                  padded_cols, SURFACES, False, True)
-    slope_col, slope_row = _fit(planes, point[0], steepness)
     if FAR > FINE:
         for dy in range(-FAR, FAR + 1, CELL):
             for dx in tl.range(-FAR, FAR + 1, CELL, loop_unroll_factor=max((2 * FAR // CELL + 1) // SURFACES, 1)):
                 if (tl.maximum(dx * dx, dy * dy) > FINE * FINE) & (dx * dx + dy * dy <= RADIUS * (RADIUS + 1)):
                     by_distance = near(dx * dx + dy * dy, fall)
                     sums, bends, planes = _add_neighbour(sums, bends, planes, records, cells, point, by_distance, dy,
-                                                         dx, padded_cols, SURFACES, True, False)
+                                                         dx, padded_cols, SURFACES, True, True)
+    slope_col, slope_row = _fit(planes, point[0], steepness)
     return sums, bends, slope_col, slope_row
 
 
@@ -255,7 +255,7 @@ def _step(terms, cells, moments, total, curvature, period, fall, max_chi2, state
     score = value / tl.sqrt(0.5 * squares * total + TINY)
     intensity = tl.maximum(strength / tl.maximum(exposure, TINY), TINY)
     store_surface(into, (depth, slope_col, slope_row), intensity, std, score, seen, padded_cols)
-    gone = tl.maximum(before * before - std * std, 0.0) * NOISE_SHOWN
+    gone = tl.maximum(before * before - std * std, 0.0)
     tl.store(into + RESIDUAL * padded_cols, tl.sqrt(tl.maximum(off_plane / bend - gone, 0.0)), mask=seen)
 
 

@@ -5,7 +5,10 @@ cells is one over pixels, whose weights are the same all over a cell. Closed pix
 open pixel not looked at: a scale after the one that settles most pixels reads the 8m bytes of the few that are left.
 """
 
+import math
+
 import numpy as np
+import torch
 import triton
 import triton.language as tl
 
@@ -18,6 +21,7 @@ from srt3d_ros.kernels.cuda.maps import (
     FIELDS,
     INTENSITY,
     MARGIN,
+    SCORE,
     SLOPE_COL,
     SLOPE_ROW,
     record_of,
@@ -25,7 +29,7 @@ from srt3d_ros.kernels.cuda.maps import (
 )
 from srt3d_ros.kernels.cuda.match import CELLS, PIXELS, peak
 
-FAINTEST, STAY = tl.constexpr(constants.FAINTEST), tl.constexpr(constants.STAY)
+FAINTEST, STAY, DOUBTFUL = (tl.constexpr(getattr(constants, name)) for name in ("FAINTEST", "STAY", "DOUBTFUL"))
 COLS, CHANNELS = 32, 16         # columns and channels whose rows one program pools
 
 
@@ -39,6 +43,14 @@ def _is_open(exposure, state, i, j, inside, padded_cols, LAYER: tl.constexpr, SU
     if LAYER > 0:
         is_open = is_open & (tl.load(found - FIELDS * padded_cols, mask=inside, other=0.0) > 0.0)
     return is_open
+
+
+@triton.jit
+def _rival(state, i, j, inside, padded_cols, LAYER: tl.constexpr, SURFACES: tl.constexpr):
+    """Scores of the surfaces LAYER of pixels (i, j), −∞ where there is none."""
+    record = record_of(state, i + MARGIN, LAYER, j + MARGIN, padded_cols, SURFACES)
+    found = tl.load(record + INTENSITY * padded_cols, mask=inside, other=0.0) > 0.0
+    return tl.where(found, tl.load(record + SCORE * padded_cols, mask=inside, other=0.0), float("-inf"))
 
 
 @triton.jit
@@ -129,15 +141,16 @@ def _pool_cols(matched, counts, light, line, across, line_of_one, weights, row, 
 
 
 @triton.jit
-def _decide(matched, counts, light, line, across, line_of_one, exposure, state, carried, weights, share, enough,
-            confirmed, bin_frequencies, total, curvature, apart, max_response, background_table, moments, clutter,
-            period, rows, cols, padded_cols, m, WARM: tl.constexpr, LAYER: tl.constexpr, SURFACES: tl.constexpr,
-            STEP: tl.constexpr, TAPS: tl.constexpr, STEPS: tl.constexpr, BINS: tl.constexpr, M: tl.constexpr,
-            PIXELS: tl.constexpr, CELLS: tl.constexpr):
+def _decide(matched, counts, light, line, across, line_of_one, exposure, before, state, carried, weights, share,
+            enough, confirmed, slope_col, slope_row, bin_frequencies, total, curvature, apart, max_response,
+            background_table, moments, clutter, period, rows, cols, padded_cols, m, WARM: tl.constexpr,
+            LAYER: tl.constexpr, SURFACES: tl.constexpr, STEP: tl.constexpr, TAPS: tl.constexpr, STEPS: tl.constexpr,
+            BINS: tl.constexpr, M: tl.constexpr, PIXELS: tl.constexpr, CELLS: tl.constexpr):
     """Pool the columns of PIXELS cells of a row, match the pools, and write the surfaces of those that are sure.
 
     Args:
         matched, counts, light, line, across, line_of_one: as of `_pool_cols`.
+        before: the state that tells which pixels are open.
         WARM: whether there are carried surfaces.
         BINS: of `clutter`; 0 for none.
     """
@@ -146,7 +159,8 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, state, 
     for own in tl.range(STEP * STEP, loop_unroll_factor=4):
         i, j = row * STEP + own // STEP, cell * STEP + own % STEP
         inside = j < tl.where(i < rows, cols, 0)
-        some |= _is_open(exposure, state, i, j, inside, padded_cols, LAYER, SURFACES).to(tl.int32)
+        wanted = _is_open(exposure, before, i, j, inside, padded_cols, LAYER, SURFACES)
+        some |= (wanted & (_rival(state, i, j, inside, padded_cols, LAYER, SURFACES) < DOUBTFUL)).to(tl.int32)
     if tl.max(some, axis=0) == 0:
         return
 
@@ -154,6 +168,7 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, state, 
                                       STEP, TAPS, M, PIXELS)
     frequency = tl.load(bin_frequencies + l, mask=l < m, other=0.0)
     depth, height = peak(re, im, tl.floor(frequency * period + 0.5), period, CELLS)
+    depth += STEP * (slope_col * cell.to(tl.float32) + slope_row * row.to(tl.float32))
     depth, signal = depth - period * tl.floor(depth / period), height / total
     score = _score(signal, photons, share, total, max_response, background_table, STEPS)
     score = _rarer(score, depth, clutter, BINS)
@@ -162,9 +177,12 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, state, 
     for own in range(STEP * STEP):
         i, j = row * STEP + own // STEP, cell * STEP + own % STEP
         inside = j < tl.where(i < rows, cols, 0)
-        room = _is_open(exposure, state, i, j, inside, padded_cols, LAYER, SURFACES)
+        room = _is_open(exposure, before, i, j, inside, padded_cols, LAYER, SURFACES)
+        rival = _rival(state, i, j, inside, padded_cols, LAYER, SURFACES)
+        room = room & (rival < DOUBTFUL)
         first = record_of(state, i + MARGIN, 0, j + MARGIN, padded_cols, SURFACES)
-        new = _is_new(first, depth, signal / light_of, apart, period, room & (score > enough), padded_cols, LAYER)
+        new = _is_new(first, depth, signal / light_of, apart, period, room & (score > tl.maximum(rival, enough)),
+                      padded_cols, LAYER)
         into = first + LAYER * FIELDS * padded_cols
         if WARM:
             old = record_of(carried, i + MARGIN, LAYER, j + MARGIN, padded_cols, SURFACES)
@@ -182,10 +200,26 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, state, 
             tl.debug_barrier()
             store_surface(into, plane, shown / light_of, old_std, known, stays, padded_cols)
         tl.debug_barrier()      # threads that share a pixel have all seen it open
-        store_surface(into, (depth, 0.0, 0.0), signal / light_of, std, score, new, padded_cols)
+        there = depth + slope_col * (own % STEP) + slope_row * (own // STEP)
+        there -= period * tl.floor(there / period)
+        store_surface(into, (there, slope_col, slope_row), signal / light_of, std, score, new, padded_cols)
 
 
-def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
+def _sheared(matched, bin_frequencies, slope):
+    """The map with a plane of this slope turned to depth 0."""
+    rows, channels, cols = matched.shape
+    down, right = (torch.arange(pixels, device=matched.device) - MARGIN.value for pixels in (rows, cols))
+    along = slope[0] * right[None, None] + slope[1] * down[:, None, None]
+    phase = 2 * math.pi * bin_frequencies[:, None] * along
+    z = torch.complex(matched[:, :channels // 2], matched[:, channels // 2:]) * torch.complex(phase.cos(), -phase.sin())
+    return torch.cat([z.real, z.imag], 1)
+
+
+def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
+           slope=(0.0, 0.0), before=None):
+    before = state if before is None else before
+    if slope != (0.0, 0.0):
+        matched = _sheared(matched, frame.bin_frequencies, slope)
     (rows, cols), channels, padded_cols, surfaces = frame.shape, matched.shape[1], matched.shape[2], state.shape[1]
     high, m = triton.cdiv(rows, step), channels // 2
     weights = maps.window_weights(sigma / step) if sigma > 0 else np.ones(1)
@@ -193,7 +227,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     if sigma > 0:
         pools = borrow(scratch, "pools", (high, channels + 2, cols))
         _pool_rows[(triton.cdiv(cols, COLS), triton.cdiv(channels, CHANNELS), high)](
-            matched, frame.counts, frame.exposure, state, weights, rows, cols, padded_cols, channels, pools, **sizes,
+            matched, frame.counts, frame.exposure, before, weights, rows, cols, padded_cols, channels, pools, **sizes,
             COLS=COLS, CHANNELS=CHANNELS)
         pooled = pools, pools[:, channels + 1], pools[:, channels]
         lines, share = ((channels + 2) * cols, cols, (channels + 2) * cols), 0.5
@@ -202,8 +236,8 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
         lines, share = (channels * padded_cols, padded_cols, padded_cols), 1.0
     clutter, bins = (frame.counts, 0) if frame.clutter is None else (frame.clutter, len(frame.clutter))
     _decide[(triton.cdiv(triton.cdiv(cols, step), PIXELS), high)](
-        *pooled, *lines, frame.exposure, state, state if carried is None else carried, weights, share, enough,
-        confirmed, frame.bin_frequencies, frame.total_energy, frame.curvature,
+        *pooled, *lines, frame.exposure, before, state, state if carried is None else carried, weights, share, enough,
+        confirmed, *slope, frame.bin_frequencies, frame.total_energy, frame.curvature,
         constants.APART * frame.resolution_bins, frame.max_response, frame.background_table, frame.moments, clutter,
         float(frame.num_bins), rows, cols, padded_cols, m, WARM=carried is not None, **sizes,
         STEPS=len(frame.background_table) - 1, BINS=bins,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import CELL, FINE, NOISE_SHOWN, RIDGE
+from srt3d_ros.kernels.constants import CELL, FINE, RIDGE
 from srt3d_ros.kernels.maps import CURVATURE, DEPTH, GRADIENT, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, TERMS, VALUE
 from srt3d_ros.kernels.reference.arithmetic import TINY, agreement, angular, expected, near, pixel_z, plane_depth, wrap
 
@@ -37,7 +37,7 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=
         weight *= near(dy, dx, sigma)[:, None]
         shown = np.where(fine[:, None, None], terms[i + dy, :, :, j + dx], cells[i + dy, :, :, j + dx])
         pooled = _pool(weight, e, shown)
-        slopes = _plane(point, around[fine], weight[fine], e[fine], dy[fine], dx[fine], frame)
+        slopes = _plane(point, around, np.where(fine, 1, CELL**2)[:, None] * weight, e, dy, dx, frame)
         turned = slopes - point[SLOPES]
         bend = (weight * shown[..., CURVATURE]).sum(axis=1)
         pooled[GRADIENT] -= turned @ [bend @ dx, bend @ dy]
@@ -116,6 +116,6 @@ def _stepped(point, slopes, pooled, off_plane, frame) -> np.ndarray:
     after[DEPTH], after[SLOPES] = (point[DEPTH] + d) % frame.num_bins, slopes
     after[INTENSITY] = max(strength / max(exposure, TINY), TINY)
     after[STD] = min(std, frame.num_bins) if signal > 0 else frame.num_bins
-    gone = NOISE_SHOWN * max(point[STD]**2 - after[STD]**2, 0)
+    gone = max(point[STD]**2 - after[STD]**2, 0)
     after[SCORE], after[maps.RESIDUAL] = score, np.sqrt(max(off_plane / bend - gone, 0))
     return after

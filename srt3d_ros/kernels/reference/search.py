@@ -3,9 +3,9 @@
 import numpy as np
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import APART, FAINTEST, STAY
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, expected, noise_ratio, pixel_z, response_of, wrap
+from srt3d_ros.kernels.reference.arithmetic import EPSILON, angular, expected, noise_ratio, pixel_z, response_of, wrap
 from srt3d_ros.kernels.reference.likelihood import surprise
 
 FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields that a search fills in
@@ -68,28 +68,33 @@ def residual(frame, state, terms, layer, scratch=None):
     return out
 
 
-def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0):
+def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
+           slope=(0.0, 0.0), before=None):
     size = frame.shape
     view, exposure = maps.crop(state, *size), maps.crop(frame.exposure, *size)
-    is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
+    seen = maps.crop(state if before is None else before, *size)
+    is_open = (exposure > 0) & (seen[:, layer, INTENSITY] == 0)
     if layer > 0:
-        is_open &= view[:, layer - 1, INTENSITY] > 0
-    pools = maps.crop(matched, *size), maps.crop(frame.counts, *size)[:, None], exposure[:, None]
+        is_open &= seen[:, layer - 1, INTENSITY] > 0
+    pools = _sheared(maps.crop(matched, *size), slope, frame), maps.crop(frame.counts, *size)[:, None], \
+        exposure[:, None]
     share = 1.0
     if sigma > 0:
         weights, share = maps.window_weights(sigma / step), 0.5
         pools = [blur(values * is_open[:, None], w, step) for values, w in zip(pools, (weights, weights**2, weights))]
     pooled, counts, light = pools[0], pools[1][:, 0].astype(float), np.maximum(pools[2][:, 0], EPSILON)
     depth, signal = (found[:, 0] for found in match(pooled, frame.energy, frame.bin_frequencies, frame.num_bins, 1))
-    for i, j in np.argwhere(is_open):
+    for i, j in np.argwhere(is_open & ((view[:, layer, INTENSITY] == 0) | (view[:, layer, SCORE] < DOUBTFUL))):
         cell = i // step, j // step
+        corner = depth[cell] + step * (slope[0] * cell[1] + slope[1] * cell[0])
 
         def measured(t, slopes, signal):
             """The fields FOUND of a surface at depth t with this signal in the pixel's cell."""
             score = _score(frame, signal, counts[cell], share) / noise_ratio(frame, t)
             return np.array([t, *slopes, signal / light[cell], _std(frame, signal, counts[cell], share), score])
 
-        point = measured(depth[cell] % frame.num_bins, (0, 0), signal[cell])
+        point = measured(corner % frame.num_bins, slope, signal[cell])
+        point[0] = (point[0] + slope[0] * (j % step) + slope[1] * (i % step)) % frame.num_bins
         if carried is not None and carried[MARGIN + i, layer, INTENSITY, MARGIN + j] > 0:
             t, *slopes = carried[MARGIN + i, layer, FOUND[:3], MARGIN + j].astype(float)
             old = measured(t, slopes, response_of(pixel_z(pooled, *cell), t, frame) / frame.total_energy)
@@ -97,8 +102,18 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
                 view[i, layer, FOUND, j] = old
                 continue
         known = view[i, :layer, :, j]
-        if point[-1] > enough and (layer == 0 or _is_new(frame, known, point[0], signal[cell] / light[cell])):
+        least = max(enough, view[i, layer, SCORE, j]) if view[i, layer, INTENSITY, j] > 0 else enough
+        if point[-1] > least and (layer == 0 or _is_new(frame, known, point[0], signal[cell] / light[cell])):
             view[i, layer, FOUND, j] = point
+
+
+def _sheared(matched, slope, frame):
+    """z_l exp(−i ω_l slope · position) of an image."""
+    rows, channels, cols = matched.shape
+    along = slope[0] * np.arange(cols) + slope[1] * np.arange(rows)[:, None]
+    z = (matched[:, :channels // 2] + 1j * matched[:, channels // 2:]) * np.exp(
+        -1j * angular(frame)[:, None] * along[:, None])
+    return np.concatenate([z.real, z.imag], axis=1)
 
 
 def _score(frame, signal, counts, share) -> float:
