@@ -73,12 +73,6 @@ class MatchedFrame:
         """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
 
-    def noise_ratio(self, depth_bins: np.ndarray) -> np.ndarray | float:
-        """By how much scores at these depths exceed standard deviations, since the background is denser there."""
-        if self.clutter is None:
-            return 1.0
-        return self.clutter[np.rint(depth_bins).astype(np.int64) % self.num_bins]
-
     @cached_property
     def padded(self) -> "MatchedFrame":
         """The same with padded maps, as the windowed kernels want them."""

@@ -46,7 +46,7 @@ def built(monkeypatch, kernels, sensor, frequencies, *arguments, **options) -> P
 
 
 @pytest.mark.parametrize(("backend", "shape", "surfaces", "light", "options"), cases(
-    [((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((3, 24), 1, 1, {"background": "estimate"})],
+    [((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((3, 24), 1, 1, {"background": "sensor"})],
     [(shape, surfaces, light, {}) for shape in SHAPES for surfaces, light in ((1, 1), (1, FAINT), (2, 1), (2, 0.1))]),
     indirect=["backend"])
 def test_whole_reconstructions_agree(backend, monkeypatch, shorten, shape, surfaces, light, options):
