@@ -18,8 +18,8 @@ from srt3d_ros.errors import require
 
 BACKGROUNDS = ("auto", "sensor", "flat")
 WINDOW = 7              # pixels along the side of the square over which background photons are averaged
-# Share of the IRF that may be wrong: an unexplained rest as large is no background. Measured IRFs were wrong by 2 to 5 %
-# (four real scenes). Fog leaves more than 25 % where it does harm, up to an SBR of 3; above, surfaces stand out of it.
+# Share of the IRF that may be wrong: an unexplained rest as small is no background. Measured IRFs were wrong by 2 to
+# 5 % (four real scenes). Fog leaves more than 25 % where it does harm, up to an SBR of 3; above, surfaces stand out.
 WRONG_IRF = 0.1
 # χ² per degree of freedom that begins to count: with 2 m = 20, noise exceeds it in one of 10⁵ frames. Even backgrounds
 # measured 0.0 to 0.4, a slightly wrong IRF 1.7, a real uneven background 4.8, fog at an SBR of 1 or less 24 to 100.

@@ -109,9 +109,13 @@ class Pooled:
                 return cloud
             return finish
 
-        cloud, _, self._background.belief, _ = min((
-            self._begin(sketch, start, warm=False)() for start in self._background.starts(sketch)),
-            key=lambda found: found[-1])
+        starts = self._background.starts(sketch)
+        if self.surfaces > 1:           # further surfaces would take the background for themselves
+            single = Pooled(self._matcher.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
+            single(sketch)
+            starts = starts[:1] if single.uneven_background == 0 else (single._background.belief,)
+        passes = [self._begin(sketch, start, warm=False)() for start in starts]
+        cloud, _, self._background.belief, _ = min(passes, key=lambda found: found[-1])
         return lambda: cloud
 
     @property

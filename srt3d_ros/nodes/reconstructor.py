@@ -39,7 +39,8 @@ SPEC = NodeSpec(
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
     services=(
-        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, its background, and the newest cloud"),
+        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, its background, and the "
+                "newest cloud"),
         Service("save_cloud", "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in "
                 "`save_folder`; the answer names it")),
     parameters=PARAMETERS,
@@ -190,7 +191,7 @@ class ReconstructorNode(PipelineNode):
         return finish
 
     def _show_background(self, cloud: PointCloud, sketch: Sketch) -> None:
-        """Show the background's share and unevenness; log when an uneven one begins to be taken out, or no longer is."""
+        """Show the background's share and unevenness; log when an uneven one begins, and ceases, to be taken out."""
         uneven = getattr(self._reconstructor, "uneven_background", 0.0)
         share = float(cloud.background.sum()) / max(int(sketch.photons.sum()), 1)
         self.diagnostics.show(background_share=f"{share:.3f}", background_unevenness=f"{uneven:.4f}")

@@ -49,6 +49,6 @@ def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, inte
 
 def unexplained(frame, state, intensity, own, taken, background, photons, passed):
     sums = np.empty((len(intensity), 4 * len(frame.energy) + 4), np.float32)
-    _unexplained(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, intensity, own,
-                 taken, background, photons, passed.view(np.float32), sums)
+    _unexplained(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, intensity,
+                 own, taken, background, photons, passed.view(np.float32), sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)
