@@ -27,7 +27,8 @@ PARAMETERS = (
               "may show a point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins. auto: as the last "
               "clouds leave it unexplained, evenly while that is not significant; sensor: as the sensor's "
-              "background_shape says, evenly without; flat: evenly.", choices=BACKGROUNDS, live=True, refuse=refuse_old_kind),
+              "background_shape says, evenly without; flat: evenly.", choices=BACKGROUNDS, live=True,
+              refuse=refuse_old_kind),
     Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto: as published.",
               choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
     Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where the photons confirm them: less "
