@@ -84,9 +84,11 @@ class Pooled:
         """The point cloud of one frame's sketch; of a first one, as often as its background takes to settle."""
         passes = PASSES if self._is_first else 1
         cloud = self.submit(sketch)()
-        while passes > 1 and (self._background.belief.doubt is not None or not self._background.belief.settled):
+        while passes > 1 and not self._background.belief.settled:
             self._next_is_warm, passes = False, passes - 1
             cloud = self.submit(sketch)()
+            if self._background.belief.mean is None:        # no start is a background
+                break
         return cloud
 
     def submit(self, sketch: Sketch) -> Callable[[], PointCloud]:
@@ -99,7 +101,8 @@ class Pooled:
         """
         self._matcher.check(sketch)
         self._is_first, warm, self._next_is_warm = False, self._next_is_warm, self._warm_start
-        if self._background.belief.doubt is None:
+        starts = self._background.starts(sketch)
+        if not starts:
             wait = self._begin(sketch, self._background.belief, warm)
 
             def finish() -> PointCloud:
@@ -109,7 +112,6 @@ class Pooled:
                 return cloud
             return finish
 
-        starts = self._background.starts(sketch)
         if self.surfaces > 1:           # further surfaces would take the background for themselves
             single = Pooled(self._matcher.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
             single(sketch)
