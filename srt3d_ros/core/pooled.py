@@ -178,14 +178,15 @@ class Pooled:
         # Finalise: threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state, scratch)
         intensity, std, background = kernels.finalise(frame, photons, state, terms, continued, scratch)
-        found = background[:1, :1]
+        left = background[:1, :1]
         if not self._background.is_even:
             own = background * self._used
-            near = (self._sums_near(values) * self._near for values in (own, maps.crop(frame.counts, *frame.shape)))
-            found = kernels.unexplained(frame, state, intensity, own, own if taken is None else taken, *near,
-                                        self._passed)
-        return found, background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
-                                                   float(sensor.range_m(0)), sensor.num_bins)
+            seen = maps.crop(frame.counts, *frame.shape) * self._used
+            near = (self._sums_near(values) * self._near for values in (own, seen))
+            left = kernels.unexplained(frame, state, intensity, own, own if taken is None else taken, *near,
+                                       self._passed)
+        return left, background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
+                                                  float(sensor.range_m(0)), sensor.num_bins)
 
     def _empty(self, frame: MatchedFrame, warm: bool) -> tuple:
         """A state without surfaces, and the last frame's surfaces if the start is warm."""
