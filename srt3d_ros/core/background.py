@@ -22,7 +22,7 @@ WINDOW = 7              # pixels along the side of the square over which backgro
 # 5 % (four real scenes). Fog leaves more than 25 % where it does harm, up to an SBR of 3; above, surfaces stand out.
 WRONG_IRF = 0.1
 # χ² per degree of freedom that begins to count: with 2 m = 20, noise exceeds it in one of 10⁵ frames. Even backgrounds
-# measured 0.0 to 0.4, a slightly wrong IRF 1.7, a real uneven background 4.8, fog at an SBR of 1 or less 24 to 100.
+# measured 0.0 to 0.4, wrong IRFs 1.7 and 2.4, a real uneven background 4.8, fog at an SBR of 1 or less 24 to 100.
 SIGNIFICANT = 3.0
 # Of the way to what is unexplained: a point that a cloud misses, since too much was taken there, counts as background,
 # so that a step of 1 goes half of the way. Three steps reach what six of 1 do; up to 2 it would converge.
