@@ -46,8 +46,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--weighting", choices=WEIGHTINGS,
                         help="W of the data term (smle: precision; srt3d: identity; others have none)")
     parser.add_argument("--background", choices=BACKGROUNDS,
-                        help="how it spreads over the bins (pooled): as the file says, evenly if it says nothing "
-                             "(sensor); evenly (flat); as the frame itself shows (estimate)")
+                        help="how it spreads over the bins (pooled): as the frame itself shows, if that is "
+                             "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
     parser.add_argument("--upsampling", type=int, metavar="U",
                         help="finer pixels of the cloud along the side of each pixel, at most 4 (pooled: 1)")
     common.add_json(parser)
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     sensor, frame = photons.sensor, photons.frame
     if args.dark is not None:
         require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")
-        require(args.background in (None, "sensor"), "background", args.background, "sensor, with a dark frame")
+        require(args.background != "flat", "background", args.background, "auto or sensor, with a dark frame")
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
         sensor = _with_dark_frame(sensor, open_photons(args.dark, **(known | overrides)))
     if method.needs == "sketch":

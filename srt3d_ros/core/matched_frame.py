@@ -73,12 +73,6 @@ class MatchedFrame:
         """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
 
-    def noise_ratio(self, depth_bins: np.ndarray) -> np.ndarray | float:
-        """By how much scores at these depths exceed standard deviations, since the background is denser there."""
-        if self.clutter is None:
-            return 1.0
-        return self.clutter[np.rint(depth_bins).astype(np.int64) % self.num_bins]
-
     @cached_property
     def padded(self) -> "MatchedFrame":
         """The same with padded maps, as the windowed kernels want them."""
@@ -107,17 +101,17 @@ class Matcher:
                 f"some that the sensor's IRF passes (|ĥ| above {BLIND})")
         weakest = np.maximum(np.abs(spectrum)**2, energy * WEAKEST_PASSBAND**2)
         equaliser = np.conj(spectrum) * energy / weakest
+        self.passed = self._map(equaliser)      # of a background photon, which is as late as its pixel
         if sensor.delay_bins is not None:
             equaliser = equaliser * np.exp(-1j * np.outer(sensor.delay_bins.reshape(-1), omega))
         if sensor.mask is not None:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
-        pixels = len(equaliser)
-        self.equaliser = equaliser.astype(np.complex64).reshape(
-            *((sensor.rows, sensor.cols) if pixels > 1 else (1, 1)), len(omega))
+        self.equaliser = self._map(equaliser)
         self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
         self._exposure = self.used if sensor.gain is None else self.used * sensor.gain
         self.spectrum = spectrum.mean(axis=0)
-        energy, bin_frequencies = energy.astype(np.float32), (omega / (2 * np.pi)).astype(np.float32)
+        self.energy = energy = energy.astype(np.float32)
+        bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
         self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
@@ -133,11 +127,11 @@ class Matcher:
         counts = sketch.photons.astype(np.float32) * self.used
         return MatchedFrame(self.matched(sketch.sums), counts, **self._constants)
 
-    def padded_on(self, kernels, clutter: np.ndarray | None) -> Callable[..., MatchedFrame]:
-        """Function from padded `matched` and `counts` to a MatchedFrame with this `clutter`, on the kernels' device."""
-        constants = on_device({**self._constants, "exposure": maps.pad(self._exposure), "clutter": clutter,
-                               "size": self._exposure.shape}, kernels)
-        return lambda matched, counts: MatchedFrame(matched, counts, **constants)
+    def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
+        """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
+        constants = on_device({**self._constants, "exposure": maps.pad(self._exposure), "size": self._exposure.shape},
+                              kernels)
+        return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
 
     def check(self, sketch: Sketch) -> None:
         """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""
@@ -149,6 +143,11 @@ class Matcher:
             parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
             longest = float(max(parts.max(), -parts.min()))             # NaN if one is
             require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
+
+    def _map(self, values: np.ndarray) -> np.ndarray:
+        """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""
+        size = (self.sensor.rows, self.sensor.cols) if len(values) > 1 else (1, 1)
+        return values.astype(np.complex64).reshape(*size, -1)
 
     def matched(self, sums: np.ndarray) -> np.ndarray:
         """`MatchedFrame.matched` of the sums of photons, complex [rows or 1, cols or 1, m]."""

@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from srt3d_ros.core.background import Background
+from srt3d_ros.core.background import PASSES, WINDOW, Background, Belief
 from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
@@ -51,7 +51,8 @@ class Pooled:
         surfaces: K, the most surfaces in a pixel, 1 … 4.
         false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours vote.
         device: "cpu", "cuda", or "auto" for the best there is.
-        background: how it spreads over the bins: as the "sensor" says, "flat", or an "estimate" from each frame.
+        background: how it spreads over the bins: as the "sensor" says, "flat", or "auto": what the last cloud leaves
+            unexplained, if that is significant.
         warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
             the others: less depth error while the scene goes on. For frames that follow each other.
         upsampling: u, 1 … 4: the cloud has u × u finer pixels in the place of each, see `refine`; they are those of
@@ -63,7 +64,7 @@ class Pooled:
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
-                 background: str = "sensor", warm_start: bool = False, upsampling: int = 1):
+                 background: str = "auto", warm_start: bool = False, upsampling: int = 1):
         check_options(surfaces, false_alarm_rate)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.upsampling = sensor.upsampled(upsampling), upsampling
@@ -72,47 +73,99 @@ class Pooled:
         self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
         self._background = Background(self._matcher, background)
         array = self.kernels.array
-        self._padded = self._matcher.padded_on(self.kernels, self._background.clutter)
-        self._equaliser, self._used, self._rays = map(array, (self._matcher.equaliser, self._matcher.used, sensor.rays))
+        self._padded = self._matcher.padded_on(self.kernels)
+        self._equaliser, self._passed, self._used, self._rays = map(array, (
+            self._matcher.equaliser, self._matcher.passed, self._matcher.used, sensor.rays))
+        self._square = array(np.ones(WINDOW, np.float32))
+        self._near = self._used / self._sums_near(self._used + 1e-6)
         self._scratch = self.kernels.Scratch()
         self._cold_frames, self._warm_frames = (self.kernels.FrameStream(partial(self._points, warm))
                                                 for warm in (False, True))
-        self._warm_start, self._next_is_warm = warm_start, False
+        self._warm_start, self._next_is_warm, self._is_first = warm_start, False, True
 
     def __call__(self, sketch: Sketch) -> PointCloud:
-        """The point cloud of one frame's sketch."""
-        return self.submit(sketch)()
+        """The point cloud of one frame's sketch; of a first one, as often as its background takes to settle."""
+        passes = PASSES if self._is_first else 1
+        cloud = self.submit(sketch)()
+        while passes > 1 and not self._background.belief.settled:
+            self._next_is_warm, passes = False, passes - 1
+            cloud = self.submit(sketch)()
+            if self._background.belief.mean is None:        # no start is a background
+                break
+        return cloud
 
     def submit(self, sketch: Sketch) -> Callable[[], PointCloud]:
         """Begin a frame; the function returned waits for its cloud.
 
         On a GPU the next frame's sketch is copied there, and the last one's cloud back, while a frame is computed: ask
         for a cloud after the next frame has been submitted. A sketch on the GPU is not copied. On a CPU the cloud is
-        ready at once.
+        ready at once. Each frame takes a step towards its background, for the next frames; one that begins to take an
+        uneven background out is reconstructed from two starts, and the better is kept.
         """
         self._matcher.check(sketch)
-        data = (sketch.sums,)
-        if not self._background.is_flat:
-            frame = self._background.remove(self._matcher(sketch)).padded
-            data = frame.matched, frame.counts
-        frames = self._warm_frames if self._next_is_warm else self._cold_frames
-        wait = frames.submit(sketch.photons, *data)
-        self._next_is_warm = self._warm_start
-        return lambda: self._cloud(sketch.stamp_ns, *wait())
+        self._is_first, warm, self._next_is_warm = False, self._next_is_warm, self._warm_start
+        starts = self._background.starts(sketch)
+        if not starts:
+            wait = self._begin(sketch, self._background.belief, warm)
+
+            def finish() -> PointCloud:
+                cloud, before, after, _ = wait()
+                if (before.mean is None) == (self._background.belief.mean is None):     # not overtaken
+                    self._background.belief = after
+                return cloud
+            return finish
+
+        if self.surfaces > 1:           # further surfaces would take the background for themselves
+            single = Pooled(self._matcher.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
+            single(sketch)
+            starts = starts[:1] if single.uneven_background == 0 else (single._background.belief,)
+        passes = [self._begin(sketch, start, warm=False)() for start in starts]
+        cloud, _, self._background.belief, _ = min(passes, key=lambda found: found[-1])
+        return lambda: cloud
+
+    @property
+    def uneven_background(self) -> float:
+        """Mean |β̂_l| of the background that is taken out of the next frame; 0 while it is even."""
+        mean = self._background.belief.mean
+        return 0.0 if mean is None else float(np.abs(mean).mean())
 
     def forget(self) -> None:
         """Begin the next frame as if it were the first."""
-        self._next_is_warm = False
+        self._next_is_warm, self._is_first = False, True
+        self._background.forget()
 
-    def _points(self, warm: bool, photons, *data) -> tuple:
-        """Background and points of a frame, from its photons and sums, or its photons and a MatchedFrame's maps."""
+    def _begin(self, sketch: Sketch, belief: Belief, warm: bool) -> Callable[[], tuple]:
+        """Begin a frame; the function returned waits for cloud, the belief before and after it, and its misfit."""
+        frames = self._warm_frames if warm else self._cold_frames
+        wait = frames.submit(sketch.photons, sketch.sums, *self._background.taken(belief, sketch))
+
+        def finish() -> tuple:
+            found, *results = wait()
+            cloud = self._cloud(sketch.stamp_ns, *results)
+            after = belief if self._background.is_even else self._background.learn(belief, found, results[0])
+            return cloud, belief, after, found[-1]
+        return finish
+
+    def _sums_near(self, values):
+        """Sums over the square around each pixel, of an array [rows, cols] on the device."""
+        return self.kernels.blur(values[:, None], self._square, 1)[:, 0]
+
+    def _points(self, warm: bool, photons, sums, background=None, mean=None, clutter=None) -> tuple:
+        """What `unexplained` finds, background and points of a frame, from its photons and sums.
+
+        Args:
+            background, mean: photons that are taken out of the frame, and β̂; None for none.
+            clutter: `MatchedFrame.clutter`.
+        """
         kernels, scratch, sensor = self.kernels, self._scratch, self._matcher.sensor
         found = score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
         continued = continuation_threshold(self.false_alarm_rate)
 
         # Match: take delay, gain and IRF of each pixel out of the data term.
-        frame = self._padded(*(data if len(data) == 2 else
-                               kernels.prepare(*data, photons, self._equaliser, self._used, scratch)))
+        taken = None if background is None else self._sums_near(background * self._used) * self._near
+        frame = self._padded(*kernels.prepare(
+            sums, photons, self._equaliser, self._used, scratch, taken,
+            None if mean is None else self._passed * mean), clutter)
 
         # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state, carried = self._empty(frame, warm)
@@ -128,8 +181,15 @@ class Pooled:
         # Finalise: threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state, scratch)
         intensity, std, background = kernels.finalise(frame, photons, state, terms, continued, scratch)
-        return background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
-                                            float(sensor.range_m(0)), sensor.num_bins)
+        left = background[:1, :1]
+        if not self._background.is_even:
+            own = background * self._used
+            seen = maps.crop(frame.counts, *frame.shape) * self._used
+            near = (self._sums_near(values) * self._near for values in (own, seen))
+            left = kernels.unexplained(frame, state, intensity, own, own if taken is None else taken, *near,
+                                       self._passed)
+        return left, background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
+                                                  float(sensor.range_m(0)), sensor.num_bins)
 
     def _empty(self, frame: MatchedFrame, warm: bool) -> tuple:
         """A state without surfaces, and the last frame's surfaces if the start is warm."""
@@ -193,6 +253,11 @@ class Pooled:
         if self.kernels.WARM_FRAMES:
             for _ in range(self.kernels.WARM_FRAMES + self._warm_start):
                 self(noise_sketch(self._matcher.sensor, self._matcher.frequencies))
+            if not self._background.is_even:
+                even = np.zeros(len(self._matcher.frequencies), complex)
+                for _ in range(self.kernels.WARM_FRAMES):
+                    self._begin(noise_sketch(self._matcher.sensor, self._matcher.frequencies), Belief(even),
+                                self._warm_start)()
             self.forget()
         else:
             small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(

@@ -94,15 +94,17 @@ class Kernels(Protocol):
 
     # ---- Start
 
-    def prepare(self, sums: Array, photons: Array, equaliser: Array, used: Array,
-                scratch: Scratch | None = None) -> tuple[Array, Array]:
-        """z_l = equaliser_l · sums_l, and used · n: a frame's `matched` and `counts`, padded with zeros.
+    def prepare(self, sums: Array, photons: Array, equaliser: Array, used: Array, scratch: Scratch | None = None,
+                taken: Array | None = None, shown: Array | None = None) -> tuple[Array, Array]:
+        """z_l = equaliser_l · sums_l − taken · shown_l, and used · n: a frame's `matched` and `counts`, padded with 0.
 
         Args:
             sums: complex64 [rows, cols, m], Σ_p exp(i ω_l x_p).
             photons: uint32 [rows, cols], n.
             equaliser: complex64 [rows or 1, cols or 1, m], conj(ĥ_l) with the pixel's delay; 0 masks it.
             used: float32 [rows, cols], 1, or 0 in masked pixels.
+            taken: float32 [rows, cols], background photons to subtract; 0 in masked pixels. None for none.
+            shown: complex64 [rows or 1, cols or 1, m], what each of them adds to z_l on average.
         """
 
     def blur(self, values: Array, weights: Array, step: int) -> Array:
@@ -262,6 +264,22 @@ class Kernels(Protocol):
 
         `photons` are n, masked pixels included, uint32 [rows, cols]. Returns intensity (0: no point) and standard
         deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
+        """
+
+    def unexplained(self, frame: FrameData, state: Array, intensity: Array, own: Array, taken: Array, background: Array,
+                    photons: Array, passed: Array) -> Array:
+        """What points leave of a frame, as far as it may be background; y = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
+
+        Args:
+            intensity: of `finalise`, r.
+            own, taken: float32 [rows, cols], background photons: of `finalise`, and as subtracted before; 0 in masked
+                pixels.
+            background, photons: float32 [rows, cols], b̄ and n̄: own and n, averaged over a window.
+            passed: complex64 [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
+
+        Returns:
+            float32 [4m + 4], sums over the pixels: of w conj(q_l) (z_l − |ĥ_l|² y_l), real parts before imaginary ones;
+            of w y_l in the same way; of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄.
         """
 
     def collect(self, state: Array, intensity: Array, std: Array, rays: Array, metres_per_bin: float, metres: float,

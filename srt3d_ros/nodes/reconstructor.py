@@ -39,7 +39,8 @@ SPEC = NodeSpec(
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
     services=(
-        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, and the newest cloud"),
+        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, its background, and the "
+                "newest cloud"),
         Service("save_cloud", "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in "
                 "`save_folder`; the answer names it")),
     parameters=PARAMETERS,
@@ -77,6 +78,7 @@ class ReconstructorNode(PipelineNode):
         self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: tuple[SensorModel, tuple[int, ...]] | None = None
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
+        self._uneven = False                # whether the log says that an uneven background is taken out
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -100,7 +102,7 @@ class ReconstructorNode(PipelineNode):
         self.subscribe("sketch", self._on_sketch)
 
     def forget(self) -> None:
-        """Forget the last frame's surfaces and the newest cloud."""
+        """Forget the last frame's surfaces and background, and the newest cloud."""
         self._stage.finish(self.finish_s)
         self._newest = None
         if isinstance(self._reconstructor, Pooled):
@@ -183,9 +185,21 @@ class ReconstructorNode(PipelineNode):
         def finish() -> PointCloud:
             cloud = wait() if wait else done
             self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
+            self._show_background(cloud, sketch)
             return cloud
 
         return finish
+
+    def _show_background(self, cloud: PointCloud, sketch: Sketch) -> None:
+        """Show the background's share and unevenness; log when an uneven one begins, and ceases, to be taken out."""
+        uneven = getattr(self._reconstructor, "uneven_background", 0.0)
+        share = float(cloud.background.sum()) / max(int(sketch.photons.sum()), 1)
+        self.diagnostics.show(background_share=f"{share:.3f}", background_unevenness=f"{uneven:.4f}")
+        if (uneven > 0) != self._uneven:
+            self._uneven = uneven > 0
+            self.get_logger().info(
+                f"the background is uneven (mean |β̂| {uneven:.3f}, {share:.0%} of the photons): taken out from now on"
+                if self._uneven else "the background is even: nothing is taken out any longer")
 
     def _publish_in_flight(self, frame: ReconstructedFrame) -> None:
         try:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.background import BACKGROUNDS
+from srt3d_ros.core.background import BACKGROUNDS, refuse_old_kind
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, refuse_old_name
@@ -25,9 +25,10 @@ PARAMETERS = (
               "farthest what is behind it.", choices=tuple(SURFACE_ORDERS), live=True),
     Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: share of the pixels without a surface that "
               "may show a point.", low=1e-12, high=0.5, live=True),
-    Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins: as the sensor's "
-              "background_shape says (evenly without), evenly, or as each frame shows.", choices=BACKGROUNDS,
-              live=True),
+    Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins. auto: as the last "
+              "clouds leave it unexplained, evenly while that is not significant; sensor: as the sensor's "
+              "background_shape says, evenly without; flat: evenly.", choices=BACKGROUNDS, live=True,
+              refuse=refuse_old_kind),
     Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto: as published.",
               choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
     Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where the photons confirm them: less "

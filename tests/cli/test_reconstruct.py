@@ -137,8 +137,8 @@ def pooled_options(monkeypatch):
 
 
 def test_options_reach_the_method(reconstruct, pooled_options):
-    given = {"surfaces": 2, "false_alarm_rate": 0.03, "device": "cpu", "background": "estimate"}
-    reconstruct("--surfaces", "2", "--false-alarm-rate", "0.03", "--device", "cpu", "--background", "estimate")
+    given = {"surfaces": 2, "false_alarm_rate": 0.03, "device": "cpu", "background": "flat"}
+    reconstruct("--surfaces", "2", "--false-alarm-rate", "0.03", "--device", "cpu", "--background", "flat")
     assert {name: pooled_options[name] for name in given} == given
 
 

@@ -1,4 +1,4 @@
-"""Backgrounds that are not flat in time: taken out exactly in expectation, and well enough with noise."""
+"""Backgrounds that are not even: taken out exactly in expectation, found where nobody knows them, and only there."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests.core import scenes
 from tests.core.scenes import IRF, background_alone, with_photons
@@ -20,6 +21,7 @@ BINS = np.arange(T)
 SHAPES = {"ramp": 0.1 + BINS / T, "fog": np.exp(-BINS / 60) + 0.02, "lump": 0.1 + 5 * BINS / 60 * np.exp(-BINS / 60)}
 Y, X = np.mgrid[:48, :48]
 DEPTH = np.where(np.hypot(X - 24, Y - 24) < 16, 330 - 0.08 * ((X - 24)**2 + (Y - 24)**2), 450.0)     # a ball, a wall
+SLOPE, WALL = 150 + 0.7 * X, np.full((48, 48), 250.0)
 
 
 def make_sensor(rows=48, cols=48, **changes) -> SensorModel:
@@ -30,9 +32,18 @@ def simulate(sensor: SensorModel, depth_bins=DEPTH, sbr=0.3, ppp=20.0) -> Photon
     return scenes.simulate(depth_bins, sbr, ppp, sensor)
 
 
-def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor"):
-    return scenes.pooled(frame, sensor, background=background)
+def reconstruct(frame: PhotonEvents, sensor: SensorModel, background="sensor", **options):
+    return scenes.pooled(frame, sensor, background=background, **options)
 
+
+def sketches(sensor: SensorModel, depth_bins=DEPTH, sbr=0.1, ppp=20.0, frames=6) -> list[Sketch]:
+    """A stream of a scene that does not move."""
+    return [sketch_photons(scenes.simulate(depth_bins, sbr, ppp, sensor, seed), sensor, choose("auto", sensor))
+            for seed in range(frames)]
+
+
+def judged(cloud, depth_bins=DEPTH):
+    return evaluate(cloud, depth_bins, 10, T)
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("changes", [{}, {"delay_bins": X[:8, :12] * 3.0}, {"irf": np.stack([np.roll(
@@ -44,19 +55,21 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     omega = 2 * np.pi * np.array(frequencies) / T
     one = np.exp(1j * np.outer(omega, BINS)) @ sensor.background_shape.astype(np.float64)
     sums = (50 * one * np.exp(1j * omega * late[..., None])).astype(np.complex64)
+    sketch = Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32))
     matcher = Matcher(sensor, frequencies)
-    frame = matcher(Sketch(frequencies, sums, np.full((8, 12), 50, np.uint32)))
-    left = Background(matcher).remove(frame).matched
-    assert np.abs(frame.matched).max() > 5 and np.abs(left).max() < 1e-3
+    background = Background(matcher, "sensor")
+    photons, mean, clutter = background.taken(background.belief, sketch)
+    before = matcher.equaliser * sums
+    left = before - photons[..., None] * matcher.passed * mean
+    assert np.abs(before).max() > 5 and np.abs(left).max() < 1e-3 and clutter.min() == 1 < clutter.max()
 
 
-def test_a_sensor_that_says_nothing_has_a_flat_background():
-    sensor = make_sensor(8, 12)
-    matcher = Matcher(sensor, (1, 2, 5))
-    frame = matcher(Sketch((1, 2, 5), np.ones((8, 12, 3), np.complex64), np.full((8, 12), 5, np.uint32)))
-    assert Background(matcher).remove(frame) is frame and Background(matcher, "flat").remove(frame) is frame
-    shaped = Matcher(sensor.replace(background_shape=SHAPES["fog"]), (1, 2, 5))
-    assert Background(shaped, "flat").remove(frame) is frame
+def test_a_sensor_that_says_nothing_has_an_even_background():
+    matcher = Matcher(make_sensor(8, 12), (1, 2, 5))
+    assert Background(matcher, "sensor").is_even and Background(matcher, "flat").is_even
+    assert not Background(matcher).is_even
+    shaped = Matcher(make_sensor(8, 12, background_shape=SHAPES["fog"]), (1, 2, 5))
+    assert Background(shaped, "flat").is_even and not Background(shaped, "sensor").is_even
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -70,27 +83,87 @@ def test_a_known_background_does_no_harm(shape, sbr):
     assert found.false_detections < even.false_detections + 0.04 and found.dae_bins < 1.4 * even.dae_bins
 
 
-WALL = np.full((48, 48), 250.0)
-
-
 # Not the wall in fog: there is nothing to tell the fog's sharp edge from a second wall.
 @pytest.mark.parametrize(("shape", "depth_bins"), [
-    *((shape, depth) for shape in SHAPES for depth in (DEPTH, 150 + 0.7 * X)), ("ramp", WALL), ("lump", WALL)],
+    *((shape, depth) for shape in SHAPES for depth in (DEPTH, SLOPE)), ("ramp", WALL), ("lump", WALL)],
     ids=lambda value: value if isinstance(value, str) else f"{np.ptp(value):.0f} bins of relief")
-def test_a_background_that_nobody_knows_is_estimated(shape, depth_bins):
-    sensor = make_sensor(background_shape=SHAPES[shape])
-    frame = simulate(sensor, depth_bins)
-    found, flat = (evaluate(reconstruct(frame, make_sensor(), how), depth_bins, 10, T) for how in ("estimate", "flat"))
+def test_a_background_that_nobody_knows_is_found(shape, depth_bins):
+    frame = simulate(make_sensor(background_shape=SHAPES[shape]), depth_bins)
+    found, flat = (judged(reconstruct(frame, make_sensor(), how), depth_bins) for how in ("auto", "flat"))
     assert found.true_detections > 0.97 and found.false_detections < 0.03
     assert found.true_detections >= flat.true_detections - 0.01
 
 
-@pytest.mark.parametrize(("depth_bins", "sbr"), [(DEPTH, 0.3), (DEPTH, 10.0), (WALL, 0.3), (WALL, 10.0)],
-                         ids=["ball and wall", "the same, bright", "a wall alone", "the same, bright wall"])
-def test_estimating_a_flat_background_costs_little(depth_bins, sbr):
+@pytest.mark.parametrize(("options", "changes"), [
+    ({"surfaces": 2}, {}), ({"warm_start": True}, {}),
+    ({}, {"delay_bins": X * 3.0, "gain": 0.5 + X / 48, "mask": (X + Y) % 17 > 0})], ids=["two", "warm", "calibrated"])
+def test_fog_is_found_with_every_option_and_calibration(options, changes):
+    frame = simulate(make_sensor(background_shape=SHAPES["fog"], **changes))
+    sensor = make_sensor(**changes)
+    cloud = reconstruct(frame, sensor, "auto", **options).ordered("strongest")
+    used = np.full((48, 48), True) if sensor.mask is None else sensor.mask
+    found = judged(cloud, np.where(used, DEPTH, np.nan))
+    assert found.true_detections > 0.97 and found.false_detections < 0.05
+
+
+@pytest.mark.parametrize("depth_bins", [DEPTH, WALL], ids=["ball and wall", "a wall alone"])
+@pytest.mark.parametrize("sbr", [0.1, 1, 10])
+def test_an_even_background_is_left_alone_bit_for_bit(depth_bins, sbr):
     frame = simulate(make_sensor(), depth_bins, sbr)
-    found, flat = (evaluate(reconstruct(frame, make_sensor(), how), depth_bins, 10, T) for how in ("estimate", "flat"))
-    assert found.true_detections > flat.true_detections - 0.01 and found.dae_bins < 1.7 * flat.dae_bins + 0.05
+    one, other = (reconstruct(frame, make_sensor(), how) for how in ("auto", "flat"))
+    assert np.array_equal(one.depth_bins, other.depth_bins) and np.array_equal(one.intensity, other.intensity)
+    assert np.array_equal(one.background, other.background)
+
+
+def test_an_irf_that_is_slightly_wrong_is_no_background():
+    wider = np.convolve(make_sensor(1, 1).irf, [0.1, 0.8, 0.1], "same")
+    frame = simulate(make_sensor(irf=wider), sbr=10, ppp=200)
+    pooled = Pooled(make_sensor(), choose("auto", make_sensor()))
+    pooled(sketch_photons(frame, make_sensor(), choose("auto", make_sensor())))
+    assert pooled.uneven_background == 0
+
+
+@pytest.mark.parametrize("surfaces", [1, 2])
+def test_surfaces_that_fill_the_view_are_no_background(surfaces):
+    layers = np.stack([np.full((48, 48), 100.0), np.full((48, 48), 300.0)])
+    frame = simulate(make_sensor(), layers, sbr=10)
+    one, other = (reconstruct(frame, make_sensor(), how, surfaces=surfaces) for how in ("auto", "flat"))
+    assert len(one) == surfaces * 48 * 48 and np.array_equal(one.depth_bins, other.depth_bins)
+
+
+def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
+    clear, foggy = make_sensor(), make_sensor(background_shape=SHAPES["fog"])
+    pooled = Pooled(clear, choose("auto", clear))
+    first = [judged(pooled.submit(sketch)()) for sketch in sketches(clear, sbr=1, frames=2)]
+    assert pooled.uneven_background == 0
+    fog = [judged(pooled.submit(sketch)()) for sketch in sketches(foggy)]
+    assert fog[0].true_detections < 0.1 and pooled.uneven_background > 0.1
+    assert all(frame.true_detections > 0.97 and frame.false_detections < 0.03 for frame in fog[3:])
+    again = [judged(pooled.submit(sketch)()) for sketch in sketches(clear, sbr=1)]
+    assert pooled.uneven_background == 0 and again[-1].true_detections == first[-1].true_detections > 0.99
+
+
+def test_frames_may_be_in_flight_and_forgetting_begins_anew():
+    foggy, clear = make_sensor(background_shape=SHAPES["fog"]), make_sensor()
+    pooled, frames = Pooled(clear, choose("auto", clear)), sketches(foggy, frames=8)
+    waits = [pooled.submit(frames[0])]
+    for sketch in frames[1:]:
+        waits.append(pooled.submit(sketch))
+        last = judged(waits.pop(0)())
+    assert last.true_detections > 0.97 and pooled.uneven_background > 0.1
+    pooled.forget()
+    assert pooled.uneven_background == 0
+    one, other = (anew.submit(frames[0])() for anew in (pooled, Pooled(clear, choose("auto", clear))))
+    np.testing.assert_array_equal(one.depth_bins, other.depth_bins)
+
+
+def test_what_the_sensor_says_is_where_auto_begins():
+    foggy = make_sensor(background_shape=SHAPES["fog"])
+    pooled = Pooled(foggy, choose("auto", foggy))
+    clouds = [judged(pooled.submit(sketch)()) for sketch in sketches(foggy, frames=3)]
+    assert clouds[0].true_detections > 0.9 and clouds[-1].true_detections > 0.97
+    clear = [judged(pooled.submit(sketch)()) for sketch in sketches(make_sensor(), sbr=1)]      # it may be wrong
+    assert pooled.uneven_background == 0 and clear[-1].true_detections > 0.99
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -101,7 +174,7 @@ def test_background_alone_shows_few_points_also_where_it_is_dense(shape, ppp):
     assert len(reconstruct(background_alone(sensor, 50), sensor, "flat")) > 1000
 
 
-@pytest.mark.parametrize("background", ["sensor", "flat", "estimate"])
+@pytest.mark.parametrize("background", ["sensor", "flat", "auto"])
 def test_a_hot_pixel_does_not_harm_its_neighbours(background):
     sensor = make_sensor(background_shape=SHAPES["ramp"] if background == "sensor" else None)
     frame = simulate(sensor, sbr=3, ppp=20)
@@ -143,7 +216,9 @@ def test_a_dark_frame_may_come_as_gates():
 
 
 def test_what_cannot_be_used_is_named():
-    with pytest.raises(InvalidInput, match="^background is dark: expected sensor or flat or estimate"):
+    with pytest.raises(InvalidInput, match="^background is dark: expected auto or sensor or flat"):
         Pooled(make_sensor(), (1, 2, 3), background="dark")
+    with pytest.raises(InvalidInput, match="^background is estimate: expected auto, which has replaced it"):
+        Pooled(make_sensor(), (1, 2, 3), background="estimate")
     with pytest.raises(InvalidInput, match="^dark frame is no photons"):
         dark_shape(PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16)), make_sensor())

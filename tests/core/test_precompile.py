@@ -22,7 +22,7 @@ AHEAD = "for part in ahead.PARTS:\n for step in part: {}step()"
 NODES = """
 ahead.sketching()
 sensor = ahead.ANY_SENSOR
-for options in ({}, {"surfaces": 2, "warm_start": True, "background": "estimate", "upsampling": 2}):
+for options in ({}, {"surfaces": 2, "warm_start": True, "background": "auto", "upsampling": 2}):
     Pooled(sensor, ahead.FREQUENCIES, device="cpu", **options).warm_up()
 """
 METHODS = "for method in METHODS.values(): method.build(ahead.ANY_SENSOR, ahead.FREQUENCIES, device='cpu').warm_up()"

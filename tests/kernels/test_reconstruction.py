@@ -46,7 +46,7 @@ def built(monkeypatch, kernels, sensor, frequencies, *arguments, **options) -> P
 
 
 @pytest.mark.parametrize(("backend", "shape", "surfaces", "light", "options"), cases(
-    [((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((3, 24), 1, 1, {"background": "estimate"})],
+    [((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((3, 24), 1, 1, {"background": "flat"})],
     [(shape, surfaces, light, {}) for shape in SHAPES for surfaces, light in ((1, 1), (1, FAINT), (2, 1), (2, 0.1))]),
     indirect=["backend"])
 def test_whole_reconstructions_agree(backend, monkeypatch, shorten, shape, surfaces, light, options):
@@ -60,6 +60,20 @@ def test_whole_reconstructions_agree(backend, monkeypatch, shorten, shape, surfa
     theirs = built(monkeypatch, reference, sensor, sketch.frequencies, surfaces, **options)(sketch)
     assert_clouds_agree(ours, theirs, surfaces, 25)
     assert ours.xyz.dtype == ours.depth_bins.dtype == np.float32 and ours.row.dtype == np.uint16
+
+
+@pytest.mark.parametrize(("backend", "shape", "surfaces"), cases([((2, 24), 1)], [((9, 33), 2)]), indirect=["backend"])
+def test_backgrounds_are_taken_out_and_learnt_alike(backend, monkeypatch, shorten, shape, surfaces):
+    if backend.name == "cuda":
+        shorten(QUICKEST)
+    sensor = make_sensor(*shape, seed=5).replace(background_shape=np.exp(-np.arange(300) / 40))
+    sketch, found = make_sketch(sensor, 5), []
+    for kernels in (backend.kernels, reference):
+        reconstructor = built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces)
+        found.append((reconstructor.submit(sketch)(), reconstructor.uneven_background))
+    (ours, uneven), (theirs, expected) = found
+    assert_clouds_agree(ours, theirs, surfaces, 25)
+    assert uneven == pytest.approx(expected, rel=1e-3) and uneven > 0.05
 
 
 @pytest.mark.parametrize(("backend", "shape", "surfaces"), cases([((1, 24), 1)], [((6, 40), 1), ((6, 40), 2)]),
@@ -91,7 +105,7 @@ def test_each_frame_gets_its_own_cloud_and_a_sketch_may_lie_anywhere_and_change(
         monkeypatch.setattr(cuda, "WARM_FRAMES", 1)
     sensor = make_sensor(1, 9, seed=1)
     sketches = [replace(make_sketch(sensor, seed), stamp_ns=seed) for seed in (1, 2, 3)]
-    srt3d = built(monkeypatch, cuda, sensor, sketches[0].frequencies)
+    srt3d = built(monkeypatch, cuda, sensor, sketches[0].frequencies, background="flat")
     clouds = [wait() for wait in reversed([srt3d.submit(sketch) for sketch in sketches])][::-1]
     assert [cloud.stamp_ns for cloud in clouds] == [1, 2, 3]
     assert len({cloud.background.tobytes() for cloud in clouds}) == 3
@@ -156,11 +170,12 @@ class Watch(TorchDispatchMode):
                                                            (2, True, False)])
 def test_a_reconstruction_can_be_recorded(cuda, monkeypatch, surfaces, warm, clutter):
     monkeypatch.setattr(type(cuda.search.__globals__["_decide"]), "run", lambda *args, **options: None)
-    shape = np.linspace(1, 2, 300) / 450 if clutter else None
-    sensor = SensorModel(6, 40, 300, 1e-10, np.ones(9), background_shape=shape)
+    sensor = SensorModel(6, 40, 300, 1e-10, np.ones(9))
     srt3d = built(monkeypatch, cuda, sensor, consecutive(5), surfaces)
     tensor = partial(torch.zeros, device=cuda.device.DEVICE)
     frame = [tensor(6, 40, dtype=torch.uint32), tensor(6, 40, 5, dtype=torch.complex64)]
+    if clutter:         # and a background that is taken out
+        frame += [tensor(6, 40), tensor(5, dtype=torch.complex64), tensor(300) + 1]
     srt3d._points(warm, *frame)                             # finds memory, copies constants
     kept = {name: values.data_ptr() for name, values in srt3d._scratch._tensors.items()}
 

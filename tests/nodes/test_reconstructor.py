@@ -18,7 +18,7 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.projection import AngularScan
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.scene import NetScene, net_sensor
+from srt3d_ros.datasets.scene import NetScene, StaticScene, net_sensor
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
@@ -202,13 +202,14 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames_and_no_
     assert setting(method="smle", warm_start=True) == "warm_start is True: expected False, as smle has no such option"
     assert setting(method="rt3d").startswith("method is rt3d: expected ")
     assert setting(method="srt3d-paper") == "method is srt3d-paper: expected its new name, srt3d (SRT3D as published)"
+    assert setting(background="estimate") == "background is estimate: expected auto, which has replaced it"
     assert setting(save_format="las") == "save_format is las: expected ply or pcd or npz"
     if not torch.cuda.is_available():
         assert setting(device="cuda").startswith("device is cuda: expected ")
     assert setting(min_range_m=4.5, max_range_m=5.0) == "" and setting(min_range_m=0.0, fields="full") == ""
     expected = []
     for at, change in enumerate(({}, {"pipeline": "throughput", "background": "flat"},
-                                 {"method": "smle", "background": "sensor"}, {"method": "srt3d",
+                                 {"method": "smle", "background": "auto"}, {"method": "srt3d",
                                   "weighting": "precision"}, {"method": "pooled", "weighting": "auto",
                                                               "pipeline": "latency"})):
         assert not change or setting(**change) == ""
@@ -317,3 +318,29 @@ def test_sketches_sent_before_the_description_in_force_are_dropped_and_counted(g
         describe=lambda described: descriptions.publish(
             sketch_message.encode_sensor(described, sketch.frequencies, 1)),
         send=lambda: sketches.publish(sketch_message.encode_cdr(sketch, "spad")))
+
+
+def test_fog_is_taken_out_and_log_and_diagnostics_say_so(graph, sensor, sketch, send):
+    clouds, slope = graph.collect(PointCloud2, "points"), np.tile(40 + 3.0 * np.arange(sensor.cols), (sensor.rows, 1))
+    process = graph.start("reconstructor", lossless=True, fields="full")
+    process.ready()
+
+    def see(background_shape, frames: int) -> dict[str, str]:
+        """The diagnostics after some more frames."""
+        seen = sensor.replace(background_shape=background_shape, gates=None)
+        simulator = Simulator(StaticScene(seen.range_m(slope)), seen, sbr=0.5, ppp=60)
+        before = len(clouds)
+        for k in range(frames):
+            send(sketch_message.encode_cdr(sketch_photons(simulator.frame(k)[0], sensor, sketch.frequencies), "spad"))
+            graph.wait(lambda k=k: len(clouds) == before + k + 1, "a cloud")
+        return graph.reports("reconstructor", "frames_out", len(clouds))
+
+    assert see(None, 2)["background_unevenness"] == "0.0000"
+    shown = see(np.exp(-np.arange(sensor.num_bins) / 10), 4)
+    assert float(shown["background_unevenness"]) > 0.2 and 0.55 < float(shown["background_share"]) < 0.8
+    process.says("the background is uneven")
+    points = decode_points(clouds[-1])[1]
+    range_m = np.linalg.norm(points["xyz"], axis=1)
+    assert np.abs(range_m - sensor.range_m(slope[points["row"], points["col"]])).max() < 5 * sensor.bin_width_m
+    assert see(None, 4)["background_unevenness"] == "0.0000"
+    process.says("the background is even")

@@ -8,12 +8,15 @@ from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.cuda.device import borrow
 
 
-def prepare(sums, photons, equaliser, used, scratch=None):
+def prepare(sums, photons, equaliser, used, scratch=None, taken=None, shown=None):
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched = borrow(scratch, "matched", (padded_rows, 2 * m, padded_cols), True)
     counts = borrow(scratch, "counts", (padded_rows, padded_cols), True)
-    z, image = (sums * equaliser).transpose(1, 2), maps.crop(matched, rows, cols)
+    z, image = sums * equaliser, maps.crop(matched, rows, cols)
+    if taken is not None:
+        z = z - taken[..., None] * shown
+    z = z.transpose(1, 2)
     image[:, :m], image[:, m:] = z.real, z.imag
     maps.crop(counts, rows, cols)[:] = photons.to(torch.float32) * used
     return matched, counts

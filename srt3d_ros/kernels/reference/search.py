@@ -11,11 +11,11 @@ from srt3d_ros.kernels.reference.likelihood import surprise
 FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields that a search fills in
 
 
-def prepare(sums, photons, equaliser, used, scratch=None):
+def prepare(sums, photons, equaliser, used, scratch=None, taken=None, shown=None):
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
     matched, counts = np.zeros((padded_rows, 2 * m, padded_cols)), np.zeros((padded_rows, padded_cols))
-    z = (sums.astype(complex) * equaliser).swapaxes(1, 2)
+    z = (sums.astype(complex) * equaliser - (0 if taken is None else taken[..., None] * shown)).swapaxes(1, 2)
     maps.crop(matched, rows, cols)[:] = np.concatenate([z.real, z.imag], axis=1)
     maps.crop(counts, rows, cols)[:] = photons * used.astype(np.float64)
     return matched, counts

@@ -1,0 +1,54 @@
+"""What a reconstruction leaves of its frame, added up: the background's estimate is made of it."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, ONE, TINY, ZERO, sincos
+from srt3d_ros.kernels.cpu.compiling import parallel
+from srt3d_ros.kernels.maps import DEPTH, MARGIN
+
+
+@parallel
+def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, intensity, own, taken, background, photons,
+                 passed, out):
+    rows, surfaces, cols = intensity.shape
+    m, by_row, by_col = len(energy), min(passed.shape[0] - 1, 1), min(passed.shape[1] - 1, 1)
+    for i in prange(rows):
+        a = i + MARGIN
+        share, inverse = np.empty(cols, np.float32), np.empty(cols, np.float32)
+        cosines, sines = np.empty(cols, np.float32), np.empty(cols, np.float32)
+        sums = out[i]
+        sums[:] = ZERO
+        for j in range(cols):
+            inverse[j] = ONE / max(photons[i, j], EPSILON)
+            share[j] = background[i, j] * inverse[j]
+            sums[4 * m] += share[j] * own[i, j]
+            sums[4 * m + 1] += share[j] * taken[i, j]
+            sums[4 * m + 2] += share[j] * share[j] * counts[a, j + MARGIN]
+        for l in range(m):
+            cosines[:], sines[:] = ZERO, ZERO
+            for k in range(surfaces):
+                for j in range(cols):
+                    sine, cosine = sincos(bin_frequencies[l] * state[a, k, DEPTH, j + MARGIN])
+                    signal = intensity[i, k, j] * exposure[a, j + MARGIN]
+                    cosines[j] += signal * cosine
+                    sines[j] += signal * sine
+            left_re, left_im, seen_re, seen_im, misfit = ZERO, ZERO, ZERO, ZERO, ZERO
+            for j in range(cols):
+                c, d = passed[i * by_row, j * by_col, 2 * l], passed[i * by_row, j * by_col, 2 * l + 1]
+                re = matched[a, l, j + MARGIN] - energy[l] * cosines[j]
+                im = matched[a, m + l, j + MARGIN] - energy[l] * sines[j]
+                left_re += share[j] * (re * c + im * d)
+                left_im += share[j] * (im * c - re * d)
+                seen_re += share[j] * cosines[j]
+                seen_im += share[j] * sines[j]
+                misfit += (re * re + im * im) * inverse[j]
+            sums[l], sums[m + l], sums[2 * m + l], sums[3 * m + l] = left_re, left_im, seen_re, seen_im
+            sums[4 * m + 3] += misfit / max(energy[l], TINY)
+
+
+def unexplained(frame, state, intensity, own, taken, background, photons, passed):
+    sums = np.empty((len(intensity), 4 * len(frame.energy) + 4), np.float32)
+    _unexplained(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, intensity,
+                 own, taken, background, photons, passed.view(np.float32), sums)
+    return sums.sum(axis=0, dtype=np.float64).astype(np.float32)
