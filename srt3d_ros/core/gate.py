@@ -1,0 +1,108 @@
+"""Gate: the bins in which photons are kept. T becomes their number, and background from elsewhere is gone."""
+
+import re
+
+import numpy as np
+
+from srt3d_ros.core.photons import CHUNK, PhotonEvents, PhotonFrame, PhotonGates
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput, require
+
+OFF, AUTO = "off", "auto"
+FORM = "off, auto, or first and last bin such as 100:400"
+
+
+class Gate:
+    """The depths from bin `first` to bin `last` of a sensor, and the ToA in which their photons come.
+
+    Pixels' delays widen the gate by their spread: each ToA is kept that is inside for one of the pixels. What is left
+    is a circle of its own, like every period: a surface whose pulse crosses an end may appear at the other, so leave
+    the length of a pulse at both ends. Ranges stay what they were.
+
+    Args:
+        source: the sensor whose photons come in.
+        first, last: bins of depth, both inside.
+
+    Attributes:
+        num_bins: T of what is kept: last − first + 1, and the spread of the delays; that of `source` at most.
+        start: the first bin of ToA that is kept. From there the bins go on, in the end around the circle of `source`.
+        sensor: describes what is kept.
+
+    Raises:
+        InvalidInput: not within the sensor's bins, in the wrong order, or shorter than the IRF.
+    """
+
+    def __init__(self, source: SensorModel, first: int, last: int):
+        shown, most, irf = f"{first}:{last}", source.num_bins - 1, source.irf.shape[-1]
+        require(0 <= first and last <= most, "gate", shown, f"first and last within the sensor's bins, 0 to {most}")
+        require(first < last, "gate", shown, "a first bin below the last")
+        require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
+        self.source, self.first, self.last = source, first, last
+        late = source.delay_bins
+        least, greatest = (0, 0) if late is None else (int(np.floor(late.min())), int(np.ceil(late.max())))
+        self.num_bins = last - first + 1 + greatest - least
+        if self.num_bins >= source.num_bins:        # all bins: the circle of the source
+            self.start, self.num_bins, self.sensor = 0, source.num_bins, source
+            return
+        self.start = (first + least) % source.num_bins
+        shape = source.background_shape
+        if shape is not None:
+            shape = np.take(shape, np.arange(first, first + self.num_bins), mode="wrap")
+            shape = shape if shape.any() else None
+        self.sensor = source.replace(
+            num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
+            delay_bins=None if late is None else late - np.float32(least))
+
+    def __str__(self) -> str:
+        return f"{self.first}:{self.last}"
+
+    def bins(self, bins: np.ndarray) -> np.ndarray:
+        """Integer ToA of the source, counted from the gate's start; those from num_bins on are outside."""
+        return (bins.astype(np.int64) - self.start) % self.source.num_bins
+
+    def kept(self, frame: PhotonFrame) -> int:
+        """How many of the photons are inside."""
+        if isinstance(frame, PhotonGates):
+            form = self.source.gates
+            first, none = np.uint16(form.first_word), form.no_detection
+            return sum(int(np.count_nonzero(self._inside(part - first) & (part != none)))
+                       for part in _parts(frame.words.reshape(-1)))
+        if frame.toa.dtype.kind == "f":
+            return int(np.count_nonzero(self._inside(self.source.toa_bins(frame.toa))))
+        return sum(int(np.count_nonzero(self._inside(part))) for part in _parts(frame.toa))
+
+    def photons(self, events: PhotonEvents) -> PhotonEvents:
+        """The photons inside, in the bins of `self.sensor`."""
+        bins = self.source.toa_bins(events.toa)
+        inside = np.flatnonzero(self._inside(bins))
+        return PhotonEvents(events.pixel[inside], self.moved(events.toa[inside]), events.stamp_ns)
+
+    def moved(self, toa: np.ndarray) -> np.ndarray:
+        """ToA that are inside, counted from the gate's start, in [0, num_bins)."""
+        if toa.dtype.kind != "f":
+            return self.bins(toa).astype(toa.dtype)
+        moved = toa - np.float32(self.start)
+        moved = np.where(moved < -0.5, moved + np.float32(self.source.num_bins), moved)     # around the circle
+        moved = np.where(moved < 0, moved + np.float32(self.num_bins), moved)   # where a bin has its centre at 0
+        return np.minimum(moved, np.nextafter(np.float32(self.num_bins), np.float32(0)))
+
+    def _inside(self, bins: np.ndarray) -> np.ndarray:
+        """Which integer ToA are kept; two comparisons at most, in their own type."""
+        end = self.start + self.num_bins
+        if end <= self.source.num_bins:
+            return (bins >= self.start) & (bins < end)
+        return (bins >= self.start) | (bins < end - self.source.num_bins)
+
+
+def parse(spec: str) -> tuple[int, int] | str:
+    """First and last bin, OFF or AUTO; InvalidInput for anything else."""
+    if spec in (OFF, AUTO):
+        return spec
+    numbers = re.fullmatch(r"\s*\[?\s*(-?\d{1,9})\s*[:,]\s*(-?\d{1,9})\s*\]?\s*", spec)
+    if numbers is None:
+        raise InvalidInput("gate", spec, FORM)
+    return int(numbers[1]), int(numbers[2])
+
+
+def _parts(values: np.ndarray):
+    return (values[first:first + CHUNK] for first in range(0, len(values), CHUNK))
