@@ -32,8 +32,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
-                        help="which they are: least expected error (auto), spread over what the IRF passes, 1 … M, "
-                             "or a list; unless given what the method is published with, else auto")
+                        help="which they are: least expected error for these photons (auto), spread over what the IRF "
+                             "passes, 1 … M, or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--surface-order", choices=SURFACE_ORDERS, default="strongest",
                         help="which of a pixel's surfaces comes first in the file (strongest)")
@@ -65,7 +65,7 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.core.frequencies import choose
+    from srt3d_ros.core.sketch_design import design_for
     from srt3d_ros.core.sketching import sketch_photons
     from srt3d_ros.datasets import open_photons
     from srt3d_ros.recording import cloud_files
@@ -81,7 +81,8 @@ def run(args: argparse.Namespace) -> int:
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
         sensor = _with_dark_frame(sensor, open_photons(args.dark, **(known | overrides)))
     if method.needs == "sketch":
-        frequencies = choose(args.frequencies or method.frequencies, sensor, args.sketch_size)
+        frequencies = design_for(frame, sensor, frequencies=args.frequencies or method.frequencies,
+                                 sketch_size=args.sketch_size).frequencies
     for name in ("sketch_size", "frequencies"):
         given = getattr(args, name)
         require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")

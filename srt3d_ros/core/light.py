@@ -1,6 +1,6 @@
 """Light: what the photons of a frame say of themselves, as far as a choice of frequencies depends on it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from srt3d_ros.core.frequency_design import SCORES
 # Pixels whose photons a design counts together, as a reconstruction pools those around each point. Art, 10 photons per
 # pixel: DAE −5.3 % with 2, −7.1 with 4, −6.6 with 8; with 8 and more, frames of 5 photons at SBR 1 change and lose TD.
 POOLED = 4
+STEP = 0.75         # octaves from which on the light is another one: beyond half of one, at which a design changes
+MORE = 1.2          # and the factor of the frequency up to which it is confirmed: two rungs of the meter
 
 
 @dataclass(frozen=True)
@@ -37,3 +39,17 @@ class Light:
         """
         score = self.signal_share * np.sqrt(2 * sketch_size * POOLED * self.photons_per_pixel)
         return float(2 * np.log2(max(score, 1e-3) / SCORES[-1]))
+
+    def gated(self, bins: float) -> "Light":
+        """The light if all signal but only this part of the bins is kept."""
+        kept = self.signal_share + (1 - self.signal_share) * bins
+        return Light(self.photons_per_pixel * kept, self.signal_share / kept, int(self.confirmed * bins))
+
+    def of_frames(self, frames: int) -> "Light":
+        """The light of several such frames together."""
+        return replace(self, photons_per_pixel=self.photons_per_pixel * frames)
+
+    def is_other(self, before: "Light", top: int) -> bool:
+        """Whether it asks for another design than one with a highest frequency of `top`, made for the light before."""
+        moved = abs(self.octaves(1) - before.octaves(1)) > STEP
+        return moved or self.confirmed < top <= before.confirmed or self.confirmed > MORE * before.confirmed

@@ -3,8 +3,11 @@
 import numpy as np
 
 from srt3d_ros.core.frame_watch import FrameHistogram, FrameWatch
+from srt3d_ros.core.frequencies import AUTO as DESIGNED
 from srt3d_ros.core.frequencies import RULES, choose
 from srt3d_ros.core.gate import AUTO, OFF, Gate, parse
+from srt3d_ros.core.light import Light
+from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 
@@ -28,23 +31,30 @@ class SketchDesign:
         source: the sensor whose photons come in.
         gate: off, auto, or the first and the last bin, such as "100:400".
         frequencies, sketch_size: as for `frequencies.choose`.
+        window_frames: whose photons a sketch holds.
 
     Attributes:
         gate: the gate in force, or None.
         sensor: describes the photons that are kept.
         frequencies: the integers k_l, for the T of `sensor`.
+        light: of the newest window that was looked at, before the gate; None without `auto` frequencies.
 
     Raises:
         InvalidInput: a gate or frequencies that do not fit the sensor.
     """
 
-    def __init__(self, source: SensorModel, gate: str = OFF, frequencies: str = "auto", sketch_size: int | None = None):
+    def __init__(self, source: SensorModel, gate: str = OFF, frequencies: str = "auto", sketch_size: int | None = None,
+                 window_frames: int = 1):
         self._source, self._settings = source, (gate, frequencies, sketch_size)
         self._spec, self._size = frequencies, sketch_size
         bins = parse(gate)
         self._follows_gate = bins == AUTO
+        self.window_frames = window_frames
+        self.light: Light | None = None
+        self._lit: Light | None = None          # what the frequencies are for
         self._set(None if bins in (OFF, AUTO) else Gate(source, *bins))
         self._watch = FrameWatch(source) if self._follows_gate else None
+        self._meter = LightMeter(source) if frequencies == DESIGNED else None
         self._changed_ns: int | None = None
 
     def is_for(self, source: SensorModel, gate: str, frequencies: str, sketch_size: int | None) -> bool:
@@ -53,21 +63,27 @@ class SketchDesign:
 
     def look(self, frame: PhotonFrame) -> None:
         """See the photons of a frame or packet, before any is dropped."""
-        if self._watch is not None:
-            self._watch.add(frame)
+        for looking in filter(None, (self._watch, self._meter)):
+            looking.add(frame)
 
     def forget(self) -> None:
         """Begin a new frame."""
-        if self._watch is not None:
-            self._watch.forget()
+        for looking in filter(None, (self._watch, self._meter)):
+            looking.forget()
 
     def end_frame(self, stamp_ns: int) -> bool:
         """End the frame that was acquired at `stamp_ns`; whether gate or frequencies are others from now on."""
         histogram = self._watch.end_frame() if self._watch is not None else None
-        if histogram is None or self._changed_ns is not None and abs(stamp_ns - self._changed_ns) < CHANGE_NS:
+        light = self._meter.end_frame() if self._meter is not None else None
+        if light is not None:
+            self.light = light.of_frames(self.window_frames)
+        if self._changed_ns is not None and abs(stamp_ns - self._changed_ns) < CHANGE_NS:
             return False
         before = str(self.gate), self.frequencies
-        if self._follows_gate:
+        if self._asks_for_others():
+            self._lit = self.light
+            self._set(self.gate)
+        if histogram is not None:
             self._set(self._followed(histogram))
         if before == (str(self.gate), self.frequencies):
             return False
@@ -76,7 +92,17 @@ class SketchDesign:
 
     def _set(self, gate: Gate | None) -> None:
         self.gate, self.sensor = gate, self._source if gate is None else gate.sensor
-        self.frequencies = choose(self._spec, self.sensor, self._size)
+        light = self._lit
+        if light is not None and gate is not None:
+            light = light.gated(self.sensor.num_bins / self._source.num_bins)
+        self.frequencies = choose(self._spec, self.sensor, self._size, light)
+
+    def _asks_for_others(self) -> bool:
+        """Whether the light is not what the frequencies are for."""
+        if self.light is None or self._lit is None:
+            return self.light is not None
+        highest = max(self.frequencies) * self._source.num_bins / self.sensor.num_bins      # of the source's period
+        return self.light.is_other(self._lit, round(highest))
 
     def _followed(self, histogram: FrameHistogram) -> Gate | None:
         """The gate that a histogram asks for; the present one while it holds what is seen and is not much too long."""
