@@ -24,7 +24,8 @@ SCORES = (7.0, 10.0)        # σ at which the photons stand out of the backgroun
 MOST_OCTAVES = 8            # of photons beyond SCORES; by then the design hardly changes
 ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
 BEND = 0.75                 # of the progression; hardly matters, see docs/frequencies.md
-BEND_OF_MANY = 0.5          # from 2 octaves on: 1 to 5 % less depth error than 0.75
+BEND_OF_MANY = 0.5          # from PLENTY octaves on: 1 to 5 % less depth error; with fewer, detections are lost
+PLENTY = 3
 LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
 LADDER = 1.05               # ratio of one highest frequency that is tried to the next
 ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
@@ -144,7 +145,7 @@ def _design(irf: bytes, num_bins: int, sketch_size: int, octaves: int = 0, confi
     # not share: so not the best K, but the mean of the good ones.
     weights = np.exp((np.min(errors) - np.array(errors)) / ALIKE)
     best = round(np.exp(np.average(np.log(tops), weights=weights)))
-    return progression(best, sketch_size, BEND_OF_MANY if octaves > 1 else BEND)
+    return progression(best, sketch_size, BEND_OF_MANY if octaves >= PLENTY else BEND)
 
 
 def typical_spectrum(sensor: SensorModel) -> np.ndarray:

@@ -42,6 +42,8 @@ class LightMeter:
         top = highest_passed(sensor)
         self._rungs = increasing(np.geomspace(1, top, min(RUNGS, top)))
         self._expected = np.abs(typical_spectrum(sensor)[list(self._rungs)])**2
+        # Depths lie between bins, which may widen a pulse by a bin.
+        self._wider = self._expected * np.sinc(np.array(self._rungs) / sensor.num_bins)**2
         seen = SensorModel(1, len(self._used), sensor.num_bins, sensor.bin_width_s, np.ones(1), gates=sensor.gates)
         self._sketcher = Sketcher(seen, self._rungs)
         self._looked_ns: int | None = None
@@ -87,7 +89,7 @@ class LightMeter:
 
     def _confirmed(self, seen: np.ndarray, error: float) -> int:
         """The last rung before the first where |ĥ|² is not as `seen`, or cannot be told."""
-        off = np.abs(_smooth(seen - self._expected)) + error / np.sqrt(NEIGHBOURS)
+        off = np.maximum(_smooth(seen - self._expected), _smooth(self._wider - seen)) + error / np.sqrt(NEIGHBOURS)
         wrong = off > DOUBT * _smooth(self._expected)
         rungs = int(wrong.argmax()) if wrong.any() else len(wrong)
         return self._rungs[rungs - 1] if rungs else 0

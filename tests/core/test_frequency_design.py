@@ -7,6 +7,7 @@ from srt3d_ros.core.frequencies import angular_frequencies, consecutive, irf_spe
 from srt3d_ros.core.frequency_design import (
     BEND_OF_MANY,
     MOST_OCTAVES,
+    PLENTY,
     ROOM,
     design,
     expected_error_bins,
@@ -175,5 +176,5 @@ def test_photons_of_more_octaves_are_of_higher_scores():
 
 def test_many_photons_spread_more_evenly():
     sensor = make(EDGE, 2000)
-    one, two = (design(sensor, 10, octaves, confirmed=1000) for octaves in (1, 2))
-    assert one == progression(one[-1], 10) and two == progression(two[-1], 10, BEND_OF_MANY)
+    two, three = (design(sensor, 10, octaves, confirmed=1000) for octaves in (PLENTY - 1, PLENTY))
+    assert two == progression(two[-1], 10) and three == progression(three[-1], 10, BEND_OF_MANY)

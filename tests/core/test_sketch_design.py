@@ -1,13 +1,16 @@
-"""SketchDesign: a gate that follows the photons, seldom."""
+"""SketchDesign: a gate and frequencies that follow the photons, seldom."""
 
 import numpy as np
 import pytest
 
 from srt3d_ros.core.frame_watch import LOOK_NS, LOOKS
 from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.light_meter import light_of
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import CHANGE_NS, SMALLER, SketchDesign, design_for
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
 T = 500
@@ -131,3 +134,82 @@ def test_a_gate_that_cannot_be_used_is_one_line(settings, line):
     with pytest.raises(InvalidInput) as error:
         SketchDesign(SENSOR, *settings)
     assert str(error.value) == line
+
+
+# ---- Frequencies that follow the light
+
+BINS = np.arange(160)
+EDGE = SensorModel(40, 40, T, 1e-10, np.exp(-BINS / 40) + 4 * np.exp(-0.5 * ((BINS - 5) / 2)**2))
+
+
+def lit(ppp: float, stamp_s: float = 0.0, sbr: float = 2.0, sensor=EDGE) -> PhotonEvents:
+    """Photons of a scene 100 bins deep."""
+    depth = np.linspace(150, 250, sensor.pixels).reshape(1, sensor.rows, sensor.cols)
+    scene = StaticScene(sensor.range_m(depth), np.ones_like(depth))
+    events, _ = Simulator(scene, sensor, sbr=sbr, ppp=ppp, seed=round(stamp_s * 10)).frame(0)
+    return PhotonEvents(events.pixel, events.toa, round(stamp_s * 1e9))
+
+
+def changes(design, ppp, seconds=4.0, start_s=0.0) -> list[float]:
+    """Show the design frames at 4 Hz of ppp(t) photons per pixel; when it changed, in seconds."""
+    found = []
+    for now_s in start_s + np.arange(0, seconds, 0.25):
+        shown = lit(ppp(now_s), now_s)
+        design.look(shown)
+        if design.end_frame(shown.stamp_ns):
+            found.append(float(now_s))
+    return found
+
+
+def test_the_first_frame_with_many_photons_takes_frequencies_up():
+    design = SketchDesign(EDGE)
+    few = design.frequencies
+    assert design.light is None and few == choose("auto", EDGE)
+    assert changes(design, lambda t: 100) == [0]
+    assert design.light.photons_per_pixel == pytest.approx(100, rel=0.05)
+    assert design.frequencies[-1] > 1.3 * few[-1] and design.sensor is EDGE
+    assert design.frequencies == choose("auto", EDGE, None, light_of(lit(100), EDGE))
+
+
+def test_a_frame_with_few_photons_changes_nothing():
+    design = SketchDesign(EDGE)
+    assert changes(design, lambda t: 1) == [] and design.frequencies == choose("auto", EDGE)
+
+
+def test_small_changes_of_the_light_change_nothing():
+    assert changes(SketchDesign(EDGE), lambda t: 100 * 1.4 ** (-1)**round(t), seconds=8) == [0]
+
+
+def test_frequencies_follow_the_light_down_again():
+    design = SketchDesign(EDGE)
+    assert changes(design, lambda t: 100 if t < 3 else 2, seconds=7) == [0, 4]
+    assert design.frequencies == choose("auto", EDGE)
+
+
+@pytest.mark.parametrize(("frequencies", "size"), [("spread", 6), ("consecutive", None), ("1,2,5", None)])
+def test_frequencies_that_are_not_auto_stay(frequencies, size):
+    design = SketchDesign(EDGE, frequencies=frequencies, sketch_size=size)
+    assert changes(design, lambda t: 100, seconds=1) == [] and design.light is None
+    assert design.frequencies == choose(frequencies, EDGE, size)
+
+
+def test_the_photons_of_a_window_count_together():
+    design = SketchDesign(EDGE, window_frames=16)
+    assert changes(design, lambda t: 30, seconds=0.25) == [0]
+    light = light_of(lit(30), EDGE)
+    assert design.light == light.of_frames(16)
+    assert design.frequencies == choose("auto", EDGE, None, design.light) != choose("auto", EDGE, None, light)
+
+
+def test_a_gate_and_the_light_change_together():
+    design = design_for(lit(400, sbr=1), EDGE, "auto")
+    light = light_of(lit(400, sbr=1), EDGE).gated(design.sensor.num_bins / T)
+    assert 100 < design.sensor.num_bins < 400
+    assert design.frequencies == choose("auto", design.sensor, None, light) != choose("auto", design.sensor)
+
+
+def test_a_frame_that_is_forgotten_is_not_measured():
+    design = SketchDesign(EDGE)
+    design.look(lit(100))
+    design.forget()
+    assert not design.end_frame(0) and design.light is None
