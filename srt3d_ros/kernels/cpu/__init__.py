@@ -14,6 +14,7 @@ from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.phase_sums import (
+    counted,
     find_stray,
     inspect_events,
     new_sums,

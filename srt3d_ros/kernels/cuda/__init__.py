@@ -15,6 +15,7 @@ from srt3d_ros.kernels.cuda.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cuda.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cuda.match import match
 from srt3d_ros.kernels.cuda.phase_sums import (
+    counted,
     find_stray,
     fixed_rows,
     inspect_events,

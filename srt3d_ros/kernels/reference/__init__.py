@@ -10,6 +10,7 @@ from srt3d_ros.kernels.reference.device import ON_HOST, WARM_FRAMES, FrameStream
 from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.reference.phase_sums import (
+    counted,
     find_stray,
     fixed_rows,
     inspect_events,
