@@ -56,6 +56,12 @@ class Gate:
     def __str__(self) -> str:
         return f"{self.first}:{self.last}"
 
+    @property
+    def in_words(self) -> str:
+        """Its bins, and the ranges to which they belong."""
+        nearest, farthest = self.source.range_m([self.first, self.last])
+        return f"{self}, {nearest:.4g} to {farthest:.4g} m"
+
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
         inside = np.flatnonzero(self._inside(events.toa))

@@ -143,7 +143,8 @@ def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(backend, dtype, 
 def test_a_column_of_ones_counts_photons_and_rows_of_zeros_add_none(backend, function, m):
     kernels, frequencies = backend.kernels, tuple(range(1, m + 1))
     gate = Gate(SensorModel(5, 8, T, 1e-10, [1]), 10, 29)
-    pixel, toa = draw(2_000, np.float32 if function == "sketch_continuous" else np.uint16, function != "sketch_unsorted")
+    kind = np.float32 if function == "sketch_continuous" else np.uint16
+    pixel, toa = draw(2_000, kind, function != "sketch_unsorted")
     inside = (toa >= 10) & (toa < 30)
     sums, photons = kernels.new_sums(PIXELS, 2 * m + 2)
     if function == "sketch_continuous":
