@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from srt3d_ros.core.photons import CHUNK, PhotonEvents, PhotonFrame, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 
@@ -56,42 +56,30 @@ class Gate:
     def __str__(self) -> str:
         return f"{self.first}:{self.last}"
 
-    def bins(self, bins: np.ndarray) -> np.ndarray:
-        """Integer ToA of the source, counted from the gate's start; those from num_bins on are outside."""
-        return (bins.astype(np.int64) - self.start) % self.source.num_bins
-
-    def kept(self, frame: PhotonFrame) -> int:
-        """How many of the photons are inside."""
-        if isinstance(frame, PhotonGates):
-            form = self.source.gates
-            first, none = np.uint16(form.first_word), form.no_detection
-            return sum(int(np.count_nonzero(self._inside(part - first) & (part != none)))
-                       for part in _parts(frame.words.reshape(-1)))
-        if frame.toa.dtype.kind == "f":
-            return int(np.count_nonzero(self._inside(self.source.toa_bins(frame.toa))))
-        return sum(int(np.count_nonzero(self._inside(part))) for part in _parts(frame.toa))
+    @property
+    def in_words(self) -> str:
+        """Its bins, and the ranges to which they belong."""
+        nearest, farthest = self.source.range_m([self.first, self.last])
+        return f"{self}, {nearest:.4g} to {farthest:.4g} m"
 
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
-        bins = self.source.toa_bins(events.toa)
-        inside = np.flatnonzero(self._inside(bins))
-        return PhotonEvents(events.pixel[inside], self.moved(events.toa[inside]), events.stamp_ns)
+        inside = np.flatnonzero(self._inside(events.toa))
+        toa, start = events.toa[inside], events.toa.dtype.type(self.start)
+        before = toa < start if toa.dtype.kind != "f" else toa < start - np.float32(0.5)
+        toa = np.where(before, toa + events.toa.dtype.type(self.source.num_bins - self.start), toa - start)
+        if toa.dtype.kind == "f":       # a bin whose centre is its position begins half a bin before, around the circle
+            toa = np.where(toa < 0, toa + np.float32(self.num_bins), toa)
+            toa = np.minimum(toa, np.nextafter(np.float32(self.num_bins), np.float32(0)))
+        return PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
 
-    def moved(self, toa: np.ndarray) -> np.ndarray:
-        """ToA that are inside, counted from the gate's start, in [0, num_bins)."""
-        if toa.dtype.kind != "f":
-            return self.bins(toa).astype(toa.dtype)
-        moved = toa - np.float32(self.start)
-        moved = np.where(moved < -0.5, moved + np.float32(self.source.num_bins), moved)     # around the circle
-        moved = np.where(moved < 0, moved + np.float32(self.num_bins), moved)   # where a bin has its centre at 0
-        return np.minimum(moved, np.nextafter(np.float32(self.num_bins), np.float32(0)))
-
-    def _inside(self, bins: np.ndarray) -> np.ndarray:
-        """Which integer ToA are kept; two comparisons at most, in their own type."""
-        end = self.start + self.num_bins
-        if end <= self.source.num_bins:
-            return (bins >= self.start) & (bins < end)
-        return (bins >= self.start) | (bins < end - self.source.num_bins)
+    def _inside(self, toa: np.ndarray) -> np.ndarray:
+        """Which ToA are in bins that are kept; two comparisons of their own type."""
+        end, bins = self.start + self.num_bins, self.source.num_bins
+        if toa.dtype.kind == "f" and self.source.first_bin_center != 0.5:
+            toa = toa + np.float32(0.5 - self.source.first_bin_center)      # from where the bin begins
+            toa = np.where(toa < bins, toa, toa - np.float32(bins))
+        return (toa >= self.start) & (toa < end) if end <= bins else (toa >= self.start) | (toa < end - bins)
 
 
 def parse(spec: str) -> tuple[int, int] | str:
@@ -102,7 +90,3 @@ def parse(spec: str) -> tuple[int, int] | str:
     if numbers is None:
         raise InvalidInput("gate", spec, FORM)
     return int(numbers[1]), int(numbers[2])
-
-
-def _parts(values: np.ndarray):
-    return (values[first:first + CHUNK] for first in range(0, len(values), CHUNK))

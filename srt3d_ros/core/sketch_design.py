@@ -10,6 +10,7 @@ from srt3d_ros.core.light import Light
 from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import Sketcher
 
 # Between two changes. Each makes a reconstructor begin anew, which takes it the time of a few frames.
 CHANGE_NS = 2_000_000_000
@@ -60,6 +61,11 @@ class SketchDesign:
     def is_for(self, source: SensorModel, gate: str, frequencies: str, sketch_size: int | None) -> bool:
         """Whether it was made with these arguments."""
         return self._settings == (gate, frequencies, sketch_size) and self._source.same_as(source)
+
+    def made(self, sketcher: Sketcher) -> bool:
+        """Whether a sketcher has this gate and these frequencies."""
+        own = str(self.gate), self.frequencies
+        return (str(sketcher.gate), sketcher.frequencies) == own and sketcher.sensor.same_as(self._source)
 
     def look(self, frame: PhotonFrame) -> None:
         """See the photons of a frame or packet, before any is dropped."""
