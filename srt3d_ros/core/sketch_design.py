@@ -67,6 +67,13 @@ class SketchDesign:
         own = str(self.gate), self.frequencies
         return (str(sketcher.gate), sketcher.frequencies) == own and sketcher.sensor.same_as(self._source)
 
+    @property
+    def in_words(self) -> str:
+        """What is in force, and for which light."""
+        gate = self.gate.in_words if self.gate else OFF
+        light = f", for {self._lit.in_words}" if self._lit else ""
+        return f"gate {gate}, {len(self.frequencies)} frequencies up to {max(self.frequencies)}{light}"
+
     def look(self, frame: PhotonFrame) -> None:
         """See the photons of a frame or packet, before any is dropped."""
         for looking in filter(None, (self._watch, self._meter)):

@@ -171,6 +171,7 @@ class SketcherNode(PipelineNode):
             self.forget()
             self._design = None
             raise
+        self._design.window_frames = values["window_frames"]
         if before is None or not self._design.made(before):
             self.forget()
             self._sketch_by_design()
@@ -219,8 +220,8 @@ class SketcherNode(PipelineNode):
             self.get_logger().info("stamps leapt over gap_s: new frame, new window", throttle_duration_sec=LOG_EVERY_S)
             self._drop_incomplete(placed.forgotten)
         if not placed.dropped:
-            self._design.look(photons)
             self._sketcher.add(photons)
+            self._design.look(photons)
         if codec is gates_message:          # the message's header does not say how many
             self.diagnostics.count(photons_in=photons.photons)
         if placed.dropped:
@@ -263,15 +264,17 @@ class SketcherNode(PipelineNode):
 
     def _follow_photons(self, stamp_ns: int) -> None:
         """Go on with another gate or other frequencies if the photons ask for it."""
-        if not self._design.end_frame(stamp_ns):
+        changed, light = self._design.end_frame(stamp_ns), self._design.light
+        if light is not None:
+            self.diagnostics.show(photons_per_pixel=f"{light.photons_per_pixel:.3g}", sbr=f"{light.sbr:.2g}")
+        if not changed:
             return
         try:
             self._sketch_by_design()
         except InvalidInput as problem:     # a window that does not fit into the memory with a gate: go on as before
             self._failed(problem)
             return
-        gate = self._design.gate
-        self.get_logger().info(f"gate {gate.in_words if gate else OFF}: sketches of {in_words(self._design.sensor)}")
+        self.get_logger().info(f"sketches of {in_words(self._design.sensor)} from now on: {self._design.in_words}")
         self.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
