@@ -81,10 +81,7 @@ class PipelineNode(ManagedNode):
         return 0, 0
 
     def _audit(self) -> None:
-        """Check the frame accounting against the queues.
-
-        Skip it while a stage is processing a frame: its count is in transit.
-        """
+        """Check the frame accounting against the queues, unless a stage works on a frame: its count is in transit."""
         with self.worker.lock, self._stages[-1].lock:
             if not any(stage.busy for stage in self._stages):
                 kept = [self.open_frame(), *(stage.waiting for stage in self._stages)]

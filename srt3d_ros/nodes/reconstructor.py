@@ -180,6 +180,7 @@ class ReconstructorNode(PipelineNode):
         former = self._former
         if former is None or sent_ns < former.valid_from_ns:
             drop_outdated()
+        self.diagnostics.count(overtaken=1)
         self._reconstruct(raw, former.sensor, former.frequencies, former.reconstructor)
 
     def _reconstruct(self, raw: bytes, sensor: SensorModel, frequencies: tuple[int, ...], reconstructor) -> None:
