@@ -19,7 +19,8 @@ PARAMETERS = (
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
               "them.", low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
-              "IRF, spread to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
+              "IRF, the photons per pixel and the SBR (other ones at most once in 2 s), spread to where the IRF passes "
+              "0.35, 1 to sketch_size as in the paper, or these.",
               form="auto, spread, consecutive or integers such as 1,2,5", live=True),
     Parameter("gate", OFF, "Which bins of depth to keep. Photons of others are dropped (`photons_dropped.gate`), and T "
               "becomes the gate's length: less background and finer depths at a low SBR. `auto` follows the depths "
