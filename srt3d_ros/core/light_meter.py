@@ -18,7 +18,8 @@ from srt3d_ros.core.sketching import Sketcher
 
 LOOK_NS = 2_000_000_000     # between two frames that are looked at: frequencies change no more often
 RUNGS = 40              # frequencies that are looked at, in a geometric progression
-MOST_PIXELS = 2**14     # that are looked at, evenly spread: 10 MB, and 5 ms for 10 photons in each
+MOST_PIXELS = 2**15     # that are looked at, evenly spread: 21 MB
+MOST_PHOTONS = 2**21    # of them, about: 10 ms
 WELL_PASSED = 0.5       # |ĥ|² of the frequencies that tell the share of the signal
 # By which |ĥ|² may differ from what the photons say, relative, with its standard error. Those of Art and the head agree
 # up to |ĥ| = 0.2, those of the mannequin, whose IRF is too smooth, up to 0.43: above, higher k add up to 20 % of DAE.
@@ -36,48 +37,66 @@ class LightMeter:
 
     def __init__(self, sensor: SensorModel):
         self._sensor = sensor
-        self._step = -(-sensor.pixels // MOST_PIXELS)
-        used = np.ones(sensor.pixels, bool) if sensor.mask is None else sensor.mask.ravel()
-        self._used = used[::self._step]
+        self._mask = np.ones(sensor.pixels, bool) if sensor.mask is None else sensor.mask.ravel()
         top = highest_passed(sensor)
         self._rungs = increasing(np.geomspace(1, top, min(RUNGS, top)))
         self._expected = np.abs(typical_spectrum(sensor)[list(self._rungs)])**2
         # Depths lie between bins, which may widen a pulse by a bin.
         self._wider = self._expected * np.sinc(np.array(self._rungs) / sensor.num_bins)**2
-        seen = SensorModel(1, len(self._used), sensor.num_bins, sensor.bin_width_s, np.ones(1), gates=sensor.gates)
-        self._sketcher = Sketcher(seen, self._rungs)
+        self._least_step = _power_of_two(sensor.pixels / MOST_PIXELS)
+        pixels = -(-sensor.pixels // self._least_step)
+        row = SensorModel(1, pixels, sensor.num_bins, sensor.bin_width_s, np.ones(1), gates=sensor.gates)
+        self._sketcher = Sketcher(row, self._rungs)
         self._looked_ns: int | None = None
-        self._open = self._looks = False        # a frame is, and it is looked at
+        self._photons = 0                       # of the last look, all pixels
+        self._step = 0                          # from one pixel that is looked at to the next; 0: not at this frame
+        self._open = False
 
     def forget(self) -> None:
         """Begin a new frame."""
-        if self._looks:
+        if self._step:
             self._sketcher.reset()
-        self._open = self._looks = False
+        self._open, self._step = False, 0
 
     def add(self, frame: PhotonFrame) -> None:
         """Look at the photons of a frame or packet; InvalidInput if one is outside the sensor."""
         if not self._open:
             self._open = True
             if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
-                self._looked_ns, self._looks = frame.stamp_ns, True
-        if self._looks:
-            self._sketcher.add(_every(self._step, frame, self._sensor))
+                self._looked_ns = frame.stamp_ns
+                self._step = max(self._least_step, _power_of_two(max(self._photons, _most(frame)) / MOST_PHOTONS))
+        if self._step:
+            self._sketcher.add(self._in_a_row(frame))
 
     def end_frame(self) -> Light | None:
         """End the open frame: its light if it was looked at, else None."""
-        light = self._light(self._sketcher.sketch()) if self._looks else None
+        light = self._light(self._sketcher.sketch()) if self._step else None
         self.forget()
         return light
 
+    def _in_a_row(self, frame: PhotonFrame) -> PhotonFrame:
+        """The photons of every step-th pixel, as of the sketcher's sensor."""
+        step, row = self._step, self._sketcher.sensor
+        if isinstance(frame, PhotonGates):
+            frame.check(self._sensor)
+            seen = frame.words.reshape(len(frame.words), 1, self._sensor.pixels)[:, :, ::step]
+            words = np.full((len(seen), 1, row.cols), row.gates.no_detection, np.uint16)
+            words[:, :, :seen.shape[2]] = seen
+            return PhotonGates(words, frame.stamp_ns)
+        if step == 1:
+            return frame
+        kept = np.flatnonzero(frame.pixel & np.uint32(step - 1) == 0)
+        return PhotonEvents(frame.pixel[kept] // np.uint32(step), frame.toa[kept], frame.stamp_ns)
+
     def _light(self, sketch: Sketch) -> Light:
-        photons = sketch.photons[0, self._used].astype(np.float64)
-        several = photons > 1
+        used = np.flatnonzero(self._mask[::self._step])
+        photons = sketch.photons[0, used].astype(np.float64)
+        self._photons, several = int(photons.sum()) * self._step, photons > 1
         mean, n = float(photons.mean()) if len(photons) else 0.0, photons[several]
         if not len(n):
             return Light(mean, 0.0, 0)
         # Of each photon the mean over the others of its pixel: a bright pixel weighs as its photons, not as its pairs.
-        sums = sketch.sums[0, self._used][several].astype(np.complex128)
+        sums = sketch.sums[0, used[several]].astype(np.complex128)
         alike = ((np.abs(sums)**2 - n[:, None]) / (n[:, None] - 1)).sum(axis=0) / n.sum()
         error = np.sqrt((n / (n - 1)).sum()) / n.sum()          # of each, by background alone
         told = self._expected >= min(WELL_PASSED, self._expected[0])
@@ -102,16 +121,14 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
     return meter.end_frame()
 
 
-def _every(step: int, frame: PhotonFrame, sensor: SensorModel) -> PhotonFrame:
-    """The photons of every `step`-th pixel, as of a sensor with those in one row."""
-    if isinstance(frame, PhotonGates):
-        frame.check(sensor)
-        words = frame.words.reshape(len(frame.words), 1, sensor.pixels)[:, :, ::step]
-        return PhotonGates(np.ascontiguousarray(words), frame.stamp_ns)
-    if step == 1:
-        return frame
-    kept = frame.pixel % step == 0
-    return PhotonEvents(frame.pixel[kept] // np.uint32(step), frame.toa[kept], frame.stamp_ns)
+def _power_of_two(least: float) -> int:
+    """The smallest that is `least` or more, 1 at least."""
+    return 1 << max(int(np.ceil(np.log2(max(least, 1)))), 0)
+
+
+def _most(frame: PhotonFrame) -> int:
+    """The photons of a frame, or more."""
+    return frame.words.size if frame.photons is None else frame.photons
 
 
 def _smooth(values: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ class SketchDesign:
         self._lit: Light | None = None          # what the frequencies are for
         self._set(None if bins in (OFF, AUTO) else Gate(source, *bins))
         self._watch = FrameWatch(source) if self._follows_gate else None
-        self._meter = LightMeter(source) if frequencies == DESIGNED else None
+        self._meter: LightMeter | None = None       # made when photons come: not to check parameters
         self._changed_ns: int | None = None
 
     def is_for(self, source: SensorModel, gate: str, frequencies: str, sketch_size: int | None) -> bool:
@@ -76,6 +76,8 @@ class SketchDesign:
 
     def look(self, frame: PhotonFrame) -> None:
         """See the photons of a frame or packet, before any is dropped."""
+        if self._meter is None and self._spec == DESIGNED:
+            self._meter = LightMeter(self._source)
         for looking in filter(None, (self._watch, self._meter)):
             looking.add(frame)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from srt3d_ros.core import light_meter
 from srt3d_ros.core.frequency_design import highest_passed
 from srt3d_ros.core.light import Light
 from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter, light_of
@@ -99,11 +100,23 @@ def test_gates_packets_and_events_of_any_order_tell_the_same():
 
 @pytest.mark.parametrize("as_gates", [False, True])
 def test_of_many_pixels_some_are_looked_at(as_gates):
-    sensor = make(300, 200, gates=GateWords(first_word=0, no_detection=65_535))
+    sensor = make(400, 300, gates=GateWords(first_word=0, no_detection=65_535))
     assert sensor.pixels > 3 * MOST_PIXELS
     events = frame(1, 5, sensor)
     light = light_of(PhotonGates.from_events(events, sensor) if as_gates else events, sensor)
     assert light.photons_per_pixel == pytest.approx(5, rel=0.03) and light.signal_share == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.parametrize("as_gates", [False, True])
+def test_of_very_many_photons_fewer_pixels_are_looked_at(as_gates, monkeypatch):
+    monkeypatch.setattr(light_meter, "MOST_PHOTONS", 5000)
+    sensor = make(gates=GateWords(first_word=0, no_detection=65_535))
+    events = frame(1, 20, sensor)
+    meter = LightMeter(sensor)
+    meter.add(PhotonGates.from_events(events, sensor) if as_gates else events)
+    assert meter._sketcher.sketch().photons.sum() <= 5000
+    light = meter.end_frame()
+    assert light.photons_per_pixel == pytest.approx(20, rel=0.05) and light.signal_share == pytest.approx(0.5, rel=0.15)
 
 
 def test_the_light_of_a_stream_is_measured_now_and_then():
