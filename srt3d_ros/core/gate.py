@@ -56,12 +56,6 @@ class Gate:
     def __str__(self) -> str:
         return f"{self.first}:{self.last}"
 
-    @property
-    def in_words(self) -> str:
-        """Its bins, and the ranges to which they belong."""
-        nearest, farthest = self.source.range_m([self.first, self.last])
-        return f"{self}, {nearest:.4g} to {farthest:.4g} m"
-
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
         inside = np.flatnonzero(self._inside(events.toa))
@@ -80,6 +74,14 @@ class Gate:
             toa = toa + np.float32(0.5 - self.source.first_bin_center)      # from where the bin begins
             toa = np.where(toa < bins, toa, toa - np.float32(bins))
         return (toa >= self.start) & (toa < end) if end <= bins else (toa >= self.start) | (toa < end - bins)
+
+
+def in_ranges(gate: Gate | None) -> str:
+    """The bins of a gate and the ranges to which they belong, in words."""
+    if gate is None:
+        return OFF
+    nearest, farthest = gate.source.range_m([gate.first, gate.last])
+    return f"{gate}, {nearest:.4g} to {farthest:.4g} m"
 
 
 def parse(spec: str) -> tuple[int, int] | str:
