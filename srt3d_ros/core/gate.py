@@ -39,7 +39,8 @@ class Gate:
         require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
         self.source, self.first, self.last = source, first, last
         late = source.delay_bins
-        least, greatest = (0, 0) if late is None else (int(np.floor(late.min())), int(np.ceil(late.max())))
+        used = late if late is None or source.mask is None or not source.mask.any() else late[source.mask]
+        least, greatest = (0, 0) if late is None else (int(np.floor(used.min())), int(np.ceil(used.max())))
         self.num_bins = last - first + 1 + greatest - least
         if self.num_bins >= source.num_bins:        # all bins: the circle of the source
             self.start, self.num_bins, self.sensor = 0, source.num_bins, source
