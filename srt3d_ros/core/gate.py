@@ -39,7 +39,8 @@ class Gate:
         require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
         self.source, self.first, self.last = source, first, last
         late = source.delay_bins
-        least, greatest = (0, 0) if late is None else (int(np.floor(late.min())), int(np.ceil(late.max())))
+        used = late if late is None or source.mask is None or not source.mask.any() else late[source.mask]
+        least, greatest = (0, 0) if late is None else (int(np.floor(used.min())), int(np.ceil(used.max())))
         self.num_bins = last - first + 1 + greatest - least
         if self.num_bins >= source.num_bins:        # all bins: the circle of the source
             self.start, self.num_bins, self.sensor = 0, source.num_bins, source
@@ -55,12 +56,6 @@ class Gate:
 
     def __str__(self) -> str:
         return f"{self.first}:{self.last}"
-
-    @property
-    def in_words(self) -> str:
-        """Its bins, and the ranges to which they belong."""
-        nearest, farthest = self.source.range_m([self.first, self.last])
-        return f"{self}, {nearest:.4g} to {farthest:.4g} m"
 
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
@@ -80,6 +75,14 @@ class Gate:
             toa = toa + np.float32(0.5 - self.source.first_bin_center)      # from where the bin begins
             toa = np.where(toa < bins, toa, toa - np.float32(bins))
         return (toa >= self.start) & (toa < end) if end <= bins else (toa >= self.start) | (toa < end - bins)
+
+
+def in_ranges(gate: Gate | None) -> str:
+    """The bins of a gate and the ranges to which they belong, in words."""
+    if gate is None:
+        return OFF
+    nearest, farthest = gate.source.range_m([gate.first, gate.last])
+    return f"{gate}, {nearest:.4g} to {farthest:.4g} m"
 
 
 def parse(spec: str) -> tuple[int, int] | str:

@@ -68,11 +68,10 @@ class SketchDesign:
         return (str(sketcher.gate), sketcher.frequencies) == own and sketcher.sensor.same_as(self._source)
 
     @property
-    def in_words(self) -> str:
-        """What is in force, and for which light."""
-        gate = self.gate.in_words if self.gate else OFF
-        light = f", for {self._lit.in_words}" if self._lit else ""
-        return f"gate {gate}, {len(self.frequencies)} frequencies up to {max(self.frequencies)}{light}"
+    def frequencies_in_words(self) -> str:
+        """How many, up to which, and for which light."""
+        light = f" for {self._lit.in_words}" if self._lit else ""
+        return f"{len(self.frequencies)} frequencies up to {max(self.frequencies)}{light}"
 
     def look(self, frame: PhotonFrame) -> None:
         """See the photons of a frame or packet, before any is dropped."""

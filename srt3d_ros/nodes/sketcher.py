@@ -7,7 +7,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
 from srt3d_ros.core.framing import Framing, OpenFrame
-from srt3d_ros.core.gate import OFF
+from srt3d_ros.core.gate import in_ranges
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
@@ -40,6 +40,7 @@ class SketcherNode(PipelineNode):
     _sensor: SensorModel | None = None
     _design: SketchDesign | None = None         # gate and frequencies, which may follow the photons
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
+    _described = False                          # whether sketch/sensor is that of the sketcher
     _framing: Framing | None = None             # which counts the open frame; None before the first activation
     _silence: Timer | None = None
 
@@ -152,8 +153,7 @@ class SketcherNode(PipelineNode):
     def _update_sensor(self) -> None:
         """Combine the sensor and the lens in force."""
         self._sensor = self._choice.sensor()
-        if self._sensor is not None:
-            self._apply()
+        self._apply()
 
     def _apply(self) -> None:
         """Apply sensor and parameters from now on. The frame and the window go on unless they change."""
@@ -169,7 +169,6 @@ class SketcherNode(PipelineNode):
                 self._design = SketchDesign(self._sensor, *design_settings(values))
         except InvalidInput:
             self.forget()
-            self._design = None
             raise
         self._design.window_frames = values["window_frames"]
         if before is None or not self._design.made(before):
@@ -177,22 +176,24 @@ class SketcherNode(PipelineNode):
             self._sketch_by_design()
         else:
             self._sketcher = before
-            if values["window_frames"] != before.window_frames:
-                before.resize(values["window_frames"])
-                self._describe_sketches()
+            if values["window_frames"] == before.window_frames:
+                return
+            before.resize(values["window_frames"])
+        self._describe_sketches()
 
     def _sketch_by_design(self) -> None:
-        """Begin a new window with the gate and the frequencies in force, and say so."""
+        """Begin a new window with the gate and the frequencies in force."""
         self._sketcher = WindowSketcher(self._sensor, self._design.frequencies, self.parameters["window_frames"],
                                         self.parameters["window_stamp"], self._design.gate)
-        self._describe_sketches()
+        self._described = False
 
     def _describe_sketches(self) -> None:
         gate, frequencies, frames = self._sketcher.gate, self._sketcher.frequencies, self._sketcher.window_frames
         sensor = gate.sensor if gate else self._sensor
         self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, frequencies, frames))
+        self._described = True
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=frames,
-                              frequencies=" ".join(map(str, frequencies)), gate=gate.in_words if gate else OFF)
+                              frequencies=" ".join(map(str, frequencies)), gate=in_ranges(gate))
         self.release_frames()
 
     def _check(self, values: dict[str, Value]) -> None:
@@ -202,8 +203,8 @@ class SketcherNode(PipelineNode):
         WindowSketcher(sensor, design.frequencies, values["window_frames"], gate=design.gate)
 
     def _make_framing(self) -> Framing:
-        values = self.parameters
-        return Framing(values["packets_per_frame"], round(values["frame_period_s"] * 1e9), round(values["gap_s"] * 1e9))
+        period_ns, gap_ns = (round(self.parameters[name] * 1e9) for name in ("frame_period_s", "gap_s"))
+        return Framing(self.parameters["packets_per_frame"], period_ns, gap_ns)
 
     # ---- Packets
 
@@ -250,8 +251,10 @@ class SketcherNode(PipelineNode):
         try:
             kept = frame.photons if self._sketcher.gate is None else self._sketcher.kept
             sketch = self._sketcher.end_frame()
-            frame_id = self.parameters["frame_id"] or self._frame_id
-            data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
+            values = self.parameters
+            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])
+            if not self._described:
+                self._announce()
             self.publish_frame(self._sketches, data, sketch.stamp_ns, packets=frame.packets, photons=kept)
             self.diagnostics.drop("gate", frames=0, photons=frame.photons - kept)
         except Exception as error:
@@ -267,14 +270,17 @@ class SketcherNode(PipelineNode):
         changed, light = self._design.end_frame(stamp_ns), self._design.light
         if light is not None:
             self.diagnostics.show(photons_per_pixel=f"{light.photons_per_pixel:.3g}", sbr=f"{light.sbr:.2g}")
-        if not changed:
-            return
-        try:
-            self._sketch_by_design()
-        except InvalidInput as problem:     # a window that does not fit into the memory with a gate: go on as before
-            self._failed(problem)
-            return
-        self.get_logger().info(f"sketches of {in_words(self._design.sensor)} from now on: {self._design.in_words}")
+        if changed:
+            try:
+                self._sketch_by_design()
+            except InvalidInput as problem:
+                self._failed(problem)       # a window that is too large with a gate: go on as before
+
+    def _announce(self) -> None:
+        """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
+        self._describe_sketches()
+        self.get_logger().info(f"gate {in_ranges(self._design.gate)}: sketches of {in_words(self._design.sensor)}, "
+                               + self._design.frequencies_in_words)
         self.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
@@ -283,7 +289,6 @@ class SketcherNode(PipelineNode):
             self.diagnostics.drop("incomplete", *frame)
         if self._sketcher is not None:
             self._sketcher.reset()
-        if self._design is not None:
             self._design.forget()
         self._show_open_frame()
 

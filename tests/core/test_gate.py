@@ -84,6 +84,9 @@ def test_t_is_the_gates_length_and_the_spread_of_the_delays():
     delayed = Gate(SENSORS["delays"], *GATE)
     assert delayed.sensor.num_bins == 70 + 13 and delayed.sensor.delay_bins.min() == 0.5
     assert Gate(SENSORS["delays"], 2, 155).sensor is SENSORS["delays"]      # all bins are left
+    delays, mask = LATE.copy(), np.ones(LATE.shape, bool)
+    delays[2, 3], mask[2, 3] = 100, False
+    assert Gate(SENSOR.replace(delay_bins=delays, mask=mask), *GATE).num_bins == 70 + 13
 
 
 def test_photons_at_the_ends_are_inside():

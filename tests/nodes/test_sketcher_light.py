@@ -69,7 +69,7 @@ def test_frequencies_rise_after_the_first_bright_frame_and_are_announced_once(gr
     report = graph.reports("sketcher", "frequencies", " ".join(map(str, many)))
     assert float(report["photons_per_pixel"]) == pytest.approx(BRIGHT, rel=0.05)
     assert float(report["sbr"]) == pytest.approx(2, rel=0.3)
-    assert process.text.count("from now on: gate off, 10 frequencies up to") == 1
+    assert process.text.count(f" 10 frequencies up to {many[-1]} for 200 photons per pixel at SBR 2") == 1
     assert len(descriptions) == 2
 
 
