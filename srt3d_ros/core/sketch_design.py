@@ -5,7 +5,7 @@ import numpy as np
 from srt3d_ros.core.frame_watch import FrameHistogram, FrameWatch
 from srt3d_ros.core.frequencies import AUTO as DESIGNED
 from srt3d_ros.core.frequencies import RULES, choose
-from srt3d_ros.core.gate import AUTO, OFF, Gate, parse
+from srt3d_ros.core.gate import AUTO, OFF, Gate, in_ranges, parse
 from srt3d_ros.core.light import Light
 from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.photons import PhotonFrame
@@ -68,10 +68,17 @@ class SketchDesign:
         return (str(sketcher.gate), sketcher.frequencies) == own and sketcher.sensor.same_as(self._source)
 
     @property
-    def frequencies_in_words(self) -> str:
-        """How many, up to which, and for which light."""
+    def in_words(self) -> str:
+        """Gate, frequencies, and the light that they are for."""
         light = f" for {self._lit.in_words}" if self._lit else ""
-        return f"{len(self.frequencies)} frequencies up to {max(self.frequencies)}{light}"
+        return f"gate {in_ranges(self.gate)}, {len(self.frequencies)} frequencies up to {max(self.frequencies)}{light}"
+
+    @property
+    def light_in_words(self) -> dict[str, str]:
+        """The newest light by what it consists of; empty before there is one."""
+        if self.light is None:
+            return {}
+        return {"photons_per_pixel": f"{self.light.photons_per_pixel:.3g}", "sbr": f"{self.light.sbr:.2g}"}
 
     def look(self, frame: PhotonFrame) -> None:
         """See the photons of a frame or packet, before any is dropped."""

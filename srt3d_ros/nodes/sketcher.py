@@ -109,8 +109,6 @@ class SketcherNode(PipelineNode):
         if self.parameters["frame_period_s"] and self._silence is None:     # else it would cost 1 % of a core
             self._silence = self.create_timer(CHECK_SILENCE_S, self._end_if_silent)
 
-    # ---- What the photons are sketched with
-
     def _on_sensor(self, message: String) -> None:
         if message.data == self._own_description:       # which must not end a driver's contradiction
             self._own_description = ""
@@ -167,10 +165,10 @@ class SketcherNode(PipelineNode):
         try:
             if self._design is None or not self._design.is_for(self._sensor, *design_settings(values)):
                 self._design = SketchDesign(self._sensor, *design_settings(values))
+            self._design.window_frames = values["window_frames"]
         except InvalidInput:
             self.forget()
             raise
-        self._design.window_frames = values["window_frames"]
         if before is None or not self._design.made(before):
             self.forget()
             self._sketch_by_design()
@@ -267,20 +265,17 @@ class SketcherNode(PipelineNode):
 
     def _follow_photons(self, stamp_ns: int) -> None:
         """Go on with another gate or other frequencies if the photons ask for it."""
-        changed, light = self._design.end_frame(stamp_ns), self._design.light
-        if light is not None:
-            self.diagnostics.show(photons_per_pixel=f"{light.photons_per_pixel:.3g}", sbr=f"{light.sbr:.2g}")
-        if changed:
-            try:
+        try:
+            if self._design.end_frame(stamp_ns):
                 self._sketch_by_design()
-            except InvalidInput as problem:
-                self._failed(problem)       # a window that is too large with a gate: go on as before
+        except InvalidInput as problem:
+            self._failed(problem)       # a window that is too large with a gate: go on as before
+        self.diagnostics.show(**self._design.light_in_words)
 
     def _announce(self) -> None:
         """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
         self._describe_sketches()
-        self.get_logger().info(f"gate {in_ranges(self._design.gate)}: sketches of {in_words(self._design.sensor)}, "
-                               + self._design.frequencies_in_words)
+        self.get_logger().info(f"sketches of {in_words(self._design.sensor)}: {self._design.in_words}")
         self.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
