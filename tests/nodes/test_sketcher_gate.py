@@ -122,5 +122,5 @@ def test_auto_follows_the_scene_and_points_keep_their_places(graph, sensor, star
     assert first <= 70 and first + bins >= 80
     report = graph.reports("sketcher", "frames_out", len(depths))
     assert report["gate"].startswith(f"{first:.0f}:{first + bins - 1:.0f}, ")
-    assert process.text.count("]: gate ") == len(gates) - 1 and reconstructor.text.count("sketches: ") == len(gates)
+    assert process.text.count(": gate ") == len(gates) - 1 and reconstructor.text.count("sketches: ") == len(gates)
     assert int(report["photons_dropped.gate"]) > 0 and report["dropped"] == "0"
