@@ -6,8 +6,8 @@ import numpy as np
 
 from srt3d_ros.core.frequency_design import SCORES
 
-# Pixels whose photons a design counts together, as a reconstruction pools those around each point. Mean DAE of 36 frames
-# −7.4 % with 1, −8.5 with 2, −8.9 with 4, −9.4 with 16, then up to 1 % worse in places (docs/frequencies.md).
+# Pixels whose photons a design counts together, as a reconstruction pools those around each point. Mean DAE of 36
+# frames: −7.4 % with 1, −8.5 with 2, −8.9 with 4, −9.4 with 16, which is up to 1 % worse in places.
 POOLED = 4
 STEP = 0.75         # octaves from which on the light is another one: beyond half of one, at which a design changes
 MORE = 1.2          # and the factor of the frequency up to which it is confirmed: two rungs of the meter
