@@ -24,7 +24,7 @@ SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2,
 FREQUENCIES = (1, 3)        # of the golden sketches
 SENSOR_TEXTS = [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens")]
 COMMAND_LINES = ("reconstruct a.npz -o out.ply --sketch-size 2 --device auto", "review a.rrd --no-report --json",
-                 "reconstruct a.npz -o out.ply --gate 5,40 --frequencies 1,3 --surfaces 2", "evaluate --out results",
+                 "reconstruct a.npz -o out.ply --gate 5:44 --frequencies 1,3 --surfaces 2", "evaluate --out results",
                  "up -p sketcher.sketch_size:=5 -r photons:=/p --config spad_32x32_gates", "play a.npz --rate 2")
 
 

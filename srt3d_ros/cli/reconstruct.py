@@ -2,17 +2,19 @@
 
 import argparse
 import time
+from dataclasses import replace
 
 from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.gate import AUTO, OFF, parse
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
 METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
-OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "gate", "fov_deg")
+OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg")
 
 
 def add_parser(subparsers) -> None:
@@ -32,8 +34,8 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
-                        help="which they are: least expected error (auto), spread over what the IRF passes, 1 … M, "
-                             "or a list; unless given what the method is published with, else auto")
+                        help="which they are: least expected error for these photons (auto), spread over what the IRF "
+                             "passes, 1 … M, or a list; unless given what the method is published with, else auto")
     parser.add_argument("--surfaces", type=int, default=1, metavar="K", help="most surfaces in a pixel (1)")
     parser.add_argument("--surface-order", choices=SURFACE_ORDERS, default="strongest",
                         help="which of a pixel's surfaces comes first in the file (strongest)")
@@ -50,14 +52,15 @@ def add_parser(subparsers) -> None:
                              "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
     parser.add_argument("--upsampling", type=int, metavar="U",
                         help="finer pixels of the cloud along the side of each pixel, at most 4 (pooled: 1)")
+    parser.add_argument("--gate", default=OFF, metavar="FIRST:LAST|auto|off",
+                        help="keep the photons of bins FIRST to LAST only, or of those in which the histogram of all "
+                             "photons shows a scene (auto); T becomes their number (off)")
     common.add_json(parser)
     sensor = parser.add_argument_group("what the file does not say")
     sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
     sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
     sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
     sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
-    sensor.add_argument("--gate", type=common.comma_list(int, "FIRST,COUNT, two integers", count=2),
-                        metavar="FIRST,COUNT", help="keep only COUNT bins from FIRST on")
     sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
     sensor.add_argument("--dark", metavar="FILE",
                         help="photon file recorded without the laser's echo: how the background spreads over the bins")
@@ -65,14 +68,14 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.core.frequencies import choose
+    from srt3d_ros.core.sketch_design import design_for
     from srt3d_ros.core.sketching import sketch_photons
     from srt3d_ros.datasets import open_photons
     from srt3d_ros.recording import cloud_files
 
     method, frequencies = find(args.method), ()
     cloud_files.check(args.output)
-    overrides = common.given(args, OVERRIDES)
+    overrides = common.given(args, OVERRIDES) | _fixed_gate(args.gate)
     photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
     sensor, frame = photons.sensor, photons.frame
     if args.dark is not None:
@@ -80,8 +83,14 @@ def run(args: argparse.Namespace) -> int:
         require(args.background != "flat", "background", args.background, "auto or sensor, with a dark frame")
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
         sensor = _with_dark_frame(sensor, open_photons(args.dark, **(known | overrides)))
+    spec = args.frequencies or method.frequencies
+    if args.gate == AUTO:
+        found = design_for(frame, sensor, AUTO, *((spec, args.sketch_size) if method.needs == "sketch" else ())).gate
+        if found is not None:
+            photons = replace(photons, sensor=sensor).gated(found)
+            sensor, frame = photons.sensor, photons.frame
     if method.needs == "sketch":
-        frequencies = choose(args.frequencies or method.frequencies, sensor, args.sketch_size)
+        frequencies = design_for(frame, sensor, frequencies=spec, sketch_size=args.sketch_size).frequencies
     for name in ("sketch_size", "frequencies"):
         given = getattr(args, name)
         require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
@@ -103,6 +112,16 @@ def run(args: argparse.Namespace) -> int:
     common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
                         + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
     return 0
+
+
+def _fixed_gate(spec: str) -> dict[str, tuple[int, int]]:
+    """The option `gate` of open_photons, first bin and number of bins, if the gate is fixed."""
+    bins = parse(spec)
+    if bins in (OFF, AUTO):
+        return {}
+    first, last = bins
+    require(0 <= first < last, "gate", spec, "a first bin of 0 or more and below the last")
+    return {"gate": (first, last - first + 1)}
 
 
 def _with_dark_frame(sensor, dark):

@@ -13,7 +13,6 @@ V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d 
 that we use (`MatchedFrame`), not that of an ideal one.
 """
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -22,32 +21,46 @@ from srt3d_ros.core.sensor import SensorModel
 
 SBRS = (0.1, 1.0, 10.0)     # ratios of signal to background that are designed for
 SCORES = (7.0, 10.0)        # σ at which the photons stand out of the background: the start is sure at 7
+MOST_OCTAVES = 8            # of photons beyond SCORES; by then the design hardly changes
+ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
 BEND = 0.75                 # of the progression; hardly matters, see docs/frequencies.md
+BEND_OF_MANY = 0.5          # from PLENTY octaves on: 1 to 5 % less depth error; with fewer, detections are lost
+PLENTY = 3
 LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken
 LADDER = 1.05               # ratio of one highest frequency that is tried to the next
 ENOUGH = 3.0                # the search ends when the highest frequency is this much above the best so far
 ALIKE = 0.02                # differences of log error that hardly matter
 OVERSAMPLING = 4            # cells of the depth grid for each period of the highest frequency
 IRFS_COMPARED = 64
-# Number by number: 0.1 s for a million. torch has it too, but would take a node a second, and 190 MB, to import.
-_erfc = np.vectorize(math.erfc, otypes=[float])
+# log of erfc(x)·exp(x²)/t as a polynomial in t = 1 / (1 + x/2), relative error 1.2e-7 for x ≥ 0 (W. H. Press et al.,
+# Numerical Recipes, 2nd ed., 6.2). math.erfc, number by number, takes 20 times as long; torch a second to import.
+ERFC = (-1.26551223, 1.00002368, 0.37409196, 0.09678418, -0.18628806, 0.27886807, -1.13520398, 1.48851587, -0.82215223,
+        0.17087277)
 
 
-def design(sensor: SensorModel, sketch_size: int) -> tuple[int, ...]:
+def design(sensor: SensorModel, sketch_size: int, octaves: int = 0, confirmed: int = 0) -> tuple[int, ...]:
     """The m frequencies, 1 … (T − 1) / 2, of a smooth progression from 1 with the least expected depth error.
 
     Of an IRF per pixel, the most typical one counts.
+
+    Args:
+        octaves: how often photons have doubled over those that are just enough for SCORES, see `Light.octaves`.
+        confirmed: the frequency up to which the photons are known to be as the IRF says; the design goes no higher.
     """
-    return _design(_typical_irf(sensor).tobytes(), sensor.num_bins, sketch_size)
+    irf = _typical_irf(sensor).tobytes()
+    few = _design(irf, sensor.num_bins, sketch_size)
+    if octaves < 1 or confirmed < ROOM * few[-1]:
+        return few
+    return _design(irf, sensor.num_bins, sketch_size, min(octaves, MOST_OCTAVES), confirmed)
 
 
-def progression(top: int, sketch_size: int) -> tuple[int, ...]:
+def progression(top: int, sketch_size: int, bend: float = BEND) -> tuple[int, ...]:
     """m increasing integers from 1 to `top` ≥ m, between evenly spaced and geometric.
 
-    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^BEND, u = 0 … 1.
+    k(u) = 1 + (top − 1) · (aᵘ − 1) / (a − 1), a = top^bend, u = 0 … 1.
     """
     u = np.linspace(0, 1, sketch_size)
-    a = float(top)**BEND
+    a = float(top)**bend
     return increasing(1 + (top - 1) * ((a**u - 1) / (a - 1) if top > 1 else u))
 
 
@@ -103,34 +116,51 @@ def expected_error_bins(spectrum: np.ndarray, num_bins: int, frequencies, signal
     return np.maximum(np.sqrt(2 / np.pi) * sigma[:, 0] + rest.sum(axis=1) * step, 0.1 * sigma[:, 0])
 
 
-def nominal_photons(sketch_size: int) -> tuple[np.ndarray, np.ndarray]:
+def nominal_photons(sketch_size: int, octaves: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Signal and background photons that a design is for, float [N] each.
 
     If the IRF passed all m frequencies, they would stand out of the background with the score s √(2m / (s + b)): each
-    of SCORES, at each of SBRS.
+    of SCORES and, with the photons of the last doubled up to `octaves` times, those of more; at each of SBRS.
     """
-    sbr, score = np.repeat(SBRS, len(SCORES)), np.tile(SCORES, len(SBRS))
+    scores = [*SCORES, *(SCORES[-1] * 2**(0.5 * doubled) for doubled in range(1, octaves + 1))]
+    sbr, score = np.repeat(SBRS, len(scores)), np.tile(scores, len(SBRS))
     signal = score**2 * (1 + 1 / sbr) / (2 * sketch_size)
     return signal, signal / sbr
 
 
 @lru_cache(maxsize=64)
-def _design(irf: bytes, num_bins: int, sketch_size: int) -> tuple[int, ...]:
+def _design(irf: bytes, num_bins: int, sketch_size: int, octaves: int = 0, confirmed: int | None = None
+            ) -> tuple[int, ...]:
     spectrum = np.conj(np.fft.rfft(np.frombuffer(irf, np.float32), num_bins))
-    passed = np.flatnonzero(np.abs(spectrum[:max((num_bins - 1) // 2, 1) + 1]) >= LEAST_PASSED)
-    highest = max(int(passed[-1]), sketch_size)
-    photons = nominal_photons(sketch_size)
-    tried, errors, top = [], [], sketch_size
-    while top <= highest and (not errors or top <= ENOUGH * tried[int(np.argmin(errors))][-1]):
-        tried.append(progression(top, sketch_size))
-        errors.append(np.log(expected_error_bins(spectrum, num_bins, tried[-1], *photons)).mean())
+    highest = max(min(_highest(spectrum, num_bins), confirmed or num_bins), sketch_size)
+    photons = nominal_photons(sketch_size, octaves)
+    tops, errors, top = [], [], sketch_size
+    while top <= highest and (not errors or top <= ENOUGH * tops[int(np.argmin(errors))]):
+        tops.append(top)
+        errors.append(np.log(expected_error_bins(spectrum, num_bins, progression(top, sketch_size), *photons)).mean())
         top = max(round(top * LADDER), top + 1)
     if not np.isfinite(np.min(errors)):
-        return tried[0]
+        return progression(sketch_size, sketch_size)
     # Side peaks that fall low by rounding, for one K and not the next, are luck that tilted surfaces and two depths do
     # not share: so not the best K, but the mean of the good ones.
     weights = np.exp((np.min(errors) - np.array(errors)) / ALIKE)
-    return progression(round(np.exp(np.average(np.log([k[-1] for k in tried]), weights=weights))), sketch_size)
+    best = round(np.exp(np.average(np.log(tops), weights=weights)))
+    return progression(best, sketch_size, BEND_OF_MANY if octaves >= PLENTY else BEND)
+
+
+def typical_spectrum(sensor: SensorModel) -> np.ndarray:
+    """Σ_x h(x) exp(i ω_k x) of the typical IRF for k = 0, 1, … T / 2, complex [T // 2 + 1]; its phase is of no use."""
+    return np.conj(np.fft.rfft(_typical_irf(sensor), sensor.num_bins))
+
+
+def highest_passed(sensor: SensorModel) -> int:
+    """The highest frequency k, of 1 … (T − 1) / 2, that the IRF passes with LEAST_PASSED or more; 1 at least."""
+    return _highest(typical_spectrum(sensor), sensor.num_bins)
+
+
+def _highest(spectrum: np.ndarray, num_bins: int) -> int:
+    passed = np.flatnonzero(np.abs(spectrum[:max((num_bins - 1) // 2, 1) + 1]) >= LEAST_PASSED)
+    return max(int(passed[-1]), 1)
 
 
 def _typical_irf(sensor: SensorModel) -> np.ndarray:
@@ -149,5 +179,6 @@ def _on_grid(coefficients: np.ndarray) -> np.ndarray:
 
 
 def _tail(z: np.ndarray) -> np.ndarray:
-    """Q(z), the probability that a standard normal number exceeds z."""
-    return _erfc(z / np.sqrt(2)) / 2
+    """Q(z), the probability that a standard normal number exceeds z ≥ 0."""
+    t = 1 / (1 + z / np.sqrt(8))
+    return t / 2 * np.exp(np.polynomial.polynomial.polyval(t, ERFC) - z**2 / 2)

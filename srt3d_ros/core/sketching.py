@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros.core.device import DEVICES, REFERENCE, kernels_for
+from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, word_wanted
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
@@ -25,17 +26,19 @@ class Sketcher:
         frequencies: the integers k_l.
         device: "cpu", or "cuda": photons are copied to the GPU, sums stay there, and the arrays of `sketch()` are
             tensors on it. There, `resident(frame)` copies a frame's photons and returns a function that adds them.
+        gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, device: str = "cpu"):
-        self.sensor = sensor
-        self.frequencies = check_frequencies(frequencies, sensor.num_bins)
+    def __init__(self, sensor: SensorModel, frequencies, device: str = "cpu", gate: Gate | None = None):
+        self.sensor, self.gate = sensor, gate
+        self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
         require(device in (*DEVICES[1:], REFERENCE), "device", device, "cpu or cuda")
         _, kernels = kernels_for(device)
         self._kernels = kernels
-        table = phase_table(self.frequencies, sensor.num_bins, sensor.first_bin_center)
+        table = phase_table(self.frequencies, sensor.num_bins, sensor.first_bin_center) if gate is None else \
+            gated_table(self.frequencies, gate)
         self._rows = kernels.fixed_rows(kernels.array(table))
-        self._sums, self._photons = kernels.new_sums(sensor.pixels, 2 * len(self.frequencies))
+        self._sums, self._photons = kernels.new_sums(sensor.pixels, table.shape[1])
         self._stamp_ns: int | None = None
         if not kernels.ON_HOST:
             self.resident = self._resident
@@ -52,6 +55,12 @@ class Sketcher:
 
     def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
         """Copy the photons to the device; the function returned adds them, as often as it is called."""
+        if self.gate is not None and isinstance(frame, PhotonEvents) and frame.toa.dtype.kind == "f":
+            frame.check(self.sensor)        # a kernel has no table here whose rows could be zero
+            return self._resident_in_bins(self.gate.photons(frame))
+        return self._resident_in_bins(frame)
+
+    def _resident_in_bins(self, frame: PhotonFrame) -> Callable[[], None]:
         on_device = self._kernels.photon_array
         if isinstance(frame, PhotonGates):
             gates, rows, cols = frame.words.shape
@@ -61,7 +70,8 @@ class Sketcher:
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
-        sums, photons = self._kernels.read_sums(self._sums, self._photons, 2 * m)
+        photons = self._photons if self.gate is None else self._kernels.counted(self._sums, 2 * m)
+        sums, photons = self._kernels.read_sums(self._sums, photons, 2 * m)
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
 
     def _add_events(self, events: PhotonEvents, pixel, toa) -> None:
@@ -71,7 +81,9 @@ class Sketcher:
             if not inside:
                 events.check(self.sensor)           # says which photon
             if events.toa.dtype.kind == "f":
-                kernels.sketch_continuous(pixel, toa, self.frequencies, self.sensor.num_bins, ordered, sums, photons)
+                counting = () if self.gate is None else (0,)
+                bins = self.sensor.num_bins if self.gate is None else self.gate.num_bins
+                kernels.sketch_continuous(pixel, toa, self.frequencies + counting, bins, ordered, sums, photons)
             elif ordered:
                 kernels.sketch_sorted(pixel, toa, self._rows, sums, photons)
             else:
@@ -100,8 +112,20 @@ def phase_table(frequencies, num_bins: int, first_bin_center: float = 0.0) -> np
     return np.exp(2j * np.pi * turns).astype(np.complex64).view(np.float32)
 
 
-def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies) -> Sketch:
+def gated_table(frequencies, gate: Gate) -> np.ndarray:
+    """The same for the bins of a gate's source: rows of zeros outside the gate, and inside 1 + 0i behind the others.
+
+    That column counts the photons inside, and outside ones cost what the others do, without a branch. float32
+    [T, 2m + 2].
+    """
+    table = np.zeros((gate.source.num_bins, 2 * len(frequencies) + 2), np.float32)
+    inside = (gate.start + np.arange(gate.num_bins)) % gate.source.num_bins
+    table[inside] = phase_table((*frequencies, 0), gate.num_bins, gate.sensor.first_bin_center)
+    return table
+
+
+def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:
     """The sketch of one frame."""
-    sketcher = Sketcher(sensor, frequencies)
+    sketcher = Sketcher(sensor, frequencies, gate=gate)
     sketcher.add(frame)
     return sketcher.sketch()

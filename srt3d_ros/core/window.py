@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
@@ -29,13 +30,15 @@ class WindowSketcher(Sketcher):
         sensor, frequencies: as for a Sketcher, on the CPU.
         window_frames: W, 1 or more.
         window_stamp: a key of WINDOW_STAMPS. For W = 1 all are the start of the frame.
+        gate: as for a Sketcher.
 
     Raises:
         InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, window_stamp: str = "newest"):
-        super().__init__(sensor, frequencies)
+    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, window_stamp: str = "newest",
+                 gate: Gate | None = None):
+        super().__init__(sensor, frequencies, gate=gate)
         require(window_stamp in WINDOW_STAMPS, "window_stamp", window_stamp, ", ".join(WINDOW_STAMPS))
         self._stamp_of = WINDOW_STAMPS[window_stamp]
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
@@ -58,6 +61,15 @@ class WindowSketcher(Sketcher):
         super().reset()
         self._before = deque([None])
         self._stamps_ns.clear()
+
+    @property
+    def kept(self) -> int:
+        """Photons of the open frame that are inside the gate, which there has to be."""
+        column = slice(2 * len(self.frequencies), 2 * len(self.frequencies) + 1)
+        here, before = self._sums[:, column], self._before[-1]
+        if before is not None:
+            here = here - before[0][:, column]
+        return int(self._kernels.counted(here, 0).sum())
 
     def end_frame(self) -> Sketch:
         """End the open frame; the sketch of the window of which it is the last."""

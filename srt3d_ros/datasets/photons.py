@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
@@ -48,32 +49,36 @@ class Photons:
             require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
         photons = replace(self, sensor=apply_options(self.sensor, options))
         photons.frame.check(photons.sensor)
-        return photons._gated(*options["gate"]) if "gate" in options else photons
+        if "gate" not in options:
+            return photons
+        first, bins = options["gate"]
+        return photons.gated(Gate(photons.sensor, first, first + bins - 1))
 
-    def _gated(self, first: int, bins: int) -> "Photons":
-        """Only the bins [first, first + bins): photons outside are dropped, which a note says with their number."""
-        require(first + bins <= self.sensor.num_bins, "gate", f"{first}, {bins}",
-                f"first bin and number of bins within the {self.sensor.num_bins} bins of the file")
-        events, note = gate_events(self.frame, first, bins)
-        shape = self.sensor.background_shape
-        sensor = self.sensor.replace(num_bins=bins, toa_offset_bins=self.sensor.toa_offset_bins + first,
-                                     background_shape=None if shape is None else shape[first:first + bins])
+    def gated(self, gate: Gate) -> "Photons":
+        """Only what is inside a gate of the sensor; a note says how many photons are outside."""
+        events = gate.photons(self.frame)
         reference = self.reference_depth_bins
         if reference is not None:
-            moved = reference - np.float32(first)
-            reference = np.where((moved >= 0) & (moved < bins), moved, np.float32(np.nan))
-        return replace(self, sensor=sensor, frame=events, reference_depth_bins=reference, notes=self.notes + note)
+            moved = reference - np.float32(gate.first)
+            reference = np.where((moved >= 0) & (moved <= gate.last - gate.first), moved, np.float32(np.nan))
+        note = _outside(self.frame.photons - events.photons, self.frame.photons, gate.first, gate.last)
+        # The words in which these photons may be sent still count from their own bin 0.
+        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
+                       reference_depth_bins=reference, notes=self.notes + note)
 
 
 def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEvents, tuple[str, ...]]:
     """The photons in bins [first, first + bins), counted from `first`, and a note if any lie outside."""
     inside = (events.toa >= first) & (events.toa < first + bins)
-    dropped = events.photons - int(np.count_nonzero(inside))
-    kind = np.float32 if events.toa.dtype == np.float32 else np.uint16
-    toa = (events.toa[inside] - events.toa.dtype.type(first)).astype(kind, copy=False)
+    toa = (events.toa[inside] - events.toa.dtype.type(first)).astype(np.uint16)
     gated = PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
-    note = f"{dropped} of {events.photons} photons lie outside the gate (bins {first} to {first + bins - 1}): dropped"
-    return gated, (note,) if dropped else ()
+    return gated, _outside(events.photons - gated.photons, events.photons, first, first + bins - 1)
+
+
+def _outside(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+    """The note on photons that a gate drops, if there are any."""
+    note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
+    return (note,) if dropped else ()
 
 
 def gather_options(path: Path, overrides: dict) -> dict:

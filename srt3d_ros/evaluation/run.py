@@ -12,9 +12,9 @@ from tqdm import tqdm
 
 from srt3d_ros import __version__
 from srt3d_ros.core.cloud import PointCloud, refine
-from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
+from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
@@ -111,7 +111,8 @@ def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
         options["upsampling"] = job.case.upsampling
     seen, frequencies, sketch_ms = observation.frame, None, None
     if job.method.needs == "sketch":
-        frequencies = choose(job.method.frequencies, sensor, job.sketch_size)
+        frequencies = design_for(seen, sensor, frequencies=job.method.frequencies,
+                                 sketch_size=job.sketch_size).frequencies
         seen, sketch_ms = _timed(lambda: sketch_photons(observation.frame, sensor, frequencies))
     method = job.method.build(sensor, frequencies, **options)
     method.warm_up()

@@ -58,7 +58,13 @@ class Kernels(Protocol):
         """
 
     def read_sums(self, sums: Array, photons: Array, values: int) -> tuple[Array, Array]:
-        """Σ_p exp(i ω_l x_p) · min(1, MAX_PHOTONS / n), complex64 [pixels, m], and min(n, MAX_PHOTONS), uint32."""
+        """Σ_p exp(i ω_l x_p) · min(1, MAX_PHOTONS / n), complex64 [pixels, m], and min(n, MAX_PHOTONS), uint32.
+
+        `values` may be less than the sums have: the first count.
+        """
+
+    def counted(self, sums: Array, column: int) -> Array:
+        """Photons whose row has a 1 in this column, where all others have 0 there; int64 [pixels]."""
 
     def inspect_events(self, pixel: Array, toa: Array, pixels: int, num_bins: int) -> tuple[bool, bool]:
         """Whether all photons have a pixel below `pixels` and 0 ≤ x < T, and whether `pixel` never decreases."""

@@ -18,7 +18,7 @@ from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.sequence_loss import SequenceLoss
 from srt3d_ros.nodes.topics import qos_overrides
-from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, Refused, Worker
+from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, Refused, Worker, drop_outdated
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
@@ -65,7 +65,7 @@ class PipelineNode(ManagedNode):
         self.worker = Worker(limit, self._failed, self.diagnostics.drop, CATCH_UP_S, self._audit)
         self._stages = [self.worker]
         self._held_for = self._stopped_for = ""
-        self._followed_ns = self._valid_from_ns = 0         # when descriptions were sent, by their sender's clock
+        self._followed_ns = self.valid_from_ns = 0          # when descriptions were sent, by their sender's clock
         self._services_group = ReentrantCallbackGroup()     # a service that waits blocks no other callback
 
     def forget(self) -> None:
@@ -81,10 +81,7 @@ class PipelineNode(ManagedNode):
         return 0, 0
 
     def _audit(self) -> None:
-        """Check the frame accounting against the queues.
-
-        Skip it while a stage is processing a frame: its count is in transit.
-        """
+        """Check the frame accounting against the queues, unless a stage works on a frame: its count is in transit."""
         with self.worker.lock, self._stages[-1].lock:
             if not any(stage.busy for stage in self._stages):
                 kept = [self.open_frame(), *(stage.waiting for stage in self._stages)]
@@ -92,17 +89,19 @@ class PipelineNode(ManagedNode):
 
     # ---- Topics and services
 
-    def subscribe(self, topic: str, handle: Callable[[bytes], None],
-                  count: Callable[[bytes], int] = lambda raw: 0) -> None:
+    def subscribe(self, topic: str, handle: Callable[[bytes], None], count: Callable[[bytes], int] = lambda raw: 0,
+                  handle_outdated: Callable[[bytes, int], None] = lambda raw, sent_ns: drop_outdated()) -> None:
         """Have the worker call `handle` with the CDR bytes of the frames on an input.
 
         Args:
             count: returns the photons that a message announces; called in the executor's thread.
+            handle_outdated: called instead with frames older than the description in force, and when they were sent.
         """
         def work(raw: bytes, sent_ns: int) -> None:
-            if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
-                raise Dropped("outdated", "it was sent before the description in force")
-            handle(raw)
+            if 0 < self.valid_from_ns - sent_ns < OUTDATED_NS:
+                handle_outdated(raw, sent_ns)
+            else:
+                handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
             photons = count(raw)
@@ -159,7 +158,7 @@ class PipelineNode(ManagedNode):
 
     def drop_older(self) -> None:
         """Drop the frames that were sent before the description that is being followed, which replaces another."""
-        self._valid_from_ns = self._followed_ns
+        self.valid_from_ns = self._followed_ns
 
     def serve(self, name: str, job: Callable[[], str]) -> None:
         """Serve `~/name` (std_srvs/Trigger) while active: the worker does the job, whose result is the answer."""

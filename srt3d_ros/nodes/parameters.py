@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ class Parameter:
         choices: all allowed values of a text.
         form: what a text may be, in words.
         live: may be changed while the node runs.
+        loose: a text that YAML and users may write otherwise: false for off, a list for numbers with commas.
         refuse: raises InvalidInput for values that need an error text of their own.
     """
 
@@ -43,6 +45,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     form: str = ""
     live: bool = False
+    loose: bool = False
     refuse: Callable[[Value], None] | None = None
 
     @property
@@ -60,6 +63,10 @@ class Parameter:
     def check(self, value: Value) -> Value:
         """The value in the parameter's type, or InvalidInput. An integer passes for a number and a number for text."""
         kind = type(self.default)
+        if self.loose and value is False:
+            value = "off"
+        elif self.loose and isinstance(value, (array, list, tuple)):
+            value = ",".join(map(str, value))
         if kind is float and type(value) is int or kind is str and type(value) in (int, float):
             value = kind(value)
         require(type(value) is kind, self.name, quoted(value), self.expected)
@@ -75,7 +82,7 @@ class Parameter:
         """What `ros2 param describe` shows and tools make sliders from."""
         unit = f" [{self.unit}]" if self.unit else ""
         out = ParameterDescriptor(description=self.description + unit, read_only=not self.live,
-                                  additional_constraints=self.expected)
+                                  additional_constraints=self.expected, dynamic_typing=self.loose)
         if self.low is not None and self.high is not None:
             if type(self.default) is int:
                 out.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=0)]

@@ -27,7 +27,7 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import in_words
-from srt3d_ros.nodes.worker import Dropped, Refused
+from srt3d_ros.nodes.worker import Dropped, Refused, drop_outdated
 from srt3d_ros.recording import cloud_files
 
 IN_FLIGHT = 2           # frames between reconstruction and publication, in the pipeline "throughput"
@@ -67,6 +67,20 @@ class ReconstructedFrame:
     settings: dict[str, Value]
 
 
+@dataclass(frozen=True, eq=False)
+class FormerDescription:
+    """What sketches were until another description came, and what reconstructs those that are still on their way.
+
+    Args:
+        valid_from_ns: when it was sent, by the sender's clock.
+    """
+
+    sensor: SensorModel
+    frequencies: tuple[int, ...]
+    reconstructor: Callable
+    valid_from_ns: int
+
+
 class ReconstructorNode(PipelineNode):
     """Compiles before it subscribes, follows the latched `sketch/sensor`, and publishes a cloud a sketch."""
 
@@ -77,6 +91,7 @@ class ReconstructorNode(PipelineNode):
         self._stage = self.add_stage()      # publishes in parallel with the worker, in the pipeline "throughput"
         self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: tuple[SensorModel, tuple[int, ...]] | None = None
+        self._former: FormerDescription | None = None
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
         self._uneven = False                # whether the log says that an uneven background is taken out
         self.parameters.on_check = self._check
@@ -96,10 +111,10 @@ class ReconstructorNode(PipelineNode):
 
     def activate(self) -> None:
         """Follow the sketches and their description."""
-        self._described = None
+        self._described = self._former = None
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
-        self.subscribe("sketch", self._on_sketch)
+        self.subscribe("sketch", self._on_sketch, handle_outdated=self._on_outdated_sketch)
 
     def forget(self) -> None:
         """Forget the last frame's surfaces and background, and the newest cloud."""
@@ -139,16 +154,18 @@ class ReconstructorNode(PipelineNode):
     def _rebuild(self, sensor: SensorModel, frequencies: tuple[int, ...], settings: dict[str, Value]) -> None:
         reconstructor = build(sensor, frequencies, settings)
         reconstructor.warm_up()
-        self._reconstructor = reconstructor
+        self._reconstructor, self._former = reconstructor, None
         self.diagnostics.show(device=reconstructor.device)
 
     def _on_sensor(self, message: String) -> None:
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
         if self._described is None or frequencies != self._described[1] or not sensor.same_as(self._described[0]):
+            before, reconstructor, valid_from_ns = self._described, self._reconstructor, self.valid_from_ns
             self._rebuild(sensor, frequencies, self._settings)
-            if self._described is not None:
-                self.drop_older()
             self._described = sensor, frequencies
+            if before is not None:
+                self.drop_older()
+                self._former = FormerDescription(*before, reconstructor, valid_from_ns)
             self.get_logger().info(f"sketches: {in_words(sensor)}, {len(frequencies)} frequencies")
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
                               frequencies=" ".join(map(str, frequencies)))
@@ -157,14 +174,25 @@ class ReconstructorNode(PipelineNode):
     def _on_sketch(self, raw: bytes) -> None:
         if self._described is None:
             raise Dropped("no_sensor", "no description has arrived on sketch/sensor yet")
-        sensor, frequencies = self._described
+        self._former = None         # its sketches have all come
+        self._reconstruct(raw, *self._described, self._reconstructor)
+
+    def _on_outdated_sketch(self, raw: bytes, sent_ns: int) -> None:
+        """Reconstruct a sketch that its successor's description overtook."""
+        former = self._former
+        if former is None or sent_ns < former.valid_from_ns:
+            drop_outdated()
+        self.diagnostics.count(overtaken=1)
+        self._reconstruct(raw, former.sensor, former.frequencies, former.reconstructor)
+
+    def _reconstruct(self, raw: bytes, sensor: SensorModel, frequencies: tuple[int, ...], reconstructor) -> None:
         header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor)
         parallel = self._settings["pipeline"] == "throughput"
         if parallel:
             self._in_flight.acquire()
         try:
             frame = ReconstructedFrame(
-                self._begin(sketch), self._reconstructor.sensor, frequencies,
+                self._begin(sketch, reconstructor), reconstructor.sensor, frequencies,
                 self._settings["frame_id"] or header.frame_id, int(sketch.photons.sum()), self._settings)
         except BaseException:
             if parallel:
@@ -175,12 +203,12 @@ class ReconstructorNode(PipelineNode):
         else:
             self._publish(frame)
 
-    def _begin(self, sketch: Sketch) -> Callable[[], PointCloud]:
+    def _begin(self, sketch: Sketch, reconstructor) -> Callable[[], PointCloud]:
         """Begin to reconstruct; returns a function that waits for the cloud."""
         started = time.perf_counter()
-        submit = getattr(self._reconstructor, "submit", None)
+        submit = getattr(reconstructor, "submit", None)
         wait = submit(sketch) if submit else None
-        done = None if submit else self._reconstructor(sketch)
+        done = None if submit else reconstructor(sketch)
 
         def finish() -> PointCloud:
             cloud = wait() if wait else done

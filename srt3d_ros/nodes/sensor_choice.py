@@ -3,11 +3,16 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo
+
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sensor_difference import first_difference
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages.camera import decode_camera_info
 
 
 class SensorChoice:
@@ -95,6 +100,15 @@ class SensorChoice:
             self._log.info(f"{self._lens_topic} replaces the projection: fx {pinhole.fx:g}, fy {pinhole.fy:g}, "
                            f"cx {pinhole.cx:g}, cy {pinhole.cy:g} pixels")
         return described.replace(projection=pinhole)
+
+
+def read_lens(raw: bytes) -> tuple[int, int, Pinhole]:
+    """Rows, columns and lens of a serialised CameraInfo; InvalidInput if there is none in it."""
+    try:
+        message = deserialize_message(raw, CameraInfo)
+    except rclpy_implementation.RMWError:
+        raise InvalidInput("message", f"{len(raw)} bytes", "a serialised CameraInfo") from None
+    return decode_camera_info(message)
 
 
 def in_words(sensor: SensorModel) -> str:

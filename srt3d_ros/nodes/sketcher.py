@@ -1,59 +1,32 @@
 """sketcher: `photons` or `gates` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
 
 import sys
-from dataclasses import replace
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
-from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
 from srt3d_ros.core.framing import Framing, OpenFrame
+from srt3d_ros.core.gate import in_ranges
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.messages.camera import decode_camera_info
-from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
-from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
-from srt3d_ros.nodes.node_spec import NodeSpec, Service
+from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sensor_choice import SensorChoice
-from srt3d_ros.nodes.sketcher_parameters import PARAMETERS, frequencies_for
+from srt3d_ros.nodes.sensor_choice import SensorChoice, in_words, read_lens
+from srt3d_ros.nodes.sketcher_parameters import SPEC, design_settings
 from srt3d_ros.nodes.worker import Dropped
-
-SPEC = NodeSpec(
-    "sketcher",
-    purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
-    "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
-    inputs=(topics.SENSOR, topics.LENS, topics.PHOTONS, topics.GATES),
-    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
-    services=(Service("reset", "forget the photons of the open frame and of the window"),),
-    parameters=PARAMETERS,
-    limits=(
-        "`photons` and `gates` of one sensor only; two sensors take two namespaces.",
-        "Packets of the open frame may come in any order. Dropped, and counted, are those older than the last frame "
-        "(`late`), those that are in the open frame or the one before to the last byte (`duplicate`; not where every "
-        "packet is a frame), and those of a frame that never got its number of packets (`incomplete`).",
-        "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
-        "Photons are dropped with their whole packet, never one by one. Those of `photons` are counted as the message "
-        "announces them; those of `gates` as they are read: of `gates` that never were (`queue`, `malformed`, "
-        "`no_sensor`, `contradiction`, `outdated`, `inactive`, `shutdown`), the packets are counted and the photons "
-        "are not known.",
-        "Another sensor, other frequencies, and stamps that begin again start a new window.",
-    ),
-    balances=(PACKETS, PHOTONS),
-)
 
 CHECK_SILENCE_S = 0.05
 LIKELY_PACKETS = 8          # of a period, before the first has ended
+ANNOUNCE_S = 0.2            # for a description to arrive before the first sketch that needs it
 STAMP = slice(4, 12)        # of a serialised message with a header
 
 
@@ -65,7 +38,9 @@ class SketcherNode(PipelineNode):
 
     spec = SPEC
     _sensor: SensorModel | None = None
+    _design: SketchDesign | None = None         # gate and frequencies, which may follow the photons
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
+    _described = False                          # whether sketch/sensor is that of the sketcher
     _framing: Framing | None = None             # which counts the open frame; None before the first activation
     _silence: Timer | None = None
 
@@ -111,7 +86,7 @@ class SketcherNode(PipelineNode):
         self.destroy_timer(self._silence)
         self._silence = None
         self._choice.forget()
-        self._sensor = self._sketcher = None
+        self._sensor = self._design = self._sketcher = None
 
     def forget(self) -> None:
         """Begin a new frame and a new window."""
@@ -133,8 +108,6 @@ class SketcherNode(PipelineNode):
     def _start_silence_timer(self) -> None:
         if self.parameters["frame_period_s"] and self._silence is None:     # else it would cost 1 % of a core
             self._silence = self.create_timer(CHECK_SILENCE_S, self._end_if_silent)
-
-    # ---- What the photons are sketched with
 
     def _on_sensor(self, message: String) -> None:
         if message.data == self._own_description:       # which must not end a driver's contradiction
@@ -165,7 +138,7 @@ class SketcherNode(PipelineNode):
     def _on_camera_info(self, raw: bytes) -> None:
         self._choice.lens = None
         try:
-            self._choice.lens = decode_camera_info(_read_camera_info(raw))
+            self._choice.lens = read_lens(raw)
         except InvalidInput as problem:
             self._refuse_lens(str(problem))
         self._update_sensor()
@@ -178,8 +151,7 @@ class SketcherNode(PipelineNode):
     def _update_sensor(self) -> None:
         """Combine the sensor and the lens in force."""
         self._sensor = self._choice.sensor()
-        if self._sensor is not None:
-            self._apply()
+        self._apply()
 
     def _apply(self) -> None:
         """Apply sensor and parameters from now on. The frame and the window go on unless they change."""
@@ -191,31 +163,46 @@ class SketcherNode(PipelineNode):
             return
         before, self._sketcher = self._sketcher, None       # None if what follows fails
         try:
-            frequencies, frames = frequencies_for(self._sensor, values), values["window_frames"]
+            if self._design is None or not self._design.is_for(self._sensor, *design_settings(values)):
+                self._design = SketchDesign(self._sensor, *design_settings(values))
+            self._design.window_frames = values["window_frames"]
         except InvalidInput:
             self.forget()
             raise
-        if before is None or frequencies != before.frequencies or not self._sensor.same_as(before.sensor):
+        if before is None or not self._design.made(before):
             self.forget()
-            self._sketcher = WindowSketcher(self._sensor, frequencies, frames, values["window_stamp"])
+            self._sketch_by_design()
         else:
             self._sketcher = before
-            if frames == before.window_frames:
+            if values["window_frames"] == before.window_frames:
                 return
-            before.resize(frames)
-        self._sketch_sensor.publish(sketch_message.encode_sensor(self._sensor, frequencies, frames))
-        self.diagnostics.show(rows=self._sensor.rows, cols=self._sensor.cols, num_bins=self._sensor.num_bins,
-                              window_frames=frames, frequencies=" ".join(map(str, frequencies)))
+            before.resize(values["window_frames"])
+        self._describe_sketches()
+
+    def _sketch_by_design(self) -> None:
+        """Begin a new window with the gate and the frequencies in force."""
+        self._sketcher = WindowSketcher(self._sensor, self._design.frequencies, self.parameters["window_frames"],
+                                        self.parameters["window_stamp"], self._design.gate)
+        self._described = False
+
+    def _describe_sketches(self) -> None:
+        gate, frequencies, frames = self._sketcher.gate, self._sketcher.frequencies, self._sketcher.window_frames
+        sensor = gate.sensor if gate else self._sensor
+        self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, frequencies, frames))
+        self._described = True
+        self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=frames,
+                              frequencies=" ".join(map(str, frequencies)), gate=in_ranges(gate))
         self.release_frames()
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
         sensor = self._sensor or self._choice.file or precompile.ANY_SENSOR
-        WindowSketcher(sensor, frequencies_for(sensor, values), values["window_frames"])
+        design = SketchDesign(sensor, *design_settings(values))
+        WindowSketcher(sensor, design.frequencies, values["window_frames"], gate=design.gate)
 
     def _make_framing(self) -> Framing:
-        values = self.parameters
-        return Framing(values["packets_per_frame"], round(values["frame_period_s"] * 1e9), round(values["gap_s"] * 1e9))
+        period_ns, gap_ns = (round(self.parameters[name] * 1e9) for name in ("frame_period_s", "gap_s"))
+        return Framing(self.parameters["packets_per_frame"], period_ns, gap_ns)
 
     # ---- Packets
 
@@ -233,6 +220,7 @@ class SketcherNode(PipelineNode):
             self._drop_incomplete(placed.forgotten)
         if not placed.dropped:
             self._sketcher.add(photons)
+            self._design.look(photons)
         if codec is gates_message:          # the message's header does not say how many
             self.diagnostics.count(photons_in=photons.photons)
         if placed.dropped:
@@ -259,14 +247,36 @@ class SketcherNode(PipelineNode):
             return
         self.worker.messages_per_frame = frame.packets
         try:
+            kept = frame.photons if self._sketcher.gate is None else self._sketcher.kept
             sketch = self._sketcher.end_frame()
-            frame_id = self.parameters["frame_id"] or self._frame_id
-            data = sketch_message.encode_cdr(sketch, frame_id, self.parameters["layout"])
-            self.publish_frame(self._sketches, data, sketch.stamp_ns, **frame._asdict())
+            values = self.parameters
+            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])
+            if not self._described:
+                self._announce()
+            self.publish_frame(self._sketches, data, sketch.stamp_ns, packets=frame.packets, photons=kept)
+            self.diagnostics.drop("gate", frames=0, photons=frame.photons - kept)
         except Exception as error:
             self._failed(error, *frame)
             self._sketcher.reset()
+            self._design.forget()
+        else:
+            self._follow_photons(sketch.stamp_ns)
         self._show_open_frame()
+
+    def _follow_photons(self, stamp_ns: int) -> None:
+        """Go on with another gate or other frequencies if the photons ask for it."""
+        try:
+            if self._design.end_frame(stamp_ns):
+                self._sketch_by_design()
+        except InvalidInput as problem:
+            self._failed(problem)       # a window that is too large with a gate: go on as before
+        self.diagnostics.show(**self._design.light_in_words)
+
+    def _announce(self) -> None:
+        """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
+        self._describe_sketches()
+        self.get_logger().info(f"sketches of {in_words(self._design.sensor)}: {self._design.in_words}")
+        self.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
         """Drop a frame that did not end, if there is one, and begin a new window."""
@@ -274,17 +284,11 @@ class SketcherNode(PipelineNode):
             self.diagnostics.drop("incomplete", *frame)
         if self._sketcher is not None:
             self._sketcher.reset()
+            self._design.forget()
         self._show_open_frame()
 
     def _show_open_frame(self) -> None:
         self.diagnostics.show(packets_open=self._framing.open.packets)
-
-
-def _read_camera_info(raw: bytes) -> CameraInfo:
-    try:
-        return deserialize_message(raw, CameraInfo)
-    except rclpy_implementation.RMWError:
-        raise InvalidInput("message", f"{len(raw)} bytes", "a serialised CameraInfo") from None
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,10 +1,14 @@
-"""The sketcher's parameters: what they are, and what they mean for a sensor."""
+"""The sketcher's public interface, and which of its parameters make a SketchDesign."""
 
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES, choose
-from srt3d_ros.core.sensor import SensorModel
+from dataclasses import replace
+
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES
+from srt3d_ros.core.gate import FORM, OFF
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.core.window import WINDOW_STAMPS
-from srt3d_ros.nodes.node_spec import LOSSLESS
+from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
+from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Service
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 PARAMETERS = (
@@ -15,8 +19,15 @@ PARAMETERS = (
     Parameter("sketch_size", DEFAULT_SKETCH_SIZE, "Complex numbers kept for each pixel, unless `frequencies` lists "
               "them.", low=1, high=MAX_SKETCH_SIZE, live=True),
     Parameter("frequencies", "auto", "Which frequencies to keep: those with the least expected depth error for the "
-              "IRF, spread to where the IRF passes 0.35, 1 to sketch_size as in the paper, or these.",
+              "IRF, the photons per pixel and the SBR (other ones at most once in 2 s), spread to where the IRF passes "
+              "0.35, 1 to sketch_size as in the paper, or these.",
               form="auto, spread, consecutive or integers such as 1,2,5", live=True),
+    Parameter("gate", OFF, "Which bins of depth to keep. Photons of others are dropped (`photons_dropped.gate`), and T "
+              "becomes the gate's length: less background and finer depths at a low SBR. `auto` follows the depths "
+              "that stand out in the histogram of all photons, also outside of the gate; it changes at most once in "
+              "2 s, and keeps all bins where little background could be dropped. The spread of the pixels' delays "
+              "widens a gate.",
+              form=FORM, live=True, loose=True),
     Parameter("packets_per_frame", 1, "Messages in a frame; with frame_period_s, 1 stands for any number.",
               low=1, high=100_000, live=True),
     Parameter("frame_period_s", 0.0, "Frames by stamp: each holds the stamps of one period and ends with the first "
@@ -38,8 +49,31 @@ PARAMETERS = (
     LOSSLESS,
 )
 
+SPEC = NodeSpec(
+    "sketcher",
+    purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
+    "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
+    inputs=(topics.SENSOR, topics.LENS, topics.PHOTONS, topics.GATES),
+    outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
+    services=(Service("reset", "forget the photons of the open frame and of the window"),),
+    parameters=PARAMETERS,
+    limits=(
+        "`photons` and `gates` of one sensor only; two sensors take two namespaces.",
+        "Packets of the open frame may come in any order. Dropped, and counted, are those older than the last frame "
+        "(`late`), those that are in the open frame or the one before to the last byte (`duplicate`; not where every "
+        "packet is a frame), and those of a frame that never got its number of packets (`incomplete`).",
+        "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
+        "Photons are dropped with their whole packet, one by one only by a gate (`photons_dropped.gate`). Those of "
+        "`photons` are counted as the message announces them; those of `gates` as they are read: of `gates` that never "
+        "were (`queue`, `malformed`, `no_sensor`, `contradiction`, `outdated`, `inactive`, `shutdown`), the packets "
+        "are counted and the photons are not known.",
+        "Another sensor or gate, other frequencies, and stamps that begin again start a new window.",
+    ),
+    balances=(PACKETS, PHOTONS),
+)
 
-def frequencies_for(sensor: SensorModel, values: dict[str, Value]) -> tuple[int, ...]:
-    """What the parameters mean for a sensor; InvalidInput if it cannot be sketched so."""
+
+def design_settings(values: dict[str, Value]) -> tuple[str, str, int | None]:
+    """What a SketchDesign takes beside the sensor: gate, frequencies and sketch size."""
     spec = values["frequencies"]
-    return choose(spec, sensor, values["sketch_size"] if spec in RULES else None)
+    return values["gate"], spec, values["sketch_size"] if spec in RULES else None

@@ -12,8 +12,9 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz
+from srt3d_ros.datasets import npz, open_photons
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
@@ -106,7 +107,8 @@ def test_every_method_writes_a_cloud_and_says_how(reconstruct, srt3d, wall, name
     facts, out = reconstruct("--method", name, source=wall)
     sketched = METHODS[name].needs == "sketch"
     assert (facts["method"], facts["sketch_size"]) == (name, 10 if sketched else None)
-    assert facts["frequencies"] == (list(choose(METHODS[name].frequencies, SENSOR)) if sketched else [])
+    designed = design_for(open_photons(wall).frame, SENSOR, frequencies=METHODS[name].frequencies).frequencies
+    assert facts["frequencies"] == (list(designed) if sketched else [])
     assert (facts["sketch_ms"] is not None) == sketched and facts["reconstruct_ms"] > 0
     with np.load(out) as file:
         assert len(file["row"]) == facts["points"] > 230 and abs(np.median(file["depth_bins"]) - 80) < 0.5
@@ -157,9 +159,22 @@ def test_what_the_file_does_not_say_can_be_given(reconstruct):
     facts, out = reconstruct("--bin-width-s", "1e-10", "--fov-deg", "20", "--num-bins", "400", "--irf-ref", "0")
     with np.load(out) as file:
         assert (facts["num_bins"], file["bin_width_s"], file["irf_ref"]) == (400, 1e-10, 0)
-    facts, out = reconstruct("--gate", "50,100")
+    facts, out = reconstruct("--gate", "50:149")
     assert facts["num_bins"] == 100
     assert np.median(np.load(out)["depth_bins"]) == pytest.approx(80 - 50, abs=0.5)
+
+
+@pytest.mark.parametrize("method", ["pooled", "xcorr"])
+def test_gate_auto_keeps_the_scene_with_its_ranges_and_drops_background(reconstruct, tmp_path, srt3d, method):
+    faint = tmp_path / "faint.npz"
+    npz.save(faint, SENSOR, Simulator(StaticScene(SENSOR.range_m(DEPTH[0])), SENSOR, sbr=0.3, ppp=60).frame(0)[0])
+    _, whole = reconstruct("--method", method, "--gate", "off", source=faint, out="whole.npz")
+    facts, gated = reconstruct("--method", method, "--gate", "auto", source=faint, out="gated.npz")
+    assert facts["num_bins"] < 80 and facts["photons"] < 0.5 * 60 * 240
+    ranges = [np.median(np.linalg.norm(np.load(path)["xyz"], axis=1)) for path in (whole, gated)]
+    assert ranges == pytest.approx([SENSOR.range_m(80)] * 2, abs=0.5 * SENSOR.bin_width_m)
+    code, _, err = srt3d("reconstruct", faint, "-o", tmp_path / "a.npz", "--gate", "auto")
+    assert code == 0 and "photons lie outside the gate (bins " in err
 
 
 def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, tmp_path):
@@ -199,8 +214,12 @@ REFUSED = [
     (("FILE", *OUT, "--frequencies", "0,1"), "frequencies is 0"),
     (("FILE", *OUT, "--frequencies", "2,2"), "frequencies is [2, 2]"),
     (("FILE", *OUT, "--frequencies", "1,150"), "frequencies is 150"),
-    (("FILE", *OUT, "--gate", "5"), "--gate: 5: expected FIRST,COUNT"), (("FILE", *OUT, "--gate", "5,x"), "--gate"),
-    (("FILE", *OUT, "--gate", "250,100"), "gate is 250, 100"),
+    (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, auto, or first and last bin such as 100:400"),
+    (("FILE", *OUT, "--gate", "5:x"), "gate is 5:x: expected off, auto, "),
+    (("FILE", *OUT, "--gate", "250:349"), "gate is 250:349: expected first and last within the sensor's bins, 0 to"),
+    (("FILE", *OUT, "--gate", "250:250"), "gate is 250:250: expected a first bin of 0 or more and below the last"),
+    (("FILE", *OUT, "--gate", "250:251"), "gate is 250:251: expected 21 bins or more, as many as the IRF"),
+    (("FILE", *OUT, "--gate", "100:124", "--sketch-size", "15"), "sketch_size is 15: expected 1 to 12 for T = 25 bins"),
     (("FILE", *OUT, "--irf", "absent.npy"), "irf is absent.npy"),
     (("FILE", *OUT, "--bin-width-s", "0"), "bin_width_s is 0"), (("FILE", *OUT, "--num-bins", "100"), "toa is"),
     (("FILE", *OUT, "--background", "dark"), "--background"), (("FILE", *OUT, "--dark", "absent.npz"), "absent.npz"),
@@ -234,7 +253,7 @@ def test_a_full_disk_is_one_line(photons, tmp_path, refusal, full_disk):
 
 
 def test_notes_on_the_file_come_with_a_result_but_not_with_a_mistake(photons, tmp_path, srt3d, refusal):
-    command = ["reconstruct", photons[0], "-o", tmp_path / "a.npz", "--gate", "50,100"]      # drops photons
+    command = ["reconstruct", photons[0], "-o", tmp_path / "a.npz", "--gate", "50:149"]      # drops photons
     code, _, err = srt3d(*command)
     assert code == 0 and "photons lie outside the gate" in err
     assert "surfaces is 9" in refusal(*command, "--surfaces", "9")

@@ -4,12 +4,23 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.frequencies import angular_frequencies, consecutive, irf_spectrum, spread
-from srt3d_ros.core.frequency_design import design, expected_error_bins, nominal_photons, progression
+from srt3d_ros.core.frequency_design import (
+    BEND_OF_MANY,
+    MOST_OCTAVES,
+    PLENTY,
+    ROOM,
+    design,
+    expected_error_bins,
+    highest_passed,
+    nominal_photons,
+    progression,
+)
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.sensor import SensorModel
 
 T = 400
 TAIL = np.exp(-0.5 * ((np.arange(60) - 12) / np.where(np.arange(60) < 12, 3, 9))**2)
+EDGE = np.exp(-np.arange(80) / 20) + 12 * (np.arange(80) < 2)        # a sharp edge and a long tail
 BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
 
 
@@ -121,3 +132,49 @@ def test_progressions(top, m, expected):
 def test_progressions_end_at_the_top(m):
     for top in range(m, 3 * m + 5):
         assert m == 1 or progression(top, m)[-1] == top
+
+
+@pytest.mark.parametrize("irf", [EDGE, TAIL, BELL])
+@pytest.mark.parametrize("m", [5, 10, 20])
+def test_with_more_photons_frequencies_rise(irf, m):
+    tops = [design(make(irf, 2000), m, octaves, confirmed=1000)[-1] for octaves in range(MOST_OCTAVES + 1)]
+    assert tops == sorted(tops) and tops[-1] <= max(highest_passed(make(irf, 2000)), m)
+    assert tops[-1] > 1.1 * tops[0] or tops[-1] == highest_passed(make(irf, 2000)) or m == 20
+
+
+def test_many_photons_of_a_sharp_edge_with_a_tail_get_its_high_frequencies():
+    sensor = make(EDGE, 2000)
+    few, many = design(sensor, 10), design(sensor, 10, 4, confirmed=1000)
+    assert many[-1] > 3 * few[-1]
+    errors = [bound(sensor, frequencies, 133, 67)[0] for frequencies in (few, many)]     # of four pixels, 50 each
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_frequencies_rise_no_higher_than_the_photons_confirm():
+    sensor = make(EDGE, 2000)
+    few = design(sensor, 10)
+    assert design(sensor, 10, 8, confirmed=0) == few == design(sensor, 10, 8, confirmed=int(ROOM * few[-1]))
+    assert few[-1] < design(sensor, 10, 8, confirmed=2 * few[-1])[-1] <= 2 * few[-1]
+
+
+@pytest.mark.parametrize("octaves", [-5, 0])
+def test_few_photons_keep_the_design_for_few(octaves):
+    assert design(make(EDGE, 2000), 10, octaves, confirmed=1000) == design(make(EDGE, 2000), 10)
+
+
+def test_beyond_most_octaves_nothing_changes():
+    sensor = make(EDGE, 2000)
+    assert design(sensor, 10, 50, confirmed=1000) == design(sensor, 10, MOST_OCTAVES, confirmed=1000)
+
+
+def test_photons_of_more_octaves_are_of_higher_scores():
+    m = 10
+    signal, background = nominal_photons(m, 4)
+    scores = (signal * np.sqrt(2 * m / (signal + background))).reshape(3, -1)
+    np.testing.assert_allclose(scores, [[7, 10, 10 * 2**0.5, 20, 20 * 2**0.5, 40]] * 3)
+
+
+def test_many_photons_spread_more_evenly():
+    sensor = make(EDGE, 2000)
+    two, three = (design(sensor, 10, octaves, confirmed=1000) for octaves in (PLENTY - 1, PLENTY))
+    assert two == progression(two[-1], 10) and three == progression(three[-1], 10, BEND_OF_MANY)

@@ -109,3 +109,11 @@ def test_a_sidecar_that_is_no_text_is_named(path):
     path.with_name("a.npz.json").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidInput, match="a.npz.json is unreadable"):
         open_photons(path)
+
+
+def test_delays_widen_a_gate(path):
+    whole = open_photons(path)
+    late = np.arange(whole.sensor.pixels, dtype=np.float32).reshape(whole.sensor.rows, whole.sensor.cols)
+    npz.save(path, whole.sensor.replace(delay_bins=late), whole.frame)
+    gated = open_photons(path, gate=[5, 20]).sensor
+    assert gated.num_bins == 20 + late.max() and gated.range_m(0) == pytest.approx(whole.sensor.range_m(5))

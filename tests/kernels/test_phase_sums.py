@@ -4,9 +4,10 @@ import numba
 import numpy as np
 import pytest
 
+from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher, phase_table
+from srt3d_ros.core.sketching import Sketcher, gated_table, phase_table
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels import reference
 from srt3d_ros.kernels.cpu import phase_sums, rows
@@ -135,6 +136,31 @@ def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(backend, dtype, 
         assert inspect(wrong, toa)[0] is False
     wrong[where] = 4
     assert inspect(wrong, toa) == (True, where == 0)
+
+
+@pytest.mark.parametrize("m", [3, 10])
+@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted", "sketch_continuous"])
+def test_a_column_of_ones_counts_photons_and_rows_of_zeros_add_none(backend, function, m):
+    kernels, frequencies = backend.kernels, tuple(range(1, m + 1))
+    gate = Gate(SensorModel(5, 8, T, 1e-10, [1]), 10, 29)
+    kind = np.float32 if function == "sketch_continuous" else np.uint16
+    pixel, toa = draw(2_000, kind, function != "sketch_unsorted")
+    inside = (toa >= 10) & (toa < 30)
+    sums, photons = kernels.new_sums(PIXELS, 2 * m + 2)
+    if function == "sketch_continuous":
+        pixel, toa, inside = pixel[inside], toa[inside] - np.float32(10), inside[inside]
+        arguments = (*frequencies, 0), gate.num_bins, True
+    else:
+        arguments = kernels.fixed_rows(backend.on(gated_table(frequencies, gate))),
+    getattr(kernels, function)(*map(kernels.photon_array, (pixel, toa)), *arguments, sums, photons)
+    counted = kernels.counted(sums, 2 * m)
+    z, numbers, counted = backend.off((*kernels.read_sums(sums, counted, 2 * m), counted))
+    start = 0 if function == "sketch_continuous" else 10
+    phases = np.exp(2j * np.pi * np.outer(toa.astype(float) - start, frequencies) / gate.num_bins) * inside[:, None]
+    expected = np.zeros((PIXELS, m), complex)
+    np.add.at(expected, pixel, phases)
+    assert np.array_equal(counted, np.bincount(pixel[inside], minlength=PIXELS)) and np.array_equal(numbers, counted)
+    assert (np.abs(z - expected) <= EACH["cuda"] * np.maximum(counted, 1)[:, None]).all()
 
 
 def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(backend, monkeypatch):

@@ -20,6 +20,7 @@ TABLE = (
     Parameter("layout", "float32", "Which type.", choices=("float32", "int16"), live=True),
     Parameter("list", "auto", "Which ones.", form="auto or integers such as 1,2"),
     Parameter("loop", True, "Again and again."),
+    Parameter("range", "off", "From where to where.", form="off or two numbers", live=True, loose=True),
 )
 names = (f"parameters_{k}" for k in itertools.count())
 
@@ -42,11 +43,19 @@ def declare(ros):
 def test_defaults_and_overrides_with_lossless_conversion(declare):
     _, parameters = declare(rate_hz=20, list=3, size=100)
     assert parameters.as_dict() == {"size": 100, "rate_hz": 20.0, "tiny": 1e-7, "layout": "float32", "list": "3",
-                                    "loop": True}
+                                    "loop": True, "range": "off"}
     assert type(parameters["rate_hz"]) is float
 
 
+@pytest.mark.parametrize("value, text", [(False, "off"), ([3, 40], "3,40"), ("3:40", "3:40"), (7, "7")])
+def test_a_loose_text_may_be_what_yaml_makes_of_it_also_live(declare, value, text):
+    assert declare(range=value)[1]["range"] == text
+    node, parameters = declare()
+    assert node.set_parameters([RosParameter("range", value=value)])[0].successful and parameters["range"] == text
+
+
 @pytest.mark.parametrize("name, value, line", [
+    ("range", True, "range is True: expected off or two numbers"),
     ("size", 0, "size is 0: expected an integer from 1 to 100 pixels"),
     ("size", 2.5, "size is 2.5: expected an integer from 1 to 100 pixels"),
     ("size", "50", 'size is "50": expected an integer from 1 to 100 pixels'),

@@ -24,7 +24,7 @@ from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.topics import LATCHED
-from tests.nodes.conftest import check_outdated_are_dropped
+from tests.nodes.conftest import check_outdated
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -309,12 +309,12 @@ def test_a_lens_bends_the_rays_and_is_told_beside_the_images_and_a_scanner_has_r
     assert np.abs(sensor.replace(projection=lens).rays - sensor.rays).max() > 1e-3
 
 
-def test_sketches_sent_before_the_description_in_force_are_dropped_and_counted(graph, sensor, sketch):
+def test_sketches_that_another_description_overtakes_are_read_with_their_own_and_counted(graph, sensor, sketch):
     """The same rows, columns and m, but another T: read with the new description they would be other depths."""
     descriptions = graph.node.create_publisher(String, "sketch/sensor", LATCHED)
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
-    check_outdated_are_dropped(
-        graph, "reconstructor", frames=sketches, made=clouds, old=sensor, new=sensor.replace(num_bins=128),
+    check_outdated(
+        graph, "reconstructor", "overtaken", frames=sketches, made=clouds, old=sensor, new=sensor.replace(num_bins=128),
         describe=lambda described: descriptions.publish(
             sketch_message.encode_sensor(described, sketch.frequencies, 1)),
         send=lambda: sketches.publish(sketch_message.encode_cdr(sketch, "spad")))

@@ -22,7 +22,7 @@ from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.processes import DEADLINE_S
-from tests.nodes.conftest import check_outdated_are_dropped
+from tests.nodes.conftest import check_outdated
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -85,8 +85,8 @@ def test_photons_sent_before_the_description_in_force_are_dropped_and_counted(gr
     """The same array with wider bins: read with the new description, the plane would be at another range."""
     descriptions = graph.node.create_publisher(String, "sensor", LATCHED)
     photons, sketches = graph.publisher(PointCloud2, "photons"), graph.collect(PointCloud2, "sketch")
-    check_outdated_are_dropped(
-        graph, "sketcher", frames=photons, made=sketches, old=sensor,
+    check_outdated(
+        graph, "sketcher", "dropped.outdated", frames=photons, made=sketches, old=sensor,
         new=sensor.replace(num_bins=128, bin_width_s=2 * sensor.bin_width_s),
         describe=lambda described: descriptions.publish(sensor_message.encode(described)),
         send=lambda: photons.publish(photons_at(STAMP_NS)))

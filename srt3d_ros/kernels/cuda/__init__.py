@@ -15,6 +15,7 @@ from srt3d_ros.kernels.cuda.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cuda.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cuda.match import match
 from srt3d_ros.kernels.cuda.phase_sums import (
+    counted,
     find_stray,
     fixed_rows,
     inspect_events,
@@ -31,7 +32,7 @@ from srt3d_ros.kernels.cuda.search import drop_weak, search
 from srt3d_ros.kernels.cuda.unexplained import unexplained
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
-           "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
-           "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
-           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unexplained",
-           "unpack"]
+           "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
+           "log_likelihood_ratio", "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step",
+           "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted",
+           "sketch_unsorted", "unexplained", "unpack"]

@@ -48,8 +48,12 @@ def new_sums(pixels, values):
 
 def read_sums(sums, photons, values):
     share = MAX_PHOTONS / photons.clamp(min=MAX_PHOTONS).to(torch.float64)
-    scaled = sums.to(torch.float32) / UNIT * share.to(torch.float32)[:, None]
+    scaled = sums[:, :values].to(torch.float32) / UNIT * share.to(torch.float32)[:, None]
     return torch.view_as_complex(scaled.view(-1, values // 2, 2)), photons.clamp(max=MAX_PHOTONS).to(torch.uint32)
+
+
+def counted(sums, column):
+    return (sums[:, column] + UNIT // 2) // UNIT
 
 
 # ---- Checks

@@ -10,6 +10,7 @@ from srt3d_ros.kernels.reference.device import ON_HOST, WARM_FRAMES, FrameStream
 from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.reference.phase_sums import (
+    counted,
     find_stray,
     fixed_rows,
     inspect_events,
@@ -25,7 +26,7 @@ from srt3d_ros.kernels.reference.search import blur, drop_weak, match, prepare, 
 from srt3d_ros.kernels.reference.unexplained import unexplained
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
-           "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
-           "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
-           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unexplained",
-           "unpack"]
+           "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
+           "log_likelihood_ratio", "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step",
+           "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted",
+           "sketch_unsorted", "unexplained", "unpack"]

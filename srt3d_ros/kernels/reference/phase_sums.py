@@ -18,7 +18,12 @@ def fixed_rows(table):
 
 def read_sums(sums, photons, values):
     share = MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS)
-    return (sums * share[:, None]).astype(np.complex64), np.minimum(photons, MAX_PHOTONS).astype(np.uint32)
+    z = (sums[:, :values // 2] * share[:, None]).astype(np.complex64)
+    return z, np.minimum(photons, MAX_PHOTONS).astype(np.uint32)
+
+
+def counted(sums, column):
+    return np.rint(sums[:, column // 2].real).astype(np.int64)
 
 
 def inspect_events(pixel, toa, pixels, num_bins):

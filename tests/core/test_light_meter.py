@@ -1,0 +1,162 @@
+"""LightMeter: photons per pixel, the share of the signal and where the IRF is right, from pairs of photons."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core import light_meter
+from srt3d_ros.core.frequency_design import highest_passed
+from srt3d_ros.core.light import Light
+from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter, light_of
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+
+T = 400
+BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
+
+
+def make(rows=60, cols=60, irf=BELL, **changes) -> SensorModel:
+    return SensorModel(rows, cols, T, 1e-10, irf, **changes)
+
+
+def frame(sbr: float, ppp: float, sensor=None, behind=(), seed=0) -> PhotonEvents:
+    """Photons of pixels that see any depth, each its own, and surfaces so many bins behind it."""
+    sensor = make() if sensor is None else sensor
+    depth = np.random.default_rng(7).uniform(0, T, (1, sensor.rows, sensor.cols))
+    depth = (depth + np.array([0, *behind])[:, None, None]) % T
+    scene = StaticScene(sensor.range_m(depth), np.ones_like(depth))
+    return Simulator(scene, sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
+
+
+@pytest.mark.parametrize(("sbr", "ppp"), [(0.1, 30), (0.3, 10), (1, 3), (1, 100), (10, 1), (30, 20)])
+def test_a_scene_that_spreads_over_all_bins_tells_its_light(sbr, ppp):
+    light = light_of(frame(sbr, ppp), make())
+    assert light.photons_per_pixel == pytest.approx(ppp, rel=0.05)
+    assert light.signal_share == pytest.approx(sbr / (1 + sbr), rel=0.1)
+    assert light.sbr == pytest.approx(light.signal_share / (1 - light.signal_share))
+
+
+def test_background_alone_has_no_signal():
+    seen = [light_of(frame(1e-9, ppp, seed=seed), make()) for ppp in (0.5, 5, 50) for seed in range(4)]
+    assert sum(light.signal_share > 0 for light in seen) <= 1 and not any(light.confirmed for light in seen)
+
+
+@pytest.mark.parametrize("events", [PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16)),
+                                    PhotonEvents(np.arange(9, dtype=np.uint32), np.zeros(9, np.uint16))])
+def test_without_pairs_of_photons_there_is_no_light(events):
+    light = light_of(events, make())
+    assert (light.signal_share, light.confirmed) == (0, 0) and light.sbr == 0
+    assert light.photons_per_pixel == pytest.approx(events.photons / 3600)
+
+
+def test_many_photons_confirm_the_irf_up_to_what_it_passes():
+    sensor = make()
+    confirmed = [light_of(frame(2, ppp), sensor).confirmed for ppp in (0.5, 5, 50)]
+    assert confirmed == sorted(confirmed) and confirmed[0] < 15 and confirmed[-1] >= 0.8 * highest_passed(sensor)
+
+
+@pytest.mark.parametrize("true_irf", [np.exp(-0.5 * ((np.arange(41) - 20) / 3.0)**2),       # sharper, and wider
+                                      np.exp(-0.5 * ((np.arange(41) - 20) / 6.0)**2)])
+def test_photons_of_another_pulse_do_not_confirm_the_irf(true_irf):
+    light = light_of(frame(2, 50, make(irf=true_irf)), make())
+    assert light.confirmed < 12 and light.signal_share == pytest.approx(2 / 3, rel=0.1)
+
+
+def test_pixels_with_two_surfaces_do_not_confirm_the_irf():
+    assert light_of(frame(2, 50, behind=(25,)), make()).confirmed < 5
+
+
+def test_a_background_that_is_not_even_does_not_confirm_the_irf():
+    fog = make(background_shape=np.exp(-np.arange(T) / 100))
+    assert light_of(frame(0.5, 50, fog), make()).confirmed == 0
+
+
+def test_a_bright_pixel_counts_as_its_photons():
+    hot = np.zeros(20_000, np.uint32)
+    events = frame(10, 10)
+    rng = np.random.default_rng(0)
+    both = PhotonEvents(np.concatenate([hot, events.pixel]),
+                        np.concatenate([rng.integers(0, T, len(hot)).astype(np.uint16), events.toa]))
+    assert light_of(both, make()).signal_share > 0.6            # by pairs it would be 0.03
+    mask = np.arange(3600).reshape(60, 60) > 0
+    masked = light_of(both, make(mask=mask))
+    assert masked.signal_share == pytest.approx(10 / 11, rel=0.05)
+    assert masked.photons_per_pixel == pytest.approx(10, rel=0.05)
+
+
+def test_gates_packets_and_events_of_any_order_tell_the_same():
+    sensor = make(gates=GateWords(first_word=3, no_detection=0))
+    events = frame(1, 5, sensor)
+    order = np.random.default_rng(0).permutation(events.photons)
+    shuffled = PhotonEvents(events.pixel[order], events.toa[order])
+    meter = LightMeter(sensor)
+    for part in np.array_split(np.arange(events.photons), 3):
+        meter.add(PhotonEvents(shuffled.pixel[part], shuffled.toa[part]))
+    expected = light_of(events, sensor)
+    assert meter.end_frame() == expected == light_of(PhotonGates.from_events(events, sensor), sensor)
+
+
+@pytest.mark.parametrize("as_gates", [False, True])
+def test_of_many_pixels_some_are_looked_at(as_gates):
+    sensor = make(400, 300, gates=GateWords(first_word=0, no_detection=65_535))
+    assert sensor.pixels > 3 * MOST_PIXELS
+    events = frame(1, 5, sensor)
+    light = light_of(PhotonGates.from_events(events, sensor) if as_gates else events, sensor)
+    assert light.photons_per_pixel == pytest.approx(5, rel=0.03) and light.signal_share == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.parametrize("as_gates", [False, True])
+def test_of_very_many_photons_fewer_pixels_are_looked_at(as_gates, monkeypatch):
+    monkeypatch.setattr(light_meter, "MOST_PHOTONS", 5000)
+    sensor = make(gates=GateWords(first_word=0, no_detection=65_535))
+    events = frame(1, 20, sensor)
+    meter = LightMeter(sensor)
+    meter.add(PhotonGates.from_events(events, sensor) if as_gates else events)
+    assert meter._sketcher.sketch().photons.sum() <= 5000
+    light = meter.end_frame()
+    assert light.photons_per_pixel == pytest.approx(20, rel=0.05) and light.signal_share == pytest.approx(0.5, rel=0.15)
+
+
+def test_the_light_of_a_stream_is_measured_now_and_then():
+    meter, events = LightMeter(make()), frame(1, 5)
+    looks = []
+    for k in range(10):
+        meter.add(PhotonEvents(events.pixel, events.toa, k * LOOK_NS // 4))
+        looks.append(meter.end_frame())
+    assert [k for k, light in enumerate(looks) if light is not None] == [0, 4, 8] and looks[0] == looks[8]
+
+
+def test_a_frame_that_is_forgotten_does_not_count():
+    meter, events = LightMeter(make()), frame(1, 5)
+    meter.add(events)
+    meter.forget()
+    assert meter.end_frame() is None
+    meter.add(PhotonEvents(events.pixel, events.toa, LOOK_NS))
+    assert meter.end_frame() == light_of(events, make())
+
+
+def test_photons_outside_are_refused():
+    with pytest.raises(InvalidInput, match="toa"):
+        light_of(PhotonEvents(np.zeros(2, np.uint32), np.full(2, T, np.uint16)), make())
+
+
+def test_octaves_count_doublings_of_photons_and_of_what_a_sketch_keeps():
+    light = Light(10, 0.5, 40)
+    assert light.octaves(10) == pytest.approx(np.log2(0.25 * 2 * 10 * 4 * 10 / 100))
+    assert light.of_frames(4).octaves(10) == pytest.approx(light.octaves(10) + 2) == light.octaves(40)
+    assert Light(0, 0, 0).octaves(10) < -10
+
+
+def test_a_gate_keeps_the_signal():
+    light = Light(10, 0.2, 80).gated(0.25)
+    assert light.photons_per_pixel * light.signal_share == pytest.approx(2)
+    assert light.photons_per_pixel == pytest.approx(2 + 8 / 4) and light.confirmed == 20
+
+
+@pytest.mark.parametrize(("light", "is_other"), [
+    (Light(10, 0.5, 40), False), (Light(15, 0.5, 40), False), (Light(17, 0.5, 40), True), (Light(5.9, 0.5, 40), True),
+    (Light(10, 0.5, 31), False), (Light(10, 0.5, 29), True), (Light(10, 0.5, 48), False), (Light(10, 0.5, 49), True)])
+def test_small_changes_are_not_another_light(light, is_other):
+    assert light.is_other(Light(10, 0.5, 40), top=30) == is_other
