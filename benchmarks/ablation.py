@@ -41,6 +41,7 @@ SKETCH_SIZE = 10
 HELD_OUT = 0.4                          # share of the photons, of a file without a reference, that judges the cloud
 FIXED = ("MAX_SKETCH_SIZE", "MAX_PHOTONS",      # limits
          "FINE", "CELL", "RIDGE",               # the grid of the pool, which fits together, and rounding
+         "SLANTED",                             # one of the scales
          "INTENSITY_RATE", "APSS_*",            # of the baselines
          "STAY")                                # of warm_start
 NONE, ANY = 0, 1e6
