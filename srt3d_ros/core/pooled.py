@@ -122,8 +122,9 @@ class Pooled:
         for sigma, radius in WINDOWS[1:]:
             state = self._iterate(frame, state, sigma, radius)
 
-        # Finalise: threshold, intensities, standard deviations, points.
+        # Finalise: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state, scratch)
+        kernels.trim(frame, state, terms, continued, scratch)
         intensity, std, background = kernels.finalise(frame, photons, state, terms, continued, scratch)
         return background, *kernels.collect(state, intensity, std, self._rays, sensor.bin_width_m,
                                             float(sensor.range_m(0)), sensor.num_bins)

@@ -241,6 +241,21 @@ class Kernels(Protocol):
 
     # ---- End
 
+    def trim(self, frame: FrameData, state: Array, terms: Array, enough: float,
+             scratch: Scratch | None = None) -> None:
+        """r = 0 for the points of rims that the photons of the rim do not pay for; in place.
+
+        A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the rim's pixels
+        within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of the
+        pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and speak
+        for none rather than for one as bright as the pools of `pooled_step` make it,
+
+            p ρ(V₊ / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀) < 0,   D = μ − s + s ln(s / μ),   s = V₊ / E
+
+        (`log_likelihood_ratio` has the same). What lies behind is the rim then: SPREAD rounds, as far as surfaces grow
+        in an iteration. `terms` are `expand` of the state.
+        """
+
     def finalise(self, frame: FrameData, photons: Array, state: Array, terms: Array, enough: float,
                  scratch: Scratch | None = None) -> tuple[Array, Array, Array]:
         """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²), and (n − g Σ_k r_k)₊.

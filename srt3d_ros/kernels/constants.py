@@ -39,7 +39,9 @@ RESOLVED = 0.7          # widths of the matched filter's peak within which depth
 JUDGED = 0.7            # agreement from which on two candidates are judged as one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
-# ---- End (`finalise`)
+# ---- End (`trim`, `finalise`)
+
+RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
 
 SHARE_WINDOW = 2.0      # σ of the neighbourhood that tells how far pixels' intensities differ, pixels
 LEAST_SHARE = 0.01      # of its pool's intensity that a point has at least: own photons may say less than none

@@ -27,8 +27,9 @@ from srt3d_ros.kernels.cpu.pooled_step import expand, pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.rows import fixed_rows
 from srt3d_ros.kernels.cpu.search import drop_weak, search
+from srt3d_ros.kernels.cpu.trim import trim
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
            "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
-           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "unpack"]
+           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "trim", "unpack"]
