@@ -105,7 +105,7 @@ def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, peri
 def _collect(i, j, state, own, counts, exposure, max_chi2, blur2, max_std, values, info):
     """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
 
-    Returns how many there are, how many are the pixel's, and the weights of pixels without a surface: with photons, not.
+    Returns how many there are, how many are the pixel's, and the weights of pixels without any: with photons, without.
     """
     found, mine, blank, dark = 0, 0, ZERO, ZERO
     for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
@@ -168,7 +168,7 @@ def _best(k, least, unseen, i, j, found, values, info, state, rest, photons, exp
     """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`, or −1.
 
     And the ratio by the pixel's own photons, depth, which candidate is the pixel's own or −1, and photons from there.
-    A candidate loses `unseen` nats times the probability that a pixel sees some of its photons.
+    A candidate loses `unseen` nats times the probability that a pixel sees any of its photons.
     """
     best, most, own, at, mine, signal = -1, least, ZERO, ZERO, -1, ZERO
     close_by = 0                                    # candidates of the 3 × 3 neighbourhood so far, listed in info

@@ -144,7 +144,7 @@ def _best(k, least, unseen, busy, free, places, values, rest, photons, light, fr
           background_table, moments, state, i, j, max_chi2, blur2, period, padded_cols, STEPS: tl.constexpr,
           SURFACES: tl.constexpr):
     """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`, and less
-    `unseen` nats times the probability that a pixel sees some of its photons.
+    `unseen` nats times the probability that a pixel sees any of its photons.
 
     Returns:
         Whether there is one, which surface of the pixel's own agrees with it or −1, the ratio by the pixel's own

@@ -27,4 +27,5 @@ from srt3d_ros.kernels.reference.trim import trim
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events", "log_likelihood_ratio",
            "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step", "prepare", "read_sums",
-           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "trim", "unpack"]
+           "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted", "sketch_unsorted", "trim",
+           "unpack"]

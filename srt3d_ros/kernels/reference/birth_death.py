@@ -40,7 +40,7 @@ def _chosen_anew(frame, state, own, max_chi2, changed_before) -> tuple:
             continue
         rest, photons = pixel_z(frame.matched, i, j), float(frame.counts[i, j])
         for k in range(state.shape[1]):
-            blank, dark = (0, 0) if had else (constants.EMPTY_PENALTY * around.blank, constants.EMPTY_PENALTY * around.dark)
+            blank, dark = (0 if had else constants.EMPTY_PENALTY * weight for weight in (around.blank, around.dark))
             least = -np.inf if had and k == 0 else constants.BIRTH + blank
             best = _best(k, least, dark, around, rest, photons, frame.exposure[i, j], frame)
             if best is None:
