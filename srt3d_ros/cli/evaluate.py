@@ -30,7 +30,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--quick", action="store_true", help="a first look: few settings, small frames")
     parser.add_argument("--fresh", action="store_true", help="forget the results that DIR has")
     simulated = parser.add_argument_group("simulated scenes")
-    simulated.add_argument("--scene", type=_names, metavar="bust|net|FILE.npz[,…]",
+    simulated.add_argument("--scene", type=_names, metavar="bust|net|lattice|house|FILE.npz[,…]",
                            help="which (bust,net); a file has depth_m, reflectivity, valid")
     simulated.add_argument("--sbr", type=_numbers, metavar="R,…", help="signal-to-background ratios (10,1,0.1)")
     simulated.add_argument("--ppp", type=_numbers, metavar="N,…",

@@ -178,8 +178,9 @@ class Pooled:
         for sigma, radius in WINDOWS[1:]:
             state = self._iterate(frame, state, sigma, radius)
 
-        # Finalise: threshold, intensities, standard deviations, points.
+        # Finalise: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state, scratch)
+        kernels.trim(frame, state, terms, continued, scratch)
         intensity, std, background = kernels.finalise(frame, photons, state, terms, continued, scratch)
         left = background[:1, :1]
         if not self._background.is_even:

@@ -13,11 +13,14 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import Photons, open_photons
 from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor, read_scene
+from srt3d_ros.datasets.silhouettes import house, lattice, silhouette_sensor
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation import held_out
 
-SCENES = ("bust", "net")
+PAPER_SCENES = ("bust", "net")               # evaluated unless others are asked for
+SILHOUETTES = {"lattice": lattice, "house": house}
+SCENES = (*PAPER_SCENES, *SILHOUETTES)
 HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
 QUICK_SIZE = 71         # pixels along the side of the quick look's head
 
@@ -106,7 +109,7 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
-        scene: "bust", "net", or a scene file (datasets.scene).
+        scene: "bust", "net", "lattice", "house", or a scene file (datasets.scene).
         tolerance: as for `tolerance_bins`.
         quick: the bust at half the resolution.
         upsampling: u: the scene has u × u finer pixels, whose photons are merged into each pixel of the sensor.
@@ -211,6 +214,9 @@ def _open_scene(scene: str, quick: bool, upsampling: int):
     if scene == "net":
         sensor = net_sensor()
         return NetScene(sensor.upsampled(upsampling)), sensor, NET_TOLERANCE
+    if scene in SILHOUETTES:
+        sensor = silhouette_sensor()
+        return SILHOUETTES[scene](sensor.upsampled(upsampling)), sensor, FILE_TOLERANCE
     require(upsampling == 1, "--upsampling", upsampling, f"1 for {scene}: its pixels are as fine as its depth is known")
     require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
     seen, sensor = read_scene(scene, QUICK_SIZE) if quick else read_scene(scene)

@@ -57,7 +57,7 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
             "photon files only: the truth judges simulated scenes")
     found = cases.of_files(args.files, args.tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen,
                            share)
-    scenes = args.scene or (() if args.files else cases.SCENES)
+    scenes = args.scene or (() if args.files else cases.PAPER_SCENES)
     sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
     for scene in dict.fromkeys(scenes):
         found += cases.simulated(scene, sbrs, ppps, args.repeats, args.tolerance, args.surfaces, args.quick,

@@ -214,11 +214,12 @@ class Kernels(Protocol):
         (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
         of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
         both, and edges show no double points. A candidate needs BIRTH, unless it is for the first surface of a pixel
-        that has one; in a pixel without surfaces, EMPTY_PENALTY · w more for each neighbour with photons and no
-        surface. Candidates that agree by more than JUDGED with one before are not judged again. The pixel keeps its own
-        point if that agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What
-        agrees and the photons it explains are left out for the next k. Points with a standard deviation above
-        MAX_STD · T count as none. Pixels stay as they are where their 3 × 3 neighbourhood agrees with them already.
+        that has one; in a pixel without surfaces, EMPTY_PENALTY · w more for each used neighbour without a surface, of
+        those without photons times 1 − exp(−g r), the probability that it would show there. Candidates that agree by
+        more than JUDGED with one before are not judged again. The pixel keeps its own point if that
+        agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and the
+        photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
+        none. Pixels stay as they are where their 3 × 3 neighbourhood agrees with them already.
 
         Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
         changed: surfaces so grow by as many pixels.
@@ -257,6 +258,22 @@ class Kernels(Protocol):
         """
 
     # ---- End
+
+    def trim(self, frame: FrameData, state: Array, terms: Array, enough: float,
+             scratch: Scratch | None = None) -> None:
+        """r = 0 for the points of rims that the photons of the rim do not pay for; in place.
+
+        A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
+        the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
+        the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and
+        speak
+        for none rather than for one as bright as the pools of `pooled_step` make it,
+
+            p ρ(V₊ / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀) < 0,   D = μ − s + s ln(s / μ),   s = V₊ / E
+
+        (`log_likelihood_ratio` has the same). What lies behind is the rim then: SPREAD rounds, as far as surfaces grow
+        in an iteration. `terms` are `expand` of the state.
+        """
 
     def finalise(self, frame: FrameData, photons: Array, state: Array, terms: Array, enough: float,
                  scratch: Scratch | None = None) -> tuple[Array, Array, Array]:

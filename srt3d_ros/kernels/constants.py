@@ -35,14 +35,16 @@ VOTE_SIGMA = 1.2        # σ of a vote's weight by distance, pixels
 VOTE_RADIUS = 2         # of the neighbourhood that votes, pixels
 DEAD_PIXEL = -1.0       # log-likelihood ratio of a pixel without photons, at least: it may be dead
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
-EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour with photons and no surface speaks against a new one
+EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most
 FEWER_PENALTY = 0.5     # and one with fewer surfaces against a further one
 BIRTH = 0.6             # log-likelihood ratio that a new surface needs
 RESOLVED = 0.7          # widths of the matched filter's peak within which depths are one surface, for sure
 JUDGED = 0.7            # agreement from which on two candidates are judged as one
 SPREAD = 4              # pixels by which surfaces may grow into empty ones in each iteration
 
-# ---- End (`finalise`)
+# ---- End (`trim`, `finalise`)
+
+RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
 
 SHARE_WINDOW = 2.0      # σ of the neighbourhood that tells how far pixels' intensities differ, pixels
 LEAST_SHARE = 0.01      # of its pool's intensity that a point has at least: own photons may say less than none

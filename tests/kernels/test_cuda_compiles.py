@@ -14,7 +14,8 @@ KERNELS = {
     "apss": ["_apss"], "birth_death": ["_choose", "_list_undecided"], "gradients": ["_poisson"],
     "likelihood": ["_log_likelihood_ratio"], "match": ["_match"],
     "phase_sums": ["_count", "_find_stray", "_inspect_events", "_place", "_sum_rows", "_sum_waves"],
-    "pooled_step": ["_coarsen", "_expand", "_step"], "search": ["_decide", "_pool_rows"]}
+    "pooled_step": ["_coarsen", "_expand", "_step"], "search": ["_decide", "_pool_rows"],
+    "trim": ["_drop", "_mark"]}
 
 
 def test_kernels_compile_for_an_h100():
@@ -62,6 +63,7 @@ def compile_all() -> list[str]:
     image = torch.zeros(rows, cols)
     for clutter in (None, torch.ones(300)):
         data.clutter = clutter
+        cuda.trim(data, state, terms, 2.3, cuda.Scratch())
         for layer, (sigma, step) in enumerate(((0.0, 1), (6.0, 3))):
             cuda.search(data, data.matched, state, layer, sigma, step, 5.0, cuda.Scratch(), state if layer else None)
     points = torch.zeros(rows, surfaces, cols)

@@ -28,10 +28,11 @@ from srt3d_ros.kernels.cpu.pooled_step import expand, pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.rows import fixed_rows
 from srt3d_ros.kernels.cpu.search import drop_weak, search
+from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
            "log_likelihood_ratio", "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step",
            "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted",
-           "sketch_unsorted", "unexplained", "unpack"]
+           "sketch_unsorted", "trim", "unexplained", "unpack"]

@@ -102,12 +102,12 @@ def _find_undecided(s, state, here, surfaces, padded_cols, max_chi2, blur2, peri
 
 
 @line
-def _collect(i, j, state, own, counts, max_chi2, blur2, max_std, values, info):
+def _collect(i, j, state, own, counts, exposure, max_chi2, blur2, max_std, values, info):
     """Collect the surfaces of the neighbourhood, carried to pixel (i, j) along their planes.
 
-    Returns how many there are, how many are the pixel's, and the weight of pixels around with photons and no surface.
+    Returns how many there are, how many are the pixel's, and the weights of pixels without any: with photons, without.
     """
-    found, mine, blank = 0, 0, ZERO
+    found, mine, blank, dark = 0, 0, ZERO, ZERO
     for di in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
         for dj in range(-VOTE_RADIUS, VOTE_RADIUS + 1):
             a, b, weight, first = i + di, j + dj, BY_DISTANCE[di * di + dj * dj], found
@@ -127,7 +127,9 @@ def _collect(i, j, state, own, counts, max_chi2, blur2, max_std, values, info):
                 mine = found - first
             elif found == first and counts[a, b] > ZERO:
                 blank += weight
-    return found, mine, blank
+            elif found == first and exposure[a, b] > ZERO:
+                dark += weight
+    return found, mine, blank, dark
 
 
 @inline
@@ -161,11 +163,12 @@ def _support(c, k, found, values, info, state, period):
 
 
 @line
-def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, bin_frequencies, period,
-          total, max_response, background_table, moments):
+def _best(k, least, unseen, i, j, found, values, info, state, rest, photons, exposure, bin_frequencies, period, total,
+          max_response, background_table, moments):
     """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`, or −1.
 
     And the ratio by the pixel's own photons, depth, which candidate is the pixel's own or −1, and photons from there.
+    A candidate loses `unseen` nats times the probability that a pixel sees any of its photons.
     """
     best, most, own, at, mine, signal = -1, least, ZERO, ZERO, -1, ZERO
     close_by = 0                                    # candidates of the 3 × 3 neighbourhood so far, listed in info
@@ -186,6 +189,7 @@ def _best(k, least, i, j, found, values, info, state, rest, photons, exposure, b
         response = response_at(rest, 0, 1, bin_frequencies, where)
         likeness = SHARED_LIKENESS if k > 0 else LIKENESS
         ratio = llr(response, photons, intensity * exposure, likeness, total, max_response, background_table, moments)
+        votes -= unseen * (ONE - np.exp(-intensity * exposure))
         if ratio + votes > most:
             best, most, own, at, mine = c, ratio + votes, ratio, where, its
             signal = max(response, ZERO) / total
@@ -219,11 +223,6 @@ def _subtract(rest, at, photons, energy, bin_frequencies):
         rest[m + l] -= photons * energy[l] * sine
 
 
-@line
-def _stirred(changed, i, j):
-    return changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1].any()
-
-
 @parallel
 def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_response, background_table, moments,
             max_chi2, blur2, spreads, changed, before, own_before, after, own_after, changes, order):
@@ -250,17 +249,19 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
                                 blur2, period, max_std)
             if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO:
                 continue
-            if spreads and (int(s[OWN + x]) == surfaces or not _stirred(changed, i, j)):
+            around = changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1]
+            if spreads and (int(s[OWN + x]) == surfaces or not around.any()):
                 continue
-            found, had, blank = _collect(i, j, before, own_before, counts, max_chi2, blur2, max_std, values, info)
+            found, had, blank, dark = _collect(i, j, before, own_before, counts, exposure, max_chi2, blur2, max_std,
+                                               values, info)
+            blank, dark = (ZERO, ZERO) if had > 0 else (EMPTY_PENALTY * blank, EMPTY_PENALTY * dark)
             rest[:] = matched[i, :, j]
             photons = counts[i, j]
             for k in range(surfaces):
-                least = BIRTH if k > 0 or had == 0 else NEVER
-                least += EMPTY_PENALTY * blank if had == 0 else ZERO
+                least = blank + BIRTH if k > 0 or had == 0 else NEVER
                 c, own, at, mine, signal = _best(
-                    k, least, i, j, found, values, info, before, rest, photons, exposure[i, j], bin_frequencies, period,
-                    total, max_response, background_table, moments)
+                    k, least, dark, i, j, found, values, info, before, rest, photons, exposure[i, j],
+                    bin_frequencies, period, total, max_response, background_table, moments)
                 if c < 0:
                     changes[i, j] |= 1 if before[i, k, INTENSITY, j] > ZERO else 0
                     after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO

@@ -93,14 +93,14 @@ def _copy(before, own_before, after, own_after, i, j, mask, padded_cols, SURFACE
 
 
 @triton.jit
-def _candidates(counts, state, own, i, j, max_chi2, blur2, period, padded_cols, SURFACES: tl.constexpr,
+def _candidates(counts, exposure, state, own, i, j, max_chi2, blur2, period, padded_cols, SURFACES: tl.constexpr,
                 CANDIDATES: tl.constexpr):
     """The surfaces of the neighbourhood, carried to pixels (i, j), in the order of their places: [CANDIDATES, BLOCK].
 
     Returns:
         Their numbers, surfaces, whether they are the pixel's own, and whether of its 3 × 3 neighbourhood; their
         records, whether they exist, how many surfaces their pixels have, depths and what these may be off, squared,
-        weights and votes; and the weight [BLOCK] of the pixels around with photons and no surface.
+        weights and votes; and the weights [BLOCK] of the pixels around without a surface: with photons, and without.
     """
     q = tl.arange(0, CANDIDATES)[:, None]
     real, surface = q < SIDE * SIDE * SURFACES, q % SURFACES
@@ -115,9 +115,10 @@ def _candidates(counts, state, own, i, j, max_chi2, blur2, period, padded_cols, 
     weight = near(dy * dy + dx * dx, FALL)
     vote = tl.load(own + (i_q * SURFACES + surface) * padded_cols + j_q) + PRIOR_VOTE
     vote = weight * tl.minimum(tl.maximum(vote, 0.0), MAX_VOTE)
-    blank = (count == 0) & (tl.load(counts + i_q * padded_cols + j_q) > 0.0) & (surface == 0) & real & ~mine
+    blank = (count == 0) & (tl.load(exposure + i_q * padded_cols + j_q) > 0.0) & (surface == 0) & real & ~mine
+    lit, blank = tl.load(counts + i_q * padded_cols + j_q) > 0.0, tl.where(blank, weight, 0.0)
     places, values = (q, surface, mine, close_by), (record, point, count, at, variance, weight, vote)
-    return places, values, tl.sum(tl.where(blank, weight, 0.0), axis=0)
+    return places, values, tl.sum(tl.where(lit, blank, 0.0), axis=0), tl.sum(tl.where(lit, 0.0, blank), axis=0)
 
 
 @triton.jit
@@ -139,9 +140,11 @@ def _support(k, agree, close, e, places, values, padded_cols):
 
 
 @triton.jit
-def _best(k, least, busy, free, places, values, rest, photons, light, frequency, total, max_response, background_table,
-          moments, state, i, j, max_chi2, blur2, period, padded_cols, STEPS: tl.constexpr, SURFACES: tl.constexpr):
-    """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`.
+def _best(k, least, unseen, busy, free, places, values, rest, photons, light, frequency, total, max_response,
+          background_table, moments, state, i, j, max_chi2, blur2, period, padded_cols, STEPS: tl.constexpr,
+          SURFACES: tl.constexpr):
+    """The free candidate of the 3 × 3 neighbourhood with the highest log-likelihood ratio above `least`, and less
+    `unseen` nats times the probability that a pixel sees any of its photons.
 
     Returns:
         Whether there is one, which surface of the pixel's own agrees with it or −1, the ratio by the pixel's own
@@ -174,6 +177,7 @@ def _best(k, least, busy, free, places, values, rest, photons, light, frequency,
             response = tl.sum(re * cosine + im * sine, axis=0)
             ratio = llr(response, photons, tl.where(eligible, intensity * light, 1.0),
                         SHARED_LIKENESS if k > 0 else LIKENESS, total, max_response, background_table, moments, STEPS)
+            votes -= unseen * (1.0 - tl.exp(intensity * light * -1.0))
             better = eligible & (ratio + votes > least)
             least = tl.where(better, ratio + votes, least)
             chosen, mine = chosen | better, tl.where(better, its, mine)
@@ -235,8 +239,9 @@ def _choose(matched, counts, exposure, energy, bin_frequencies, total, max_respo
             _copy(before, own_before, after, own_after, i, j, listed, padded_cols, SURFACES)
         return
 
-    places, values, blank = _candidates(counts, before, own_before, i, j, max_chi2, blur2, period, padded_cols,
-                                        SURFACES, CANDIDATES)
+    places, values, blank, dark = _candidates(counts, exposure, before, own_before, i, j, max_chi2, blur2, period,
+                                              padded_cols, SURFACES, CANDIDATES)
+    unseen = tl.where(had == 0, dark * EMPTY_PENALTY, 0.0)
     _, free, _, at, variance, weight, _ = values
     l = tl.arange(0, M)[:, None]
     frequency = tl.load(bin_frequencies + l, mask=l < m, other=0.0)
@@ -248,7 +253,7 @@ def _choose(matched, counts, exposure, energy, bin_frequencies, total, max_respo
     for k in tl.static_range(SURFACES):
         least = tl.where(had == 0, blank * EMPTY_PENALTY + BIRTH, BIRTH if k > 0 else NEVER)
         chosen, mine, own, depth, share, best_at, best_variance = _best(
-            k, least, busy, free, places, values, rest, photons, light, frequency, total, max_response,
+            k, least, unseen, busy, free, places, values, rest, photons, light, frequency, total, max_response,
             background_table, moments, before, i, j, max_chi2, blur2, period, padded_cols, STEPS, SURFACES)
         close = agreement(wrap(at - best_at[None, :], period), variance + best_variance[None, :])
         agree = free & (close > 0.0) & chosen[None, :]

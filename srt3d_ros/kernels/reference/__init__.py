@@ -23,10 +23,11 @@ from srt3d_ros.kernels.reference.phase_sums import (
 )
 from srt3d_ros.kernels.reference.pooled_step import expand, pooled_step
 from srt3d_ros.kernels.reference.search import blur, drop_weak, match, prepare, residual, search
+from srt3d_ros.kernels.reference.trim import trim
 from srt3d_ros.kernels.reference.unexplained import unexplained
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
            "log_likelihood_ratio", "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step",
            "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted",
-           "sketch_unsorted", "unexplained", "unpack"]
+           "sketch_unsorted", "trim", "unexplained", "unpack"]

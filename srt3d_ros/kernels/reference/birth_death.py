@@ -40,9 +40,9 @@ def _chosen_anew(frame, state, own, max_chi2, changed_before) -> tuple:
             continue
         rest, photons = pixel_z(frame.matched, i, j), float(frame.counts[i, j])
         for k in range(state.shape[1]):
-            penalty = constants.EMPTY_PENALTY * around.blank if had == 0 else 0
-            least = -np.inf if had and k == 0 else constants.BIRTH + penalty
-            best = _best(k, least, around, rest, photons, frame.exposure[i, j], frame)
+            blank, dark = (0 if had else constants.EMPTY_PENALTY * weight for weight in (around.blank, around.dark))
+            least = -np.inf if had and k == 0 else constants.BIRTH + blank
+            best = _best(k, least, dark, around, rest, photons, frame.exposure[i, j], frame)
             if best is None:
                 changed[i, j] |= state[i, k, INTENSITY, j] > 0
                 after[i, k, INTENSITY, j] = 0
@@ -64,15 +64,16 @@ def _around(values, i, j) -> np.ndarray:
 def _candidates(i, j, state, own, frame, max_chi2) -> SimpleNamespace:
     """The surfaces within VOTE_RADIUS of pixel (i, j), carried there along their planes: arrays over the candidates.
 
-    And the weight of the pixels around that see photons, but no surface.
+    And the weights of the pixels around that have no surface, of those with photons and of those without.
     """
-    rows, blank = [], 0.0
+    rows, blank, dark = [], 0.0, 0.0
     for di, dj in np.ndindex(2 * VOTE_RADIUS + 1, 2 * VOTE_RADIUS + 1):
         di, dj = di - VOTE_RADIUS, dj - VOTE_RADIUS
         a, b, weight = i + di, j + dj, near(di, dj, constants.VOTE_SIGMA)
         lit = np.flatnonzero(has_depth(state[a, :, :, b], frame.num_bins))
-        if len(lit) == 0 and frame.counts[a, b] > 0 and (di, dj) != (0, 0):
-            blank += weight
+        if len(lit) == 0 and (di, dj) != (0, 0):
+            blank += weight * (frame.counts[a, b] > 0)
+            dark += weight * (frame.counts[a, b] <= 0 and frame.exposure[a, b] > 0)
         for k in lit:
             record = state[a, k, :, b]
             vote = weight * np.clip(constants.PRIOR_VOTE + own[a, k, b], 0, constants.MAX_VOTE)
@@ -85,7 +86,7 @@ def _candidates(i, j, state, own, frame, max_chi2) -> SimpleNamespace:
     close = agreement(apart, variance + variance[:, None])
     return SimpleNamespace(at=at, weight=weight, vote=vote, count=count, surface=surface, record=record, apart=apart,
                            close=close, mine=mine.astype(bool), near=close_by.astype(bool),
-                           free=np.ones(len(at), bool), blank=blank)
+                           free=np.ones(len(at), bool), blank=blank, dark=dark)
 
 
 def _settled(around, had) -> bool:
@@ -95,7 +96,7 @@ def _settled(around, had) -> bool:
     return bool((known & (around.count[near] >= had)).all())
 
 
-def _best(k, least, around, rest, photons, exposure, frame) -> SimpleNamespace | None:
+def _best(k, least, unseen, around, rest, photons, exposure, frame) -> SimpleNamespace | None:
     """The candidate for the pixel's surface k with the highest log-likelihood ratio, if that is more than `least`."""
     best = None
     eligible = np.flatnonzero(around.free & around.near)
@@ -112,6 +113,7 @@ def _best(k, least, around, rest, photons, exposure, frame) -> SimpleNamespace |
         fewer = ~around.mine & (around.count <= k) if k > 0 else np.zeros(len(agree), bool)
         votes = (around.vote * around.close[c])[agree & ~around.mine & ~fewer].sum()
         votes -= (around.weight * constants.FEWER_PENALTY / around.count)[fewer].sum()
+        votes -= unseen * (1 - np.exp(-intensity * exposure))
         likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
         ratio = llr(response_of(rest, at, frame), photons, intensity * exposure, likeness, frame)
         if ratio + votes > least:

@@ -1,0 +1,85 @@
+"""Outlines: against the reference, and what goes and stays where the photons are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels.constants import SPREAD
+
+from .frames import FAINT, SHAPES, cases, exact_frame, exact_state, make_frame, make_state, make_terms, with_clutter
+
+ENOUGH = 2.3
+SHAPE = (21, 30)
+WALL = np.zeros(SHAPE, bool)
+WALL[6:15, 8:22] = True
+DEPTH = np.full((1, *SHAPE), 100.0)
+
+
+def trimmed(backend, frame, state, terms=None) -> np.ndarray:
+    """Where there are points afterwards, bool [rows, K, cols]."""
+    terms = make_terms(frame, state) if terms is None else terms
+    after = backend.changed("trim", frame.padded, state, terms, ENOUGH)[1]
+    assert np.array_equal(np.delete(after, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
+    return maps.crop(after, *frame.shape)[:, :, maps.INTENSITY] > 0
+
+
+def grown(there: np.ndarray, pixels: int) -> np.ndarray:
+    """There, and `pixels` around, along rows, columns and diagonals."""
+    size = 2 * pixels + 1
+    return np.lib.stride_tricks.sliding_window_view(np.pad(there, pixels), (size, size)).any(axis=(2, 3))
+
+
+@pytest.mark.parametrize(("backend", "shape", "surfaces", "light", "clutter"), cases(
+    [(SHAPES[1], 1, FAINT, False), ((6, 33), 2, FAINT, True), ((3, 5), 1, 1, False)],
+    [(SHAPES[0], 1, 1, False), (SHAPES[1], 2, FAINT, False), (SHAPES[0], 3, FAINT, True)]), indirect=["backend"])
+def test_trim(backend, shape, surfaces, light, clutter):
+    frame = make_frame(shape, 1, light)
+    frame = with_clutter(frame) if clutter else frame
+    state = make_state(frame, surfaces, 1, light)
+    maps.crop(state, *shape)[:, :, maps.DEPTH] += 40 * (np.arange(shape[1]) > 20)       # no photons speak for these
+    maps.crop(state, *shape)[:, :, maps.DEPTH] %= 300
+    terms, slow = make_terms(frame, state), state.copy()
+    reference.trim(frame.padded, slow, terms, ENOUGH)
+    slow = maps.crop(slow, *shape)[:, :, maps.INTENSITY] > 0
+    assert np.array_equal(trimmed(backend, frame, state, terms), slow)
+    before = maps.crop(state, *shape)[:, :, maps.INTENSITY] > 0
+    assert shape == (3, 5) or 0 < slow.sum() < before.sum()
+
+
+def test_points_that_no_photons_pay_for_go_and_those_behind_them_stay(backend):
+    frame = exact_frame(DEPTH, 4.0 * WALL[None], 8)
+    for swollen in range(1, SPREAD + 1):
+        state = exact_state(DEPTH, 3.0 * grown(WALL, swollen)[None])
+        assert np.array_equal(trimmed(backend, frame, state)[:, 0], WALL)
+    more = trimmed(backend, frame, exact_state(DEPTH, 3.0 * grown(WALL, SPREAD + 1)[None]))[:, 0]
+    assert (more >= WALL).all() and 0 < (more & ~WALL).sum()                    # a round takes one pixel
+
+
+def test_a_window_opens_but_for_its_corners(backend):
+    solid, window = np.ones(SHAPE, bool), np.zeros(SHAPE, bool)
+    window[6:15, 10:20] = True
+    frame = exact_frame(DEPTH, 4.0 * ~window[None], 8)
+    state = exact_state(DEPTH, 3.0 * (solid & ~(window & ~grown(~window, 2)))[None])    # closed but for its middle
+    closed = trimmed(backend, frame, state)[:, 0] & window
+    assert closed.sum() <= 20 and not closed[9:12].any() and not closed[:, 13:17].any()
+    assert trimmed(backend, frame, state)[:, 0][~window].all()
+
+
+def test_a_rim_that_is_darker_than_its_pool_stays_if_its_own_photons_show_it(backend):
+    inside = ~grown(~WALL, 1)
+    signal = np.where(inside, 20.0, 4.0) * WALL
+    frame, state = exact_frame(DEPTH, signal[None], 8), exact_state(DEPTH, 20.0 * WALL[None])
+    assert np.array_equal(trimmed(backend, frame, state)[:, 0], WALL)
+    frame = exact_frame(DEPTH, np.where(inside, 20.0, 0.3)[None] * WALL, 8)
+    assert np.array_equal(trimmed(backend, frame, state)[:, 0], inside)
+
+
+def test_borders_masked_pixels_and_other_surfaces_make_no_rim(backend):
+    dark = exact_frame(DEPTH, 0 * DEPTH, 8)
+    assert trimmed(backend, dark, exact_state(DEPTH, 0 * DEPTH + 3)).all()               # the border of the image
+    state = exact_state(np.where(WALL, 100.0, 200.0)[None], 0 * DEPTH + 3)
+    assert trimmed(backend, dark, state).all()
+    masked = replace(dark, exposure=WALL.astype(np.float32))
+    assert np.array_equal(trimmed(backend, masked, exact_state(DEPTH, 3.0 * WALL[None]))[:, 0], WALL)
