@@ -34,6 +34,8 @@ class Metrics:
         background_nmse: Σ (b − b̂)² / Σ b² over the pixels.
         within_1_std, within_2_std: share of the judged points whose error from the nearest reference of their pixel is
             at most 1 or 2 times their own `depth_std_bins`.
+        swelling_px: by how many pixels the outline of the points lies outside of the true one on average; NaN unless
+            the reference is complete and some pixels see no surface.
     """
 
     true_detections: float
@@ -45,6 +47,7 @@ class Metrics:
     background_nmse: float = NAN
     within_1_std: float = NAN
     within_2_std: float = NAN
+    swelling_px: float = NAN
 
 
 def circular_difference(a: np.ndarray, b: np.ndarray, period: float) -> np.ndarray:
@@ -76,7 +79,8 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
         len(cloud), tuple(float(found.sum() / max(int(every.sum()), 1))
                           for found, every in zip(match.matched, match.counts)),
         NAN if reference_intensity is None else _intensity_error(cloud, match, reference_intensity),
-        NAN if reference_background is None else _background_error(cloud, reference_background), within_1, within_2)
+        NAN if reference_background is None else _background_error(cloud, reference_background), within_1, within_2,
+        _swelling(cloud, _as_surfaces("reference shape", reference_depth_bins, cloud)) if complete else NAN)
 
 
 def shares_within(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int, deviations,
@@ -188,6 +192,24 @@ def _background_error(cloud: PointCloud, reference_background: np.ndarray) -> fl
             f"[rows, cols] = {cloud.background.shape}")
     total = (reference**2).sum()
     return float(((cloud.background - reference)**2).sum() / total) if total > 0 else NAN
+
+
+def _swelling(cloud: PointCloud, reference: np.ndarray) -> float:
+    """(Pixels with points where no surface is − pixels without where one is) / length of the true outline."""
+    true, shown = np.isfinite(reference).any(axis=0), np.zeros(reference.shape[1:], bool)
+    shown[cloud.row, cloud.col] = True
+    length = _outline_length(true)
+    return float((int(shown.sum()) - int(true.sum())) / length) if length > 0 else NAN
+
+
+def _outline_length(shape: np.ndarray) -> float:
+    """Length of the outline of a shape [rows, cols] inside the image, pixels, from how often lines cross it.
+
+    Cauchy and Crofton's formula for rows, columns, and both diagonals, whose lines lie √½ of a pixel apart.
+    """
+    straight = (shape[1:] != shape[:-1]).sum() + (shape[:, 1:] != shape[:, :-1]).sum()
+    diagonal = (shape[1:, 1:] != shape[:-1, :-1]).sum() + (shape[1:, :-1] != shape[:-1, 1:]).sum()
+    return float(np.pi / 8 * (straight + diagonal / np.sqrt(2)))
 
 
 def _counted(counted: np.ndarray | None, reference: np.ndarray, cloud: PointCloud) -> np.ndarray:

@@ -17,19 +17,19 @@ HELD_OUT = tuple(f"held_out_{figure}" for figure in (
     "nats", "std", "rim_nats", "rim_std", "rim_percent", "interior_nats", "interior_std", "interior_percent"))
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
-           "background_nmse", "within_1_std_percent", "within_2_std_percent", "within_nominal_percent",
+           "background_nmse", "within_1_std_percent", "within_2_std_percent", "within_nominal_percent", "swelling_px",
            "offset_bins", *HELD_OUT, "sketch_ms", "reconstruct_ms", "format", "version")
 COLUMNS = KEY + FIGURES
 EXPECTED = "one by this version: another --out, or --fresh to start anew"
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
-          "iae", "background_nmse", "within_1_std_percent", "within_2_std_percent", *HELD_OUT, "sketch_ms",
-          "reconstruct_ms")
+          "iae", "background_nmse", "within_1_std_percent", "within_2_std_percent", "swelling_px", *HELD_OUT,
+          "sketch_ms", "reconstruct_ms")
 _LISTS = ("true_detections_by_surface_percent", "within_nominal_percent")
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
-            "≤ 1 σ %", "≤ 2 σ %", "points")
+            "≤ 1 σ %", "≤ 2 σ %", "swelling px", "points")
 HELD_OUT_HEADINGS = ("held-out nats / 100 pixels", "of the rim (pixels)", "of the interior (pixels)")
 _DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
-             "within_2_std_percent": 0}
+             "within_2_std_percent": 0, "swelling_px": 2}
 
 
 class Results:

@@ -140,7 +140,8 @@ def judge(cloud: PointCloud, case: Case, observation: Observation) -> dict:
             "false_detections_percent": 100 * found.false_detections, "dae_bins": found.dae_bins,
             "dae_mm": found.dae_bins * case.sensor.bin_width_m * 1e3, "iae": found.iae,
             "background_nmse": found.background_nmse, "within_1_std_percent": 100 * found.within_1_std,
-            "within_2_std_percent": 100 * found.within_2_std, "offset_bins": offsets or None,
+            "within_2_std_percent": 100 * found.within_2_std, "swelling_px": found.swelling_px,
+            "offset_bins": offsets or None,
             "within_nominal_percent": tuple(100 * share for share in shares)}
 
 

@@ -266,8 +266,7 @@ class Kernels(Protocol):
         A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of
         the rim within VOTE_RADIUS (a square) show is pooled: V = Σ v, p = Σ n, μ = Σ g r, over their points. A point of
         the pixel goes if these photons do not show a surface of any intensity, √p ρ(V₊ / p) / c(t) ≤ `enough`, and
-        speak
-        for none rather than for one as bright as the pools of `pooled_step` make it,
+        speak for none rather than for one as bright as the pools of `pooled_step` make it,
 
             p ρ(V₊ / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀) < 0,   D = μ − s + s ln(s / μ),   s = V₊ / E
 

@@ -179,3 +179,18 @@ def test_shares_of_errors_within_their_standard_deviations():
     assert shares_within(cloud(*points), reference, T, (0.1, 1.6, 7)) == (1 / 4, 3 / 4, 1)
     assert shares_within(cloud((0, 0, 10, 1, 0.0), (0, 1, 11, 1, 2.0)), np.full((2, 3), 10.0), T, (1,)) == (1,)
     assert np.isnan(shares_within(cloud((0, 0, 10, 1, NAN)), np.full((2, 3), 10.0), T, (1,))).all()
+
+
+@pytest.mark.parametrize("grown", [-2, 0, 1, 3])
+def test_swelling_is_how_far_the_outline_lies_outside(grown):
+    """Of a square of 40 pixels that is shown too large by so many on every side."""
+    reference, size = np.full((60, 60), NAN), 40 + 2 * grown
+    reference[10:50, 10:50] = 20
+    points = [(10 - grown + i, 10 - grown + j, 20) for i, j in np.ndindex(size, size)]
+    found = evaluate(cloud(*points, shape=(60, 60)), reference, 3, T, complete=True)
+    assert found.swelling_px == pytest.approx(grown, abs=0.1 + 0.15 * abs(grown))
+    assert np.isnan(evaluate(cloud(*points, shape=(60, 60)), reference, 3, T).swelling_px)      # sky, or unknown?
+
+
+def test_a_reference_without_empty_pixels_has_no_outline():
+    assert np.isnan(evaluate(cloud((0, 0, 10)), np.full((2, 3), 10.0), 3, T, complete=True).swelling_px)

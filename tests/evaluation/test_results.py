@@ -89,5 +89,6 @@ def test_the_table_shows_what_is_known_and_a_dash_for_the_rest():
     assert tuple(cells[0]) == HEADINGS and len({len(line) for line in cells}) == 1
     assert dict(zip(HEADINGS, cells[2])) == {
         "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
-        "FD %": "0.0", "DAE bins": "–", "DAE mm": "2.00", "IAE": "–", "≤ 1 σ %": "–", "≤ 2 σ %": "–", "points": "100"}
+        "FD %": "0.0", "DAE bins": "–", "DAE mm": "2.00", "IAE": "–", "≤ 1 σ %": "–", "≤ 2 σ %": "–",
+        "swelling px": "–", "points": "100"}
     assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]
