@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import SPREAD
 
 from .frames import FAINT, SHAPES, cases, exact_frame, exact_state, make_frame, make_state, make_terms, with_clutter
 
+BOTH = pytest.mark.parametrize("kernels", [cpu, reference])
 ENOUGH = 2.3
 SHAPE = (21, 30)
 WALL = np.zeros(SHAPE, bool)
@@ -17,11 +18,10 @@ WALL[6:15, 8:22] = True
 DEPTH = np.full((1, *SHAPE), 100.0)
 
 
-def trimmed(backend, frame, state, terms=None) -> np.ndarray:
+def trimmed(kernels, frame, state) -> np.ndarray:
     """Where there are points afterwards, bool [rows, K, cols]."""
-    terms = make_terms(frame, state) if terms is None else terms
-    after = backend.changed("trim", frame.padded, state, terms, ENOUGH)[1]
-    assert np.array_equal(np.delete(after, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
+    after = state.copy()
+    kernels.trim(frame.padded, after, make_terms(frame, state), ENOUGH)
     return maps.crop(after, *frame.shape)[:, :, maps.INTENSITY] > 0
 
 
@@ -42,44 +42,50 @@ def test_trim(backend, shape, surfaces, light, clutter):
     maps.crop(state, *shape)[:, :, maps.DEPTH] %= 300
     terms, slow = make_terms(frame, state), state.copy()
     reference.trim(frame.padded, slow, terms, ENOUGH)
-    slow = maps.crop(slow, *shape)[:, :, maps.INTENSITY] > 0
-    assert np.array_equal(trimmed(backend, frame, state, terms), slow)
+    fast = backend.changed("trim", frame.padded, state, terms, ENOUGH)[1]
+    assert np.array_equal(np.delete(fast, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
+    fast, slow = (maps.crop(after, *shape)[:, :, maps.INTENSITY] > 0 for after in (fast, slow))
+    assert np.array_equal(fast, slow)
     before = maps.crop(state, *shape)[:, :, maps.INTENSITY] > 0
     assert shape == (3, 5) or 0 < slow.sum() < before.sum()
 
 
-def test_points_that_no_photons_pay_for_go_and_those_behind_them_stay(backend):
+@BOTH
+def test_points_that_no_photons_pay_for_go_and_those_behind_them_stay(kernels):
     frame = exact_frame(DEPTH, 4.0 * WALL[None], 8)
     for swollen in range(1, SPREAD + 1):
         state = exact_state(DEPTH, 3.0 * grown(WALL, swollen)[None])
-        assert np.array_equal(trimmed(backend, frame, state)[:, 0], WALL)
-    more = trimmed(backend, frame, exact_state(DEPTH, 3.0 * grown(WALL, SPREAD + 1)[None]))[:, 0]
+        assert np.array_equal(trimmed(kernels, frame, state)[:, 0], WALL)
+    more = trimmed(kernels, frame, exact_state(DEPTH, 3.0 * grown(WALL, SPREAD + 1)[None]))[:, 0]
     assert (more >= WALL).all() and 0 < (more & ~WALL).sum()                    # a round takes one pixel
 
 
-def test_a_window_opens_but_for_its_corners(backend):
+@BOTH
+def test_a_window_opens_but_for_its_corners(kernels):
     solid, window = np.ones(SHAPE, bool), np.zeros(SHAPE, bool)
     window[6:15, 10:20] = True
     frame = exact_frame(DEPTH, 4.0 * ~window[None], 8)
     state = exact_state(DEPTH, 3.0 * (solid & ~(window & ~grown(~window, 2)))[None])    # closed but for its middle
-    closed = trimmed(backend, frame, state)[:, 0] & window
+    closed = trimmed(kernels, frame, state)[:, 0] & window
     assert closed.sum() <= 20 and not closed[9:12].any() and not closed[:, 13:17].any()
-    assert trimmed(backend, frame, state)[:, 0][~window].all()
+    assert trimmed(kernels, frame, state)[:, 0][~window].all()
 
 
-def test_a_rim_that_is_darker_than_its_pool_stays_if_its_own_photons_show_it(backend):
+@BOTH
+def test_a_rim_that_is_darker_than_its_pool_stays_if_its_own_photons_show_it(kernels):
     inside = ~grown(~WALL, 1)
     signal = np.where(inside, 20.0, 4.0) * WALL
     frame, state = exact_frame(DEPTH, signal[None], 8), exact_state(DEPTH, 20.0 * WALL[None])
-    assert np.array_equal(trimmed(backend, frame, state)[:, 0], WALL)
+    assert np.array_equal(trimmed(kernels, frame, state)[:, 0], WALL)
     frame = exact_frame(DEPTH, np.where(inside, 20.0, 0.3)[None] * WALL, 8)
-    assert np.array_equal(trimmed(backend, frame, state)[:, 0], inside)
+    assert np.array_equal(trimmed(kernels, frame, state)[:, 0], inside)
 
 
-def test_borders_masked_pixels_and_other_surfaces_make_no_rim(backend):
+@BOTH
+def test_borders_masked_pixels_and_other_surfaces_make_no_rim(kernels):
     dark = exact_frame(DEPTH, 0 * DEPTH, 8)
-    assert trimmed(backend, dark, exact_state(DEPTH, 0 * DEPTH + 3)).all()               # the border of the image
+    assert trimmed(kernels, dark, exact_state(DEPTH, 0 * DEPTH + 3)).all()               # the border of the image
     state = exact_state(np.where(WALL, 100.0, 200.0)[None], 0 * DEPTH + 3)
-    assert trimmed(backend, dark, state).all()
+    assert trimmed(kernels, dark, state).all()
     masked = replace(dark, exposure=WALL.astype(np.float32))
-    assert np.array_equal(trimmed(backend, masked, exact_state(DEPTH, 3.0 * WALL[None]))[:, 0], WALL)
+    assert np.array_equal(trimmed(kernels, masked, exact_state(DEPTH, 3.0 * WALL[None]))[:, 0], WALL)
