@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.photons import PhotonFrame, PhotonGates
 from srt3d_ros.core.sensor import SensorModel
@@ -69,7 +70,7 @@ class Background:
         refuse_old_kind(kind)
         require(kind in BACKGROUNDS, "background", kind, " or ".join(BACKGROUNDS))
         sensor = self._sensor = matcher.sensor
-        self._matcher, self._omega = matcher, 2 * np.pi * np.array(matcher.frequencies) / sensor.num_bins
+        self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
         self._learns = kind == "auto"
         self._first = Belief()
         if kind != "flat" and sensor.background_shape is not None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonFrame, PhotonGates
+from srt3d_ros.core.photons import PhotonFrame, PhotonGates, most_photons
 from srt3d_ros.core.sensor import SensorModel
 
 LOOK_NS = 500_000_000       # between two frames that are looked at: what enters is seen within a second
@@ -101,8 +101,7 @@ class FrameWatch:
             if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
                 self._looked_ns = frame.stamp_ns
                 self._counts = np.zeros(self._sensor.num_bins, np.int64)
-                most = frame.words.size if frame.photons is None else frame.photons
-                self._step = max(self._last_photons, most) // MOST + 1
+                self._step = max(self._last_photons, most_photons(frame)) // MOST + 1
         if self._counts is not None:
             bins = _sample(frame, self._sensor, self._step)
             self._counts += np.bincount(bins, minlength=len(self._counts))

@@ -11,7 +11,7 @@ import numpy as np
 
 from srt3d_ros.core.frequency_design import highest_passed, increasing, typical_spectrum
 from srt3d_ros.core.light import Light
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, most_photons
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
@@ -64,7 +64,8 @@ class LightMeter:
             self._open = True
             if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
                 self._looked_ns = frame.stamp_ns
-                self._step = max(self._least_step, _power_of_two(max(self._photons, _most(frame)) / MOST_PHOTONS))
+                most = max(self._photons, most_photons(frame))
+                self._step = max(self._least_step, _power_of_two(most / MOST_PHOTONS))
         if self._step:
             self._sketcher.add(self._in_a_row(frame))
 
@@ -126,11 +127,6 @@ def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
 def _power_of_two(least: float) -> int:
     """The smallest that is `least` or more, 1 at least."""
     return 1 << max(int(np.ceil(np.log2(max(least, 1)))), 0)
-
-
-def _most(frame: PhotonFrame) -> int:
-    """The photons of a frame, or more."""
-    return frame.words.size if frame.photons is None else frame.photons
 
 
 def _smooth(values: np.ndarray) -> np.ndarray:

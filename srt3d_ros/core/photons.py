@@ -135,3 +135,8 @@ def word_wanted(sensor: SensorModel) -> str:
 
 
 PhotonFrame = PhotonEvents | PhotonGates
+
+
+def most_photons(frame: PhotonFrame) -> int:
+    """The photons of a frame; of gates whose photons have not been counted as many as there could be."""
+    return frame.words.size if frame.photons is None else frame.photons

@@ -148,7 +148,7 @@ RECORDABLE = {
     "zero_", "fill_", "copy_", "cumsum", "lt", "masked_fill_", "arange", "add", "add_", "sub", "rsub", "mul", "div",
     "pow", "floor_divide", "remainder", "clamp", "round", "hypot", "maximum", "amax", "sum", "stack", "gt", "ge", "le",
     "eq", "bitwise_and", "bitwise_or", "bitwise_not", "masked_fill", "index", "index_put_", "mm", "bmm", "clone",
-    "complex", "neg", "real", "imag", "cos", "sin", "sub_", "cat", "split", "_reshape_alias"}
+    "real", "imag", "cos", "sin", "sub_", "cat", "split", "_reshape_alias"}
 
 
 class Watch(TorchDispatchMode):

@@ -14,27 +14,19 @@ from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE
 
 
 @parallel
-def _find_open(exposure, state, layer, is_open):
+def _find_open(exposure, before, state, layer, is_open, wanted):
+    """Write 1 for the pixels that were open before, and for those of them that want a surface, or a better one."""
     rows, cols = is_open.shape
     for i in prange(rows):
         a = i + MARGIN
         for j in range(cols):
             b = j + MARGIN
-            found = exposure[a, b] > ZERO and state[a, layer, INTENSITY, b] == ZERO
+            found = exposure[a, b] > ZERO and before[a, layer, INTENSITY, b] == ZERO
             if layer > 0:
-                found = found and state[a, layer - 1, INTENSITY, b] > ZERO
-            is_open[i, j] = ONE if found else ZERO
-
-
-@parallel
-def _find_doubtful(state, layer, is_open, wanted):
-    rows, cols = is_open.shape
-    for i in prange(rows):
-        a = i + MARGIN
-        for j in range(cols):
-            b = j + MARGIN
+                found = found and before[a, layer - 1, INTENSITY, b] > ZERO
             sure = state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(DOUBTFUL)
-            wanted[i, j] = ZERO if sure else is_open[i, j]
+            is_open[i, j] = ONE if found else ZERO
+            wanted[i, j] = ONE if found and not sure else ZERO
 
 
 @parallel
@@ -181,10 +173,8 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     """The cells of a row that may be sure are matched together, BLOCK at a time."""
     rows, cols = frame.shape
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
-    is_open = borrow(scratch, "open", (rows, cols))
-    _find_open(frame.exposure, state if before is None else before, layer, is_open)
-    wanted = borrow(scratch, "wanted", (rows, cols))
-    _find_doubtful(state, layer, is_open, wanted)
+    is_open, wanted = (borrow(scratch, name, (rows, cols)) for name in ("open", "wanted"))
+    _find_open(frame.exposure, state if before is None else before, state, layer, is_open, wanted)
     if not wanted.any():
         return
     maps, channels = (matched, frame.counts[:, None], frame.exposure[:, None]), (0, 0)

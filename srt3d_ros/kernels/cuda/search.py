@@ -5,8 +5,6 @@ cells is one over pixels, whose weights are the same all over a cell. Closed pix
 open pixel not looked at: a scale after the one that settles most pixels reads the 8m bytes of the few that are left.
 """
 
-import math
-
 import numpy as np
 import torch
 import triton
@@ -28,6 +26,7 @@ from srt3d_ros.kernels.cuda.maps import (
     store_surface,
 )
 from srt3d_ros.kernels.cuda.match import CELLS, PIXELS, peak
+from srt3d_ros.kernels.cuda.prepare import phases
 
 FAINTEST, STAY, DOUBTFUL = (tl.constexpr(getattr(constants, name)) for name in ("FAINTEST", "STAY", "DOUBTFUL"))
 COLS, CHANNELS = 32, 16         # columns and channels whose rows one program pools
@@ -205,21 +204,20 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, before,
         store_surface(into, (there, slope_col, slope_row), signal / light_of, std, score, new, padded_cols)
 
 
-def _sheared(matched, bin_frequencies, slope):
+def _sheared(frame, matched, slope):
     """The map with a plane of this slope turned to depth 0."""
-    rows, channels, cols = matched.shape
+    rows, _, cols = matched.shape
     down, right = (torch.arange(pixels, device=matched.device) - MARGIN.value for pixels in (rows, cols))
-    along = slope[0] * right[None, None] + slope[1] * down[:, None, None]
-    phase = 2 * math.pi * bin_frequencies[:, None] * along
-    z = torch.complex(matched[:, :channels // 2], matched[:, channels // 2:]) * torch.complex(phase.cos(), -phase.sin())
-    return torch.cat([z.real, z.imag], 1)
+    cosine, sine = phases(frame, slope[0] * right + slope[1] * down[:, None])
+    re, im = matched.chunk(2, dim=1)
+    return torch.cat([re * cosine + im * sine, im * cosine - re * sine], dim=1)
 
 
 def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
            slope=(0.0, 0.0), before=None):
     before = state if before is None else before
     if slope != (0.0, 0.0):
-        matched = _sheared(matched, frame.bin_frequencies, slope)
+        matched = _sheared(frame, matched, slope)
     (rows, cols), channels, padded_cols, surfaces = frame.shape, matched.shape[1], matched.shape[2], state.shape[1]
     high, m = triton.cdiv(rows, step), channels // 2
     weights = maps.window_weights(sigma / step) if sigma > 0 else np.ones(1)
