@@ -1,7 +1,6 @@
 """What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
 
 import os
-import random
 import resource
 import signal
 import threading
@@ -9,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from srt3d_ros.processes import claim_domain
+
 # Before anything imports rclpy; the nodes that tests start inherit it. Each worker of pytest-xdist has its own.
-WORKERS, WORKER = 4, int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
-os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randrange(1 + WORKER % WORKERS, 101, WORKERS))
+os.environ["ROS_DOMAIN_ID"] = str(claim_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["RERUN_TELEMETRY"] = "0"
 
@@ -19,12 +19,13 @@ os.environ["RERUN_TELEMETRY"] = "0"
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+MAX_WORKERS = 4
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
     """One more than processors: tests of nodes spend a fifth of their time waiting for them."""
-    return min(len(os.sched_getaffinity(0)) + 1, WORKERS)
+    return min(len(os.sched_getaffinity(0)) + 1, MAX_WORKERS)
 
 
 @pytest.fixture(scope="session")
