@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.photons import PhotonHistograms, bins_of
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
@@ -28,7 +28,7 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonHisto
     image = cdr.read_image(raw)
     require(image.height == sensor.rows, "height", image.height, f"the sensor's {sensor.rows} rows")
     require(image.width == sensor.cols, "width", image.width, f"the sensor's {sensor.cols} columns")
-    counts = unpack_image(image, "histograms", sensor.histogram_bins)
+    counts = unpack_image(image, "histograms", bins_of(sensor))
     # A copy only where it has to be: a message may have 180 MB.
     counts = np.require(counts, counts.dtype.newbyteorder("="), ["C_CONTIGUOUS", "ALIGNED"])
     histograms = PhotonHistograms(counts, image.header.stamp_ns)

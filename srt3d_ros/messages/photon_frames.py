@@ -1,5 +1,4 @@
-"""The topics on which photons come, each with its codec: `encode_cdr(frame, sensor, frame_id)`, `decode_cdr(raw, sensor)`.
-"""
+"""The topics on which photons come, each with its codec, and photons in the form that a topic carries."""
 
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
