@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.frame_watch import frame_histogram
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.light_meter import light_of
-from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.photons import COUNTS_A_PHOTON, PhotonHistograms, most_photons
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -73,3 +73,8 @@ def test_a_light_meter_sees_what_histograms_say():
     of_counts, of_events = light_of(frame, own), light_of(frame.to_events(own), own)
     assert of_counts.photons_per_pixel == of_events.photons_per_pixel
     assert of_counts.signal_share == pytest.approx(of_events.signal_share, rel=1e-5)
+
+
+def test_what_it_costs_to_look_at_histograms_does_not_grow_with_their_photons():
+    few, many = (PhotonHistograms(np.full((2, 3, 100), count, np.uint16)) for count in (0, 60_000))
+    assert most_photons(few, 0) == most_photons(many, 10**9) == 600 // COUNTS_A_PHOTON
