@@ -34,7 +34,8 @@ def frame(coarse):
 def test_wide_bins_crosstalk_and_negative_counts_are_sketched_as_by_the_core(graph, coarse, frame):
     sketches = graph.collect(PointCloud2, "sketch")
     graph.start("sketcher", gate="[30, 69]", frequencies="1,2,5").ready()
-    graph.introduce(coarse)
+    graph.node.create_publisher(String, "sensor", LATCHED).publish(sensor_message.encode(coarse))
+    graph.reports("sketcher", "num_bins", 40)
     graph.matched(graph.publisher(Image, "histograms")).publish(histograms.encode_cdr(frame, coarse, "tof"))
     graph.wait(lambda: sketches, "the sketch")
     gate = Gate(coarse, 30, 69)
