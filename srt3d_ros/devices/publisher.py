@@ -48,5 +48,6 @@ class Subscription:
     def close(self) -> None:
         """Leave."""
         self._socket.disable_monitor()
+        self._events.close(0)
         self._socket.close()
         self._context.term()

@@ -69,8 +69,9 @@ def text(path: Path) -> str:
 
 def json_log(path: Path) -> dict | list:
     """The content of a JSON log."""
+    content = text(path)
     try:
-        return json.loads(text(path))
+        return json.loads(content)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(path.name, f"broken JSON ({error})", "a whole log") from None
 
