@@ -1,7 +1,7 @@
 """Ranges of devices' logs against what is known of them: docs/devices.md has the figures.
 
-A log of a TMF8820 before a plane that a robot arm moves: the centre zone, after an affine fit (distance = a · range + b)
-on every other capture, on the others; then the halves change places. A log of a TMF8829: against its own results.
+A log of a TMF8820 before a plane that a robot arm moves: the centre zone, after an affine fit (distance = a · range +
+b) on every other capture, on the others; then the halves change places. A log of a TMF8829: against its own results.
 """
 
 import argparse
@@ -69,7 +69,8 @@ def tmf882x_errors(path: Path, designed: bool = False) -> Iterator[dict]:
     everything, valid = np.arange(len(truth)), np.flatnonzero(ranged > 0)
     for half in (0, 1):
         yield {"log": path.name, "frequencies": "designed" if designed else "passed", "half": half,
-               "errors_mm": _errors(found, truth, everything, half), "valid_errors_mm": _errors(found, truth, valid, half),
+               "errors_mm": _errors(found, truth, everything, half),
+               "valid_errors_mm": _errors(found, truth, valid, half),
                "vendor_mm": _errors(vendor, truth, everything, half),
                "vendor_valid_mm": _errors(vendor, truth, valid, half)}
 

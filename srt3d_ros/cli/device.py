@@ -1,7 +1,5 @@
 """`srt3d device`: the device node with ordinary options."""
 
-import argparse
-
 from srt3d_ros.cli import common, node
 
 PARAMETERS = ("device", "connect", "log", "rate_hz", "frame_id")

@@ -62,7 +62,13 @@ def _of_log(frame: dict, configuration: dict, name: str) -> Reading:
     stamp_ns = min(int(info.get("systick_t0", 0)), int(info.get("systick_t1", 0))) * TICK_NS
     steps, shift = int(configuration.get("histogram_bins", MEASURED)), configuration.get("bin_shift", _shift(mode))
     require(shift in range(3), f"{name} bin_shift", shift, "0, 1 or 2")
-    return _reading(zones, references.reshape(-1, 4, REFERENCE_BINS).sum(axis=1), mode, stamp_ns, shift, steps)
+    reading = _reading(zones, references.reshape(-1, 4, REFERENCE_BINS).sum(axis=1), mode, stamp_ns, shift, steps)
+    if mode != 2 or not zones.any() or (zones != zones[:, :1]).any():
+        return reading
+    # Seen in a log of the logger's version 4: all histograms of its row y are that of zone y of row 0.
+    sensor = reading.sensor.replace(rows=1, irf=reading.sensor.irf[:zones.shape[1]])
+    row = PhotonHistograms(reading.frame.counts[None, :, 0].copy(), stamp_ns)
+    return Reading(sensor, row, (*reading.notes, "a fault of the logger: the log has the histograms of row 0 only"))
 
 
 def decode(message: bytes, stamp_ns: int) -> Reading | None:
@@ -111,19 +117,16 @@ def _reading(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int
     """
     rows, cols, bins = zones.shape
     bins = min(steps >> shift, bins)        # the last whole one
-    of_part, notes = np.zeros((rows, cols), np.intp), ("ranges count from the reference pulse",)
+    of_part = np.zeros((rows, cols), np.intp)
     for part in range(len(references)):
         of_part[_places(part, mode)] = part
-    if mode == 2 and bool((zones == zones[:, :1]).all()):
-        # Seen in a log of the logger's version 4: all histograms of its row y are that of zone y of row 0.
-        zones, of_part = zones[None, :, 0], of_part[:1]
-        notes = *notes, "a fault of the logger: the log has the histograms of row 0 only"
     pulses = np.repeat(references, 1 << (2 - shift), axis=1)[:, :bins]      # as wide as the zones' bins
     peak = int(pulses.sum(axis=0).argmax())
     projection = Pinhole(0.75 * cols, rows, (cols - 1) / 2, (rows - 1) / 2)
-    sensor = SensorModel(len(zones), cols, bins, CONVERTER_S * 2**shift, pulses[of_part.ravel()], peak,
+    sensor = SensorModel(rows, cols, bins, CONVERTER_S * 2**shift, pulses[of_part.ravel()], peak,
                          toa_offset_bins=-peak, projection=projection, frame_id="tmf8829")
-    return Reading(sensor, PhotonHistograms(np.ascontiguousarray(zones[..., :bins]), stamp_ns), notes)
+    frame = PhotonHistograms(np.ascontiguousarray(zones[..., :bins]), stamp_ns)
+    return Reading(sensor, frame, ("ranges count from the reference pulse",))
 
 
 def _shift(mode: int) -> int:

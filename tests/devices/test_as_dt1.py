@@ -27,11 +27,9 @@ def recording(path, banks: int, frames: int = 2):
         data["bank"][:, bank], data["cpu_ms"][:, bank] = bank, 40 * np.arange(frames)
         for dot in range(48):
             at = ring + second * (dot // 24), dot % 24
-            one = data["dots"][:, bank, dot]
             data["dots"]["bins"][:, bank, dot] = counts[at]
-            for axis, metres in (("radial", distance[at]), ("x", (down * z)[at]), ("y", (-across * z)[at]), ("z", z[at])):
-                data["dots"]["first"][axis][:, bank, dot] = round(metres * 4000) & 0x3FFFFF
-            assert one.dtype == as_dt1.DOT
+            for axis, metres in {"radial": distance, "x": down * z, "y": -across * z, "z": z}.items():
+                data["dots"]["first"][axis][:, bank, dot] = round(metres[at] * 4000) & 0x3FFFFF
     path.write_bytes(data.tobytes())
     return distance
 

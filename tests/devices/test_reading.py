@@ -12,6 +12,8 @@ from srt3d_ros.devices import reading
 from srt3d_ros.errors import InvalidInput
 from tests.devices import made
 
+SLANTED = np.linspace(1.0, 2.0, 16)
+
 
 def test_logs_are_recognised(tmp_path):
     logs = {"tmf8829": made.tmf8829_log(tmp_path / "a.json", [made.zones_16(1.0)]),
@@ -26,11 +28,11 @@ def test_logs_are_recognised(tmp_path):
 
 
 def test_a_log_opens_as_a_photon_file_does(tmp_path):
-    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(1.0), made.zones_16(2.0)])
+    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
     (tmp_path / "log.json.json").write_text(json.dumps({"range_offset_m": 0.25}))
     second = devices.open_photons(path, frame=1, fov_deg=20)
     assert (second.name, second.sensor.range_offset_m) == ("log", 0.25)
-    assert (second.frame.counts == made.zones_16(2.0)[..., :54]).all() and second.notes
+    assert (second.frame.counts == made.zones_16(SLANTED + 1)[..., :54]).all() and second.notes
     for frame in (2, -1):
         with pytest.raises(InvalidInput, match="frame"):
             devices.open_photons(path, frame=frame)

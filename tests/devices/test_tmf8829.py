@@ -9,6 +9,8 @@ from srt3d_ros.devices import tmf8829
 from srt3d_ros.errors import InvalidInput
 from tests.devices import made
 
+SLANTED = np.linspace(1.0, 2.0, 16)
+
 
 def ranges_mm(reading) -> np.ndarray:
     return benchmark.found_mm(reading, design_for(reading.frame, reading.sensor).frequencies)
@@ -58,9 +60,9 @@ def test_broken_messages_are_refused(broken):
 
 
 def test_a_log(tmp_path):
-    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(1.0), made.zones_16(2.0)])
+    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
     readings = list(tmf8829.read(path))
-    assert [np.nanmedian(ranges_mm(one)) for one in readings] == pytest.approx([1000, 2000], abs=5)
+    assert [np.nanmedian(ranges_mm(one)) for one in readings] == pytest.approx([1500, 2500], abs=5)
     assert [one.frame.stamp_ns for one in readings] == [53_283_768_000, 53_316_768_000]
 
 
