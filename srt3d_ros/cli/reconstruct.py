@@ -25,8 +25,9 @@ def add_parser(subparsers) -> None:
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
     parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published; "
-                                                       "or a bag (docs/bags.md)")
-    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
+                                                       "a bag (docs/bags.md), or a device's log "
+                                                       "(docs/devices.md)")
+    parser.add_argument("--frame", type=int, default=0, metavar="N", help="of a bag or log, from 0 (0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
                         help="where a bag's photons are, if it has several topics of them")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
@@ -70,7 +71,7 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.sketch_design import design_for
     from srt3d_ros.core.sketching import sketch_photons
-    from srt3d_ros.datasets import open_photons
+    from srt3d_ros.devices import open_photons
     from srt3d_ros.recording import cloud_files
 
     method, frequencies = find(args.method), ()
