@@ -211,6 +211,29 @@ class SensorModel:
                             delay_bins=finer(self.delay_bins), mask=finer(self.mask), histograms=None,
                             projection=self.projection.upsampled(factor))
 
+    def cropped(self, rows: slice, cols: slice = slice(None)) -> "SensorModel":
+        """The sensor of some pixels alone, which see the same: those of the rows and columns, such as slice(10, 40).
+
+        Raises:
+            InvalidInput: no pixel is left, or some between are left out.
+        """
+        shape, firsts = (self.rows, self.cols), []
+        for name, part, side in zip(("rows", "cols"), (rows, cols), shape):
+            first, end, step = part.indices(side) if isinstance(part, slice) else (0, 0, 0)
+            require(step == 1 and first < end, name, part, f"a slice with some of 0:{side} in it, in steps of 1")
+            firsts.append(first)
+
+        def kept(values: np.ndarray | None) -> np.ndarray | None:
+            return None if values is None else values[rows, cols]
+
+        irf = self.irf if self.irf.ndim == 1 else self.irf.reshape(*shape, -1)[rows, cols].reshape(
+            -1, self.irf.shape[1])
+        count = np.empty(shape, bool)[rows, cols].shape
+        return self.replace(rows=count[0], cols=count[1], irf=irf, gain=kept(self.gain),
+                            delay_bins=kept(self.delay_bins), mask=kept(self.mask),
+                            histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
+                            projection=self.projection.cropped(*firsts))
+
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""
         return other is not None and all(np.array_equal(getattr(self, name), getattr(other, name))

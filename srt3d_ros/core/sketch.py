@@ -59,6 +59,10 @@ class Sketch:
         """The same with NumPy arrays, if these are tensors on a device."""
         return replace(self, sums=_numpy(self.sums), photons=_numpy(self.photons))
 
+    def __getitem__(self, pixels: slice | tuple[slice, slice]) -> "Sketch":
+        """The sketch of a window of pixels, such as sketch[10:40, 20:50]; their sensor: `SensorModel.cropped`."""
+        return replace(self, sums=self.sums[pixels], photons=self.photons[pixels])
+
     def __add__(self, other: "Sketch") -> "Sketch":
         """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
