@@ -248,7 +248,7 @@ def reconstruct(row: Any = None, col: Any = None, toa: Any = None, *, counts: An
     else:
         seen = photons(row, col, toa, counts=counts, sensor=sensor, stamp_ns=stamp_ns, **options)
         if chosen.needs == "sketch":
-            design = _design(seen, gate, frequencies or chosen.frequencies, sketch_size)
+            design = _design(seen, gate, chosen.frequencies if frequencies is None else frequencies, sketch_size)
             make, sensor, found = partial(_sketch, seen, design), design.sensor, design.frequencies
         else:
             for name, value in sketching.items():
