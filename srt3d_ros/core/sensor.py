@@ -217,27 +217,31 @@ class SensorModel:
         Raises:
             InvalidInput: no pixel is left, or some between are left out.
         """
-        shape, firsts = (self.rows, self.cols), []
-        for name, part, side in zip(("rows", "cols"), (rows, cols), shape):
-            first, end, step = part.indices(side) if isinstance(part, slice) else (0, 0, 0)
-            require(step == 1 and first < end, name, part, f"a slice with some of 0:{side} in it, in steps of 1")
-            firsts.append(first)
+        shape = self.rows, self.cols
+        (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
 
         def kept(values: np.ndarray | None) -> np.ndarray | None:
             return None if values is None else values[rows, cols]
 
-        irf = self.irf if self.irf.ndim == 1 else self.irf.reshape(*shape, -1)[rows, cols].reshape(
-            -1, self.irf.shape[1])
-        count = np.empty(shape, bool)[rows, cols].shape
-        return self.replace(rows=count[0], cols=count[1], irf=irf, gain=kept(self.gain),
-                            delay_bins=kept(self.delay_bins), mask=kept(self.mask),
+        irf = self.irf
+        if irf.ndim == 2:
+            irf = kept(irf.reshape(*shape, -1)).reshape(-1, irf.shape[1])
+        return self.replace(rows=row_count, cols=col_count, irf=irf, gain=kept(self.gain), mask=kept(self.mask),
+                            delay_bins=kept(self.delay_bins),
                             histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
-                            projection=self.projection.cropped(*firsts))
+                            projection=self.projection.cropped(first_row, first_col))
 
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""
         return other is not None and all(np.array_equal(getattr(self, name), getattr(other, name))
                                          for name in self.__dataclass_fields__)
+
+
+def _span(name: str, part: slice, side: int) -> tuple[int, int]:
+    """The first of the pixels along a side that a slice keeps, and how many."""
+    first, end, step = part.indices(side) if isinstance(part, slice) else (0, 0, 1)
+    require(step == 1 and first < end, name, part, f"a slice with some of 0:{side} in it, in steps of 1")
+    return first, end - first
 
 
 def _normalised(name: str, density: np.ndarray, range_wanted: str, sum_wanted: str) -> np.ndarray:
