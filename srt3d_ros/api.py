@@ -29,12 +29,11 @@ if TYPE_CHECKING:
 __all__ = ["Cloud", "InvalidInput", "Photons", "Sensor", "Sketch", "open", "photons", "reconstruct", "sketch"]
 
 Sensor = SensorModel
-PICTURE_PX = 1200, 900      # width and height of a plotted cloud
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloud(PointCloud):
-    """The points of one frame, their sensor, and how they were made. Fields as of PointCloud, and:
+    """The points of one frame, a PointCloud, with their sensor and how they were made.
 
     Args:
         sensor: places the points: that of the photons, with finer pixels if `upsampling` says so, behind a gate if
@@ -64,13 +63,14 @@ class Cloud(PointCloud):
         cloud_files.save(self, path, frequencies=tuple(self.facts.get("frequencies", ())), sensor=self.sensor)
 
     def plot(self, path: str | Path | None = None, ax: "Axes | None" = None, *, yaw_deg: float = -20,
-             pitch_deg: float = 10) -> "Image":
+             pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)) -> "Image":
         """The cloud as a picture: coloured by range, shaded by intensity, with a scale bar.
 
         Args:
             path: where to write it, if given: .png, .jpg, ….
             ax: of matplotlib, to draw it into, if given.
-            yaw_deg, pitch_deg: from where: to the right of the sensor and above it.
+            yaw_deg, pitch_deg: from where it is seen: to the right of the sensor and above it.
+            size_px: width and height of the picture.
 
         Returns:
             A Pillow image, which a notebook shows.
@@ -85,7 +85,7 @@ class Cloud(PointCloud):
             raise InvalidInput("plot", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
         from srt3d_ros.core.viewpoint import look_at
 
-        width, height = PICTURE_PX
+        width, height = size_px
         eye = look_at(self.xyz, self.sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
         style = CloudStyle.of(self, self.sensor)
         image = annotations.annotated(style.draw(self, eye, width, height), style, eye)
@@ -102,9 +102,10 @@ class Cloud(PointCloud):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sketch(core_sketch.Sketch):
-    """What is kept of a frame's photons, and the sensor that saw them. Sketches of the same frequencies add.
+    """What is kept of a frame's photons, and the sensor that saw them.
 
-    sketch[10:40, 20:50] is that of a window of pixels, with the sensor of these alone.
+    Sketches of the same frequencies add. `sketch[10:40, 20:50]` is that of a window of pixels, with the sensor of these
+    alone.
 
     Args:
         frequencies: the integers k_l.
@@ -134,7 +135,7 @@ class Sketch(core_sketch.Sketch):
                       sensor=self.sensor.cropped(rows, cols), notes=self.notes)
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz sketch file."""
+        """Write an .npz sketch file (docs/photon-file.md)."""
         sketch_file.save(path, self, self.sensor)
 
     @classmethod

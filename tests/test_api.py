@@ -156,9 +156,10 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
     from matplotlib.figure import Figure
 
     image = cloud.plot(tmp_path / "cloud.png")
-    assert image.size == api.PICTURE_PX and (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
+    assert image.size == (1200, 900) and (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
     assert len(image.getcolors(maxcolors=image.width * image.height)) > 100
     assert not np.array_equal(np.asarray(image), np.asarray(cloud.plot(yaw_deg=30)))
+    assert cloud.plot(size_px=(300, 200)).size == (300, 200)
     axes = Figure().subplots()
     cloud.plot(ax=axes)
     assert np.array_equal(axes.images[0].get_array(), np.asarray(image))
