@@ -10,7 +10,7 @@ from srt3d_ros.errors import require
 
 CHUNK = 2**16           # photons compared together, so that they stay in the cache
 TOA_DTYPES = (np.uint16, np.uint32, np.float32)
-MAX_WORDS = 2**27       # in gates made from events: 256 MB
+MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
@@ -143,6 +143,24 @@ class PhotonHistograms:
                 "uint8, uint16, int32 or float32")
         require(self.counts.ndim == 3, "histograms shape", self.counts.shape, "[rows, cols, bins]")
 
+    @classmethod
+    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonHistograms":
+        """The same photons counted in the sensor's T bins, uint16 or, if there are more in one, int32.
+
+        Raises:
+            InvalidInput: a photon lies outside the sensor, the sensor's histograms have other bins, or there are too
+                many bins for this form.
+        """
+        require(sensor.histograms is None, "sensor.histograms", "there", "none, to count events in the sensor's bins")
+        events.check(sensor)
+        bins = sensor.pixels * sensor.num_bins
+        require(bins <= MAX_WORDS, "histograms", f"{sensor.num_bins} bins of {sensor.pixels} pixels",
+                f"at most {MAX_WORDS} bins: send events instead")
+        at = events.pixel.astype(np.int64) * sensor.num_bins + sensor.toa_bins(events.toa)
+        counts = np.bincount(at, minlength=bins)
+        counts = counts.astype(np.uint16 if counts.max() <= 65_535 else np.int32)
+        return cls(counts.reshape(sensor.rows, sensor.cols, -1), events.stamp_ns)
+
     @cached_property
     def photons(self) -> int:
         """Number of photons; 0 if negative counts outweigh them."""
@@ -154,7 +172,7 @@ class PhotonHistograms:
 
     def check(self, sensor: SensorModel) -> None:
         """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts."""
-        wanted = sensor.rows, sensor.cols, _bins_of(sensor)
+        wanted = sensor.rows, sensor.cols, bins_of(sensor)
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
         require(self.counts.dtype.kind != "f" or bool(np.isfinite(self.counts).all()), "histograms",
                 "not finite in places", "finite counts")
@@ -197,7 +215,7 @@ class PhotonHistograms:
         return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
 
 
-def _bins_of(sensor: SensorModel) -> int:
+def bins_of(sensor: SensorModel) -> int:
     """Bins of a sensor's histograms."""
     return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
 
