@@ -1,5 +1,6 @@
 """`import srt3d_ros`: three lines from arrays, counts, files or sketches to a cloud that is drawn and saved."""
 
+import inspect
 import subprocess
 import sys
 
@@ -18,6 +19,7 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import npz
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
+from tools import api_page
 
 SENSOR = srt3d_ros.Sensor(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = 80 + np.arange(20.0) + np.zeros((12, 1))
@@ -233,3 +235,16 @@ def test_the_package_shows_its_names_and_imports_what_they_need_only(repository)
 
 def test_the_types_of_the_package_are_marked(repository):
     assert (repository / "srt3d_ros" / "py.typed").exists()
+
+
+PUBLIC = [*(getattr(api, name) for name in api.__all__), *(getattr(getattr(api, name), method)
+                                                           for name, methods in api_page.CLASSES.items()
+                                                           for method in methods)]
+
+
+@pytest.mark.parametrize("one", PUBLIC, ids=lambda one: one.__qualname__)
+def test_every_argument_of_the_library_has_a_type(one):
+    signature = inspect.signature(one)
+    bare = [name for name, argument in signature.parameters.items()
+            if argument.annotation is argument.empty and name not in ("self", "cls")]
+    assert bare == [] and (inspect.isclass(one) or signature.return_annotation is not signature.empty)

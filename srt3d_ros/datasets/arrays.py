@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf as irfs
@@ -75,7 +75,8 @@ def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options:
 def completed(source: Photons | PhotonFrame, sensor: SensorModel | None, options: SensorOptions) -> Photons:
     """Photons of a file, or a frame of photons, with the sensor and the options instead of their own."""
     if not isinstance(source, Photons):
-        return _photons(lambda _: source, None, sensor, options)
+        return _photons(lambda sensor: source.to_events(sensor) if isinstance(source, PhotonGates) else source, None,
+                        sensor, options)
     sensor = described(sensor or source.sensor, options)
     source.frame.check(sensor)
     return replace(source, sensor=sensor)
