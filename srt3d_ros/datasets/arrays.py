@@ -1,6 +1,6 @@
 """Arrays in memory → Photons: row, col and ToA of each photon, or counts of photons [rows, cols, bins]."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypedDict
@@ -82,13 +82,13 @@ def completed(source: Photons | PhotonFrame, sensor: SensorModel | None, options
     return replace(source, sensor=sensor)
 
 
-def described(sensor: SensorModel, options: SensorOptions) -> SensorModel:
+def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     """The sensor with the options in place of its own values.
 
     Raises:
         InvalidInput: an unknown option, or a value that cannot be used.
     """
-    given = {name: value for name, value in options.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     for name in given:
         require(name in OPTIONS, "option", name, f"one of {', '.join(OPTIONS)}")
     own = sensor.rows, sensor.cols
@@ -105,7 +105,7 @@ def described(sensor: SensorModel, options: SensorOptions) -> SensorModel:
     return sensor.replace(**given) if given else sensor
 
 
-def _photons(frame_of: Callable[[SensorModel], PhotonFrame], counted: tuple[int, ...] | None,
+def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms], counted: tuple[int, ...] | None,
              sensor: SensorModel | None, options: SensorOptions) -> Photons:
     """The photons with the sensor that is given or described, and notes on what was assumed about it.
 
@@ -118,14 +118,14 @@ def _photons(frame_of: Callable[[SensorModel], PhotonFrame], counted: tuple[int,
         frame = frame_of(sensor)
         frame.check(sensor)
         return Photons(sensor, frame, None, NAME)
-    given = {name: value for name, value in options.items() if value is not None}
-    known = {"shape": counted[:2]} | ({} if "histograms" in given else {"num_bins": counted[2]}) if counted else {}
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    if counted is not None:
+        given = {"shape": counted[:2]} | ({} if "histograms" in given else {"num_bins": counted[2]}) | given
     for name, expected in (("shape", "(rows, cols), or sensor"), ("num_bins", "T, bins of a laser period, or sensor"),
                            ("bin_width_s", NO_BIN_WIDTH)):
-        require(name in known | given, name, "missing", expected)
+        require(name in given, name, "missing", expected)
     require("irf" in given or "irf_ref" not in given, "irf_ref", given.get("irf_ref"), "irf beside it")
-    rows, cols = _shape((known | given)["shape"])
-    plain = SensorModel(rows, cols, (known | given)["num_bins"], given["bin_width_s"], [1.0])
+    plain = SensorModel(*_shape(given["shape"]), given["num_bins"], given["bin_width_s"], np.ones(1))
     sensor = described(plain, given)
     frame, notes = frame_of(sensor), []
     frame.check(sensor)
@@ -137,7 +137,7 @@ def _photons(frame_of: Callable[[SensorModel], PhotonFrame], counted: tuple[int,
     return Photons(sensor, frame, None, NAME, tuple(notes))
 
 
-def _estimated_irf(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
+def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
     """The IRF that the photons show, see `irf.estimate`; of histograms those of the pixels with the most photons."""
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
@@ -148,7 +148,7 @@ def _estimated_irf(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
         totals = counts.sum(axis=1, dtype=np.float64)
         fullest = np.argsort(-totals)
         fullest = fullest[:np.searchsorted(np.cumsum(totals[fullest]), irfs.PHOTONS_USED) + 1]
-        few = SensorModel(1, len(fullest), sensor.num_bins, sensor.bin_width_s, [1.0])
+        few = SensorModel(1, len(fullest), sensor.num_bins, sensor.bin_width_s, np.ones(1))
         frame = PhotonHistograms(counts[fullest][None]).to_events(few)
     return irfs.estimate(frame, sensor.num_bins)
 
