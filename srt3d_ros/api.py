@@ -48,8 +48,8 @@ def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = 
     Arrays and lists of any integer or float type, of NumPy or torch; tensors are copied from their device.
 
     Args:
-        row, col: [N], the pixel of each photon; or instead of `row` what is there already: Photons, or a frame of
-            srt3d_ros.core.photons with its `sensor`.
+        row, col: [N], the pixel of each photon; or instead of `row` what is there already: a file that `open` reads,
+            Photons, or a frame of srt3d_ros.core.photons with its `sensor`.
         toa: [N], time of arrival in bins, 0 ≤ toa < T. Integers are whole bins, floats positions: see Sensor.
         counts: [rows, cols, bins], photons in each bin, instead of row, col and toa. Negative where the sensor has
             subtracted ambient light.
@@ -65,6 +65,8 @@ def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = 
     if counts is not None:
         require(row is None and col is None and toa is None, "counts", "given beside photons", "one or the other")
         return arrays.from_counts(counts, sensor, stamp_ns, options)
+    if isinstance(row, str | Path):
+        row = open(row)
     if isinstance(row, Photons | PhotonEvents | PhotonGates | PhotonHistograms):
         require(col is None and toa is None, "col and toa", "given", "none beside photons that have theirs")
         return arrays.completed(row, sensor, options)

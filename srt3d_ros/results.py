@@ -4,8 +4,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from srt3d_ros.core import sketch as core_sketch
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
@@ -34,9 +32,10 @@ class Cloud(PointCloud):
     notes: tuple[str, ...] = field(kw_only=True, default=())
 
     def __repr__(self) -> str:
-        ranges = np.percentile(np.linalg.norm(self.xyz, axis=1), (0, 100)) if len(self) else (np.nan, np.nan)
-        text = (f"Cloud of {len(self):,} points at {ranges[0]:.4g} to {ranges[1]:.4g} m, from "
-                f"{self.facts.get('photons', 0):,} photons of {self.sensor.rows} × {self.sensor.cols} pixels")
+        range_m = self._range_m()
+        where = f" at {range_m.min():.4g} to {range_m.max():.4g} m" if len(self) else ""
+        text = (f"Cloud of {len(self):,} points{where}, from {self.facts.get('photons', 0):,} photons of "
+                f"{self.sensor.rows} × {self.sensor.cols} pixels")
         return "\n".join([text, *self.notes])
 
     def save(self, path: str | Path) -> None:
@@ -71,6 +70,7 @@ class Cloud(PointCloud):
         except ImportError as error:
             raise InvalidInput("plot", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
 
+        require(min(size_px) > 0, "size_px", size_px, "width and height, above 0")
         width, height = size_px
         eye = look_at(self.xyz, self.sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
         style = CloudStyle.of(self, self.sensor)

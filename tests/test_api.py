@@ -52,7 +52,8 @@ def test_it_is_the_reconstruction_of_the_library(cloud):
 
 def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
     npz.save(tmp_path / "photons.npz", SENSOR, FRAME)
-    for photons in (srt3d_ros.open(tmp_path / "photons.npz"), srt3d_ros.photons(ROW, COL, FRAME.toa, sensor=SENSOR),
+    for photons in (srt3d_ros.open(tmp_path / "photons.npz"), str(tmp_path / "photons.npz"),
+                    srt3d_ros.photons(ROW, COL, FRAME.toa, sensor=SENSOR),
                     srt3d_ros.sketch(ROW, COL, FRAME.toa, sensor=SENSOR)):
         same(srt3d_ros.reconstruct(photons), cloud)
     for photons in (FRAME, sketch_photons(FRAME, SENSOR, FREQUENCIES)):
@@ -165,6 +166,8 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
     axes = Figure().subplots()
     cloud.plot(ax=axes)
     assert np.array_equal(axes.images[0].get_array(), np.asarray(image))
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^size_px is \(0, 9\)"):
+        cloud.plot(size_px=(0, 9))
     for path in ("cloud.txt", "absent/cloud.png"):
         with pytest.raises(srt3d_ros.InvalidInput, match="^picture is "):
             cloud.plot(tmp_path / path)
@@ -193,7 +196,8 @@ def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
 @pytest.mark.parametrize(("arguments", "options", "said"), [
     ((), {}, "row is missing: expected row, col and toa"), ((ROW, COL), {}, "toa is missing"),
     ((ROW, COL, FRAME.toa), {"counts": COUNTS}, "counts is given beside photons"),
-    ((ROW, COL, FRAME.toa), {"irff": [1]}, "option is irff"), ((FRAME, COL), {}, "col and toa is given"),
+    ((ROW, COL, FRAME.toa), {"irff": [1]}, "option is irff"), (("absent.npz",), {}, "photon file is absent.npz"),
+    ((FRAME, COL), {}, "col and toa is given"),
     ((FRAME,), {"method": "magic"}, "method is magic"), ((FRAME,), {"surfaces": 9}, "surfaces is 9"),
     ((FRAME,), {"gate": "some"}, "gate is some"), ((FRAME,), {"gate": (5,)}, "gate is 5: expected off, auto"),
     ((FRAME,), {"gate": (290, 300)}, "gate is 290:300: expected first and last within the sensor's bins"),
@@ -202,12 +206,14 @@ def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
     ((FRAME,), {"method": "xcorr", "sketch_size": 5}, "sketch_size is 5: expected nothing: xcorr makes no sketch"),
     ((FRAME,), {"method": "smle", "upsampling": 2}, "upsampling is 2: expected nothing: smle takes"),
     ((FRAME,), {"device": "tpu"}, "device is tpu"),
+    ((FRAME,), {"shape": 12}, "shape is 12"),
     (("SKETCH",), {"gate": "auto"}, "gate is auto: expected nothing beside a sketch"),
     (("SKETCH",), {"fov_deg": 20}, "fov_deg is 20: expected nothing beside a sketch"),
     (("SKETCH",), {"method": "rt3d"}, "method is rt3d: expected one that takes sketches: pooled, srt3d, smle"),
 ])
 def test_a_mistake_is_one_line(arguments, options, said):
-    arguments = [srt3d_ros.sketch(FRAME, sensor=SENSOR) if isinstance(one, str) else one for one in arguments]
+    arguments = [srt3d_ros.sketch(FRAME, sensor=SENSOR) if isinstance(one, str) and one == "SKETCH" else one
+                 for one in arguments]
     with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
         srt3d_ros.reconstruct(*arguments, sensor=SENSOR, **options)
 

@@ -91,8 +91,9 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     for name in given:
         require(name in OPTIONS, "option", name, f"one of {', '.join(OPTIONS)}")
+    require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
     own = sensor.rows, sensor.cols
-    require(tuple(given.pop("shape", own)) == own, "shape", options.get("shape"), f"{own}, as the sensor has")
+    require(_shape(given.pop("shape", own)) == own, "shape", options.get("shape"), f"{own}, as the sensor has")
     fov_deg = given.pop("fov_deg", None)
     if fov_deg is not None:
         require("projection" not in given, "fov_deg", fov_deg, "fov_deg or projection, not both")
