@@ -68,18 +68,31 @@ def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options:
     counts = _array("counts", counts)
     require(counts.ndim == 3 and counts.dtype.kind in "buif", "counts", f"{counts.dtype} {counts.shape}",
             "numbers [rows, cols, bins]")
-    frame = PhotonHistograms(_small(counts), stamp_ns)
-    return _photons(lambda sensor: frame, counts.shape, sensor, options)
+    histograms = PhotonHistograms(_small(counts), stamp_ns)
+
+    def frame(sensor: SensorModel) -> PhotonHistograms:
+        try:
+            histograms.check(sensor)
+        except InvalidInput as error:
+            field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
+            raise InvalidInput(field, error.value, error.expected) from None
+        return histograms
+
+    return _photons(frame, counts.shape, sensor, options)
 
 
 def completed(source: Photons | PhotonFrame, sensor: SensorModel | None, options: SensorOptions) -> Photons:
     """Photons of a file, or a frame of photons, with the sensor and the options instead of their own."""
-    if not isinstance(source, Photons):
-        return _photons(lambda sensor: source.to_events(sensor) if isinstance(source, PhotonGates) else source, None,
-                        sensor, options)
-    sensor = described(sensor or source.sensor, options)
-    source.frame.check(sensor)
-    return replace(source, sensor=sensor)
+    if isinstance(source, Photons):
+        sensor = described(sensor or source.sensor, options)
+        source.frame.check(sensor)
+        return replace(source, sensor=sensor)
+
+    def frame(sensor: SensorModel) -> PhotonEvents | PhotonHistograms:
+        source.check(sensor)
+        return source.to_events(sensor) if isinstance(source, PhotonGates) else source
+
+    return _photons(frame, None, sensor, options)
 
 
 def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
@@ -111,14 +124,12 @@ def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms],
     """The photons with the sensor that is given or described, and notes on what was assumed about it.
 
     Args:
-        frame_of: makes the photons of a sensor.
+        frame_of: makes the photons of a sensor, or refuses them.
         counted: rows, cols and bins of counts.
     """
     if sensor is not None:
         sensor = described(sensor, options)
-        frame = frame_of(sensor)
-        frame.check(sensor)
-        return Photons(sensor, frame, None, NAME)
+        return Photons(sensor, frame_of(sensor), None, NAME)
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if counted is not None:
         given = {"shape": counted[:2]} | ({} if "histograms" in given else {"num_bins": counted[2]}) | given
@@ -129,7 +140,6 @@ def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms],
     plain = SensorModel(*_shape(given["shape"]), given["num_bins"], given["bin_width_s"], np.ones(1))
     sensor = described(plain, given)
     frame, notes = frame_of(sensor), []
-    frame.check(sensor)
     if "irf" not in given:
         sensor = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None)
         notes.append(ESTIMATED_IRF)

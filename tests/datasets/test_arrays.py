@@ -170,10 +170,10 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
 
 @pytest.mark.parametrize(("values", "changes", "said"), [
     (np.ones((3, 4)), {}, r"counts is float64 \(3, 4\): expected numbers \[rows, cols, bins\]"),
-    (np.full((3, 4, 50), np.nan), {}, "histograms is not finite in places"),
+    (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
-    (np.ones((3, 4, 50)), {"num_bins": 60}, r"histograms shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
-    (np.ones((3, 4, 50)), {"shape": (4, 3)}, r"histograms shape is \(3, 4, 50\)"),
+    (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
+    (np.ones((3, 4, 50)), {"shape": (4, 3)}, r"counts shape is \(3, 4, 50\)"),
     (np.ones((3, 4, 10)), {"histograms": HistogramBins(10)}, "num_bins is missing: ")])
 def test_counts_that_cannot_be_are_refused(values, changes, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
