@@ -161,16 +161,16 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
     image = cloud.plot(tmp_path / "cloud.png")
     assert image.size == (1200, 900) and (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
     assert len(image.getcolors(maxcolors=image.width * image.height)) > 100
-    assert not np.array_equal(np.asarray(image), np.asarray(cloud.plot(yaw_deg=30)))
-    assert cloud.plot(size_px=(300, 200)).size == (300, 200)
+    left, right = (cloud.plot(yaw_deg=yaw_deg, size_px=(300, 200)) for yaw_deg in (-20, 20))
+    assert left.size == (300, 200) and not np.array_equal(np.asarray(left), np.asarray(right))
     axes = Figure().subplots()
-    cloud.plot(ax=axes)
-    assert np.array_equal(axes.images[0].get_array(), np.asarray(image))
+    cloud.plot(ax=axes, size_px=(300, 200))
+    assert np.array_equal(axes.images[0].get_array(), np.asarray(left))
     with pytest.raises(srt3d_ros.InvalidInput, match=r"^size_px is \(0, 9\)"):
         cloud.plot(size_px=(0, 9))
     for path in ("cloud.txt", "absent/cloud.png"):
         with pytest.raises(srt3d_ros.InvalidInput, match="^picture is "):
-            cloud.plot(tmp_path / path)
+            cloud.plot(tmp_path / path, size_px=(300, 200))
 
 
 def test_a_cloud_without_points_is_drawn_and_shown(tmp_path):
