@@ -17,6 +17,7 @@ from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import Photons, arrays, open_photons
 from srt3d_ros.datasets.arrays import SensorOptions
+from srt3d_ros.datasets.photons import OPTIONS as FILE_OPTIONS
 from srt3d_ros.datasets.photons import outside_note
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.results import Cloud, Sketch
@@ -65,8 +66,8 @@ def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = 
     if counts is not None:
         require(row is None and col is None and toa is None, "counts", "given beside photons", "one or the other")
         return arrays.from_counts(counts, sensor, stamp_ns, options)
-    if isinstance(row, str | Path):
-        row = open(row)
+    if isinstance(row, str | Path):     # what the file lacks is needed to read it; the rest only describes the sensor
+        row = open(row, **{name: options.pop(name) for name in FILE_OPTIONS if name in options})
     if isinstance(row, Photons | PhotonEvents | PhotonGates | PhotonHistograms):
         require(col is None and toa is None, "col and toa", "given", "none beside photons that have theirs")
         return arrays.completed(row, sensor, options)

@@ -11,7 +11,7 @@ import srt3d_ros
 from srt3d_ros import api
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.photons import PhotonGates
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords
 from srt3d_ros.core.sketch_design import design_for
@@ -62,6 +62,13 @@ def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
     same(srt3d_ros.reconstruct(row=ROW.tolist(), col=COL, toa=FRAME.toa.astype(float), sensor=SENSOR), cloud)
     words = SENSOR.replace(gates=GateWords())
     same(srt3d_ros.reconstruct(PhotonGates.from_events(FRAME, words), sensor=words), cloud)
+
+
+def test_a_file_is_read_with_the_options(tmp_path):
+    npz.save(tmp_path / "photons.npz", SENSOR.replace(num_bins=299), PhotonEvents(FRAME.pixel, FRAME.toa % 299))
+    gain = np.full((12, 20), 2)
+    read = srt3d_ros.photons(tmp_path / "photons.npz", num_bins=300, irf=[1, 2], gain=gain)
+    assert (read.sensor.num_bins, read.sensor.irf_ref) == (300, 1) and (read.sensor.gain == gain).all()
 
 
 def test_the_sensor_may_be_said_by_options():
