@@ -50,7 +50,7 @@ setup(
     maintainer="srt3d_ros maintainers",
     maintainer_email="maintainers@srt3d-ros.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.review": ["report.html"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
     python_requires=">=3.11",
     install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5"],
     extras_require=EXTRAS,

@@ -67,7 +67,7 @@ class Photons:
         if reference is not None:
             moved = reference - np.float32(gate.first)
             reference = np.where((moved >= 0) & (moved <= gate.last - gate.first), moved, np.float32(np.nan))
-        note = _outside(whole.photons - events.photons, whole.photons, gate.first, gate.last)
+        note = outside_note(whole.photons - events.photons, whole.photons, gate.first, gate.last)
         # The words in which these photons may be sent still count from their own bin 0.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
@@ -78,10 +78,10 @@ def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEven
     inside = (events.toa >= first) & (events.toa < first + bins)
     toa = (events.toa[inside] - events.toa.dtype.type(first)).astype(np.uint16)
     gated = PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
-    return gated, _outside(events.photons - gated.photons, events.photons, first, first + bins - 1)
+    return gated, outside_note(events.photons - gated.photons, events.photons, first, first + bins - 1)
 
 
-def _outside(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
     """The note on photons that a gate drops, if there are any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
