@@ -1,5 +1,6 @@
 """Arrays and text of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
 
+import logging
 import math
 import zipfile
 from collections.abc import Iterator
@@ -35,6 +36,31 @@ def naming_file(path: Path) -> Iterator[None]:
         yield
     except InvalidInput as error:
         raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+
+
+@contextmanager
+def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
+    """Turn what a reader of others raises on a damaged file into one InvalidInput, and keep its log to itself.
+
+    Args:
+        expected: what the file should be, in words.
+        library: the name of the reader's logger.
+    """
+    log = logging.getLogger(library or __name__)
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    except InvalidInput as error:
+        if error.field.startswith(path.name):
+            raise
+        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
+    except (ModuleNotFoundError, OSError):
+        raise
+    except Exception as error:      # each library has its own, and NumPy's where it trusts the file
+        raise InvalidInput(path.name, f"unreadable ({type(error).__name__}: {error})", expected) from None
+    finally:
+        log.setLevel(level)
 
 
 def read_text(path: Path) -> str:

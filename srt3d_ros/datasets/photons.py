@@ -17,7 +17,7 @@ from srt3d_ros.messages import json_text
 MAX_PHOTONS = 2**28
 MAX_GATE_BIN = 2**31
 SENSOR_OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
-OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols")
+OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols", "channel")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Photons:
         if reference is not None:
             moved = reference - np.float32(gate.first)
             reference = np.where((moved >= 0) & (moved <= gate.last - gate.first), moved, np.float32(np.nan))
-        note = _outside(self.frame.photons - events.photons, self.frame.photons, gate.first, gate.last)
+        note = outside_note(self.frame.photons - events.photons, self.frame.photons, gate.first, gate.last)
         # The words in which these photons may be sent still count from their own bin 0.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
@@ -72,10 +72,10 @@ def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEven
     inside = (events.toa >= first) & (events.toa < first + bins)
     toa = (events.toa[inside] - events.toa.dtype.type(first)).astype(np.uint16)
     gated = PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
-    return gated, _outside(events.photons - gated.photons, events.photons, first, first + bins - 1)
+    return gated, outside_note(events.photons - gated.photons, events.photons, first, first + bins - 1)
 
 
-def _outside(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
     """The note on photons that a gate drops, if there are any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
@@ -129,6 +129,13 @@ def number(field: str, value: object, expected: str) -> float:
         raise InvalidInput(field, quoted(value), expected) from None
     require(np.isfinite(result), field, quoted(value), expected)
     return result
+
+
+def positive_integer(field: str, value: object) -> int:
+    """`value` as an integer of 1 or more, or InvalidInput."""
+    result = number(field, value, "an integer, 1 or more")
+    require(result == int(result) >= 1, field, value, "an integer, 1 or more")
+    return int(result)
 
 
 def _check_names(options: dict, where: str) -> None:
