@@ -64,19 +64,24 @@ def json_tables(schema: dict) -> str:
     for kind, projection in schema.get("projection", {}).items():
         rows += _keys(projection["fields"], "projection.", f" ({kind})")
         notes.append(f"* `projection` of the kind `{kind}`: {projection['purpose']}\n")
-    for name, prefix in (("distortion", "projection."), ("gates", "")):
+    for name, prefix in (("distortion", "projection."), ("gates", ""), ("histograms", "")):
         if name in schema:
             rows += _keys(schema[name]["fields"], f"{prefix}{name}.")
-    if "distortion" in schema:
-        notes.append(f"* `projection.distortion`: {schema['distortion']['purpose']}\n")
+        if "purpose" in schema.get(name, {}):
+            notes.append(f"* `{prefix}{name}`: {schema[name]['purpose']}\n")
     return (f"QoS: {schema['qos']}.\n\n" + table(["key", "type", "required", "unit", "meaning"], rows)
             + "".join(notes) + "\n" * bool(notes))
 
 
 def _keys(fields: list[dict], prefix: str = "", where: str = "") -> list[list]:
     """A row for each key of a JSON object."""
-    return [[f"`{prefix}{field['name']}`", f"array of {field['dtype']}" if "dtype" in field else field["type"],
+    return [[f"`{prefix}{field['name']}`", _type(field),
              ("yes" if field["required"] else "no") + where, field["unit"], field["meaning"]] for field in fields]
+
+
+def _type(field: dict) -> str:
+    return ("number or " if "or_number" in field else "") + (
+        f"array of {field['dtype']}" if "dtype" in field else field["type"])
 
 
 def table(head: list[str], rows: list[list]) -> str:

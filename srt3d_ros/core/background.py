@@ -12,7 +12,7 @@ import numpy as np
 
 from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.core.photons import PhotonFrame, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import require
@@ -181,7 +181,7 @@ def dark_shape(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
     Raises:
         InvalidInput: photons outside the sensor, or none that count.
     """
-    events = frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame
+    events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
     events.check(sensor)
     counts = np.bincount(events.pixel, minlength=sensor.pixels)
     used = counts <= HOT * max(np.median(counts), 1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonFrame, PhotonGates, most_photons
+from srt3d_ros.core.photons import PhotonFrame, PhotonGates, PhotonHistograms, most_photons
 from srt3d_ros.core.sensor import SensorModel
 
 LOOK_NS = 500_000_000       # between two frames that are looked at: what enters is seen within a second
@@ -103,9 +103,13 @@ class FrameWatch:
                 self._counts = np.zeros(self._sensor.num_bins, np.int64)
                 self._step = max(self._last_photons, most_photons(frame)) // MOST + 1
         if self._counts is not None:
-            bins = _sample(frame, self._sensor, self._step)
-            self._counts += np.bincount(bins, minlength=len(self._counts))
-            self._photons += len(bins) * self._step if frame.photons is None else frame.photons
+            if isinstance(frame, PhotonHistograms):
+                counts = _of_histograms(frame, self._sensor)
+            else:
+                bins = _sample(frame, self._sensor, self._step)
+                counts = np.bincount(bins, minlength=len(self._counts))
+            self._counts += counts
+            self._photons += int(counts.sum()) * self._step if frame.photons is None else frame.photons
 
     def end_frame(self) -> FrameHistogram | None:
         """End the open frame. The histogram of the newest looks if it was looked at, else None."""
@@ -143,6 +147,20 @@ def _sample(frame: PhotonFrame, sensor: SensorModel, step: int) -> np.ndarray:
         late = np.rint(sensor.delay_bins).astype(np.int64).reshape(-1)
         bins = (bins.astype(np.int64) - late[pixel]) % sensor.num_bins
     return bins
+
+
+def _of_histograms(frame: PhotonHistograms, sensor: SensorModel) -> np.ndarray:
+    """Counts of all pixels in use, without delay; int64 [T], 0 where those that were subtracted outweigh them."""
+    frame.check(sensor)
+    counts = frame.on_axis(sensor).reshape(sensor.pixels, -1)
+    if sensor.mask is not None:
+        counts = counts * sensor.mask.reshape(-1, 1)
+    if sensor.delay_bins is None:
+        total = counts.sum(axis=0, dtype=np.float64)
+    else:
+        late = np.rint(sensor.delay_bins).astype(np.int64).reshape(-1)
+        total = sum(np.roll(own, -delay) for own, delay in zip(counts.astype(np.float64), late))
+    return np.rint(np.maximum(total, 0)).astype(np.int64)
 
 
 def _sums(counts: np.ndarray, width: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from srt3d_ros.core.frequency_design import highest_passed, increasing, typical_spectrum
 from srt3d_ros.core.light import Light
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, most_photons
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, most_photons
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
@@ -84,6 +84,12 @@ class LightMeter:
             words = np.full((len(seen), 1, row.cols), row.gates.no_detection, np.uint16)
             words[:, :, :seen.shape[2]] = seen
             return PhotonGates(words, frame.stamp_ns)
+        if isinstance(frame, PhotonHistograms):
+            frame.check(self._sensor)
+            seen = frame.on_axis(self._sensor).reshape(self._sensor.pixels, -1)[::step]
+            counts = np.zeros((1, row.cols, row.num_bins), seen.dtype)
+            counts[0, :len(seen)] = seen
+            return PhotonHistograms(counts, frame.stamp_ns)
         if step == 1:
             return frame
         kept = np.flatnonzero(frame.pixel & np.uint32(step - 1) == 0)

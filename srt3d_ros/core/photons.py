@@ -1,4 +1,4 @@
-"""PhotonFrame: the photons of one frame, as events or as the gates of a SPAD array."""
+"""PhotonFrame: the photons of one frame, as events, as the gates of a SPAD array, or as histograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +11,7 @@ from srt3d_ros.errors import require
 CHUNK = 2**16           # photons compared together, so that they stay in the cache
 TOA_DTYPES = (np.uint16, np.uint32, np.float32)
 MAX_WORDS = 2**27       # in gates made from events: 256 MB
+COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,83 @@ class PhotonGates:
         return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
 
 
+@dataclass(frozen=True, eq=False)
+class PhotonHistograms:
+    """Photons counted by the bins in which they came, as histogramming sensors send them.
+
+    Args:
+        counts: uint8, uint16, int32 or float32 [rows, cols, n], photons in each bin; negative ones, of int32 and
+            float32, where the sensor has subtracted ambient light. n is T, or what `sensor.histograms` says.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+    """
+
+    counts: np.ndarray
+    stamp_ns: int = 0
+
+    def __post_init__(self):
+        require(self.counts.dtype in COUNT_DTYPES, "histograms dtype", str(self.counts.dtype),
+                "uint8, uint16, int32 or float32")
+        require(self.counts.ndim == 3, "histograms shape", self.counts.shape, "[rows, cols, bins]")
+
+    @cached_property
+    def photons(self) -> int:
+        """Number of photons; 0 if negative counts outweigh them."""
+        flat = self.counts.reshape(-1)
+        if self.counts.dtype.kind != "u":
+            return max(round(float(flat.sum(dtype=np.float64))), 0)
+        # twice as fast as to add up in 64 bits, and exact: a part's sum fits into 32
+        return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
+
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts."""
+        wanted = sensor.rows, sensor.cols, _bins_of(sensor)
+        require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
+        require(self.counts.dtype.kind != "f" or bool(np.isfinite(self.counts).all()), "histograms",
+                "not finite in places", "finite counts")
+
+    def on_axis(self, sensor: SensorModel) -> np.ndarray:
+        """The counts in the bins of the sensor's axis, each in the one in which its middle lies; [rows, cols, T]."""
+        bins, pixels = sensor.histograms, sensor.pixels
+        if bins is None:
+            return self.counts
+        counts = self._of_the_scene(sensor)
+        out = np.zeros((pixels, sensor.num_bins), np.float32)
+        at = np.minimum(np.broadcast_to(bins.centers().astype(np.int64), counts.shape), sensor.num_bins - 1)
+        np.add.at(out, (np.arange(pixels)[:, None], at), counts)
+        return out.reshape(sensor.rows, sensor.cols, -1)
+
+    def _of_the_scene(self, sensor: SensorModel) -> np.ndarray:
+        """The counts less the sensor's template, [rows · cols, n]."""
+        counts, bins = self.counts.reshape(sensor.pixels, -1), sensor.histograms
+        return counts if bins is None or bins.template is None else counts - bins.template
+
+    def to_events(self, sensor: SensorModel) -> PhotonEvents:
+        """The same photons as events sorted by pixel, for what needs photons one by one.
+
+        Raises:
+            InvalidInput: histograms that are not the sensor's, or negative or fractional counts.
+        """
+        self.check(sensor)
+        bins, counts = sensor.histograms, self._of_the_scene(sensor).reshape(-1)
+        at = np.flatnonzero(counts)
+        numbers = counts[at].astype(np.int64)
+        require(bool((numbers == counts[at]).all() and (numbers > 0).all()), "histograms",
+                "negative or fractional in places", "whole photons, to tell them one by one")
+        pixel, toa = np.divmod(at, self.counts.shape[2])
+        if bins is not None:
+            middles = bins.centers() - 0.5          # of bins, counted in bins
+            toa = middles[pixel, toa] if middles.ndim == 2 else middles[toa]
+            if (toa != np.floor(toa)).any():
+                toa = ((toa + sensor.first_bin_center) % sensor.num_bins).astype(np.float32) % sensor.num_bins
+        toa = toa if toa.dtype == np.float32 else toa.astype(np.uint16)
+        return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
+
+
+def _bins_of(sensor: SensorModel) -> int:
+    """Bins of a sensor's histograms."""
+    return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
+
+
 def last_word(sensor: SensorModel) -> int:
     """The highest word that a photon can have: that of the last bin, or of 16 bits."""
     return min(sensor.gates.first_word + sensor.num_bins, 65_536) - 1
@@ -134,7 +212,7 @@ def word_wanted(sensor: SensorModel) -> str:
     return f"{sensor.gates.first_word} to {last_word(sensor)}, or {sensor.gates.no_detection} for no detection"
 
 
-PhotonFrame = PhotonEvents | PhotonGates
+PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms
 
 
 def most_photons(frame: PhotonFrame) -> int:

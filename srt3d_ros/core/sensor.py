@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import Pinhole, Projection
 from srt3d_ros.errors import InvalidInput, quoted, require
 
@@ -59,6 +60,7 @@ class SensorModel:
             non-negative, not all zero, normalised to sum 1 here; evenly if absent.
         projection: Pinhole or AngularScan; a pinhole of 30° across the larger side unless given.
         gates: ToA words of a gated array, for the `gates` topic.
+        histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
         frame_id: the sensor's frame in tf.
         toa_reference: "bin_center" or "bin_edge".
 
@@ -80,6 +82,7 @@ class SensorModel:
     background_shape: np.ndarray | None = None
     projection: Projection | None = None
     gates: GateWords | None = None
+    histograms: HistogramBins | None = None
     frame_id: str = "lidar"
     toa_reference: str = "bin_center"
 
@@ -106,6 +109,8 @@ class SensorModel:
         self._check_maps()
         if self.background_shape is not None:
             object.__setattr__(self, "background_shape", self._checked_background())
+        if self.histograms is not None:
+            self.histograms.check(self.rows, self.cols, self.num_bins)
         if self.projection is None:
             object.__setattr__(self, "projection", Pinhole.from_fov(self.rows, self.cols))
         if isinstance(self.projection, Pinhole):
@@ -203,7 +208,7 @@ class SensorModel:
         if irf.ndim == 2:
             irf = finer(irf.reshape(self.rows, self.cols, -1)).reshape(-1, irf.shape[1])
         return self.replace(rows=self.rows * factor, cols=self.cols * factor, irf=irf, gain=finer(self.gain),
-                            delay_bins=finer(self.delay_bins), mask=finer(self.mask),
+                            delay_bins=finer(self.delay_bins), mask=finer(self.mask), histograms=None,
                             projection=self.projection.upsampled(factor))
 
     def same_as(self, other: "SensorModel | None") -> bool:

@@ -6,13 +6,13 @@ only, bit for bit, not on their order, their packets or the number of threads.
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from srt3d_ros.core.device import DEVICES, REFERENCE, kernels_for
 from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, word_wanted
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
@@ -62,6 +62,9 @@ class Sketcher:
 
     def _resident_in_bins(self, frame: PhotonFrame) -> Callable[[], None]:
         on_device = self._kernels.photon_array
+        if isinstance(frame, PhotonHistograms):
+            frame.check(self.sensor)
+            return partial(self._add_histograms, frame, on_device(frame.counts.reshape(self.sensor.pixels, -1)))
         if isinstance(frame, PhotonGates):
             gates, rows, cols = frame.words.shape
             return partial(self._add_gates, frame, on_device(frame.words.reshape(gates, rows * cols)))
@@ -99,6 +102,19 @@ class Sketcher:
             self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
         self._note(gates.stamp_ns)
 
+    def _add_histograms(self, histograms: PhotonHistograms, counts) -> None:
+        self._kernels.sketch_histograms(counts, *self._histogram_tables, self._sums, self._photons)
+        self._note(histograms.stamp_ns)
+
+    @cached_property
+    def _histogram_tables(self) -> tuple:
+        """On the device: the phases of the bins of histograms, and the phase sums of the template, or None."""
+        table, bins = histogram_table(self.sensor, self.frequencies, self.gate), self.sensor.histograms
+        of_template = None
+        if bins is not None and bins.template is not None:
+            of_template = self._kernels.array(np.matmul(bins.template[..., None, :], table)[..., 0, :])
+        return self._kernels.array(table), of_template
+
     def _note(self, stamp_ns: int) -> None:
         self._stamp_ns = stamp_ns if self._stamp_ns is None else min(self._stamp_ns, stamp_ns)
 
@@ -122,6 +138,20 @@ def gated_table(frequencies, gate: Gate) -> np.ndarray:
     inside = (gate.start + np.arange(gate.num_bins)) % gate.source.num_bins
     table[inside] = phase_table((*frequencies, 0), gate.num_bins, gate.sensor.first_bin_center)
     return table
+
+
+def histogram_table(sensor: SensorModel, frequencies, gate: Gate | None = None) -> np.ndarray:
+    """Phases of the bins of a sensor's histograms; float32 [n, 2m + 2], or [rows · cols, n, 2m + 2] if pixels differ.
+
+    As `gated_table`: zeros outside the gate, and inside 1 + 0i behind the others.
+    """
+    bins = sensor.histograms
+    edges = np.arange(sensor.num_bins) + 0.5 if bins is None else bins.centers()
+    start, num_bins = (0, sensor.num_bins) if gate is None else (gate.start, gate.num_bins)
+    from_start = (edges - start) % sensor.num_bins
+    turns = (from_start + sensor.first_bin_center - 0.5)[..., None] * np.asarray((*frequencies, 0)) / num_bins
+    phases = np.exp(2j * np.pi * turns) * (from_start < num_bins)[..., None]
+    return phases.astype(np.complex64).view(np.float32)
 
 
 def sketch_photons(frame: PhotonFrame, sensor: SensorModel, frequencies, gate: Gate | None = None) -> Sketch:

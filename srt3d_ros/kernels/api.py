@@ -98,6 +98,20 @@ class Kernels(Protocol):
         `words` are uint16 [G, pixels], a laser cycle a row, without stray ones.
         """
 
+    def sketch_histograms(self, counts: Array, table: Array, of_template: Array | None, sums: Array,
+                          photons: Array) -> None:
+        """sums_i += Σ_j counts_ij table_j − of_template, and its last column but one, if above 0, to photons_i.
+
+        A product of matrices in float32: what it costs does not depend on the counts. `sums` may be of 2m values only,
+        then what is behind them counts for `photons` alone.
+
+        Args:
+            counts: uint8, uint16, int32 or float32 [pixels, n].
+            table: float32 [n, 2m + 2] of exp(i ω_l b), re and im interleaved, then 1 and 0; [pixels, n, 2m + 2] if
+                pixels have bins of their own; zeros for bins that do not count.
+            of_template: float32 [2m + 2] or [pixels, 2m + 2], or None.
+        """
+
     # ---- Start
 
     def prepare(self, sums: Array, photons: Array, equaliser: Array, used: Array, scratch: Scratch | None = None,

@@ -68,6 +68,17 @@ def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
     return {name: _value(content[name], field, where + name) for name, field in known.items() if name in content}
 
 
+def write_object(value, fields: list[dict]) -> dict:
+    """The fields of an object that are not None, arrays in the compact form."""
+    content = {}
+    for field in fields:
+        part = getattr(value, field["name"])
+        if part is not None:
+            is_array = field["type"] == "array" and np.ndim(part) > 0
+            content[field["name"]] = write_array(np.asarray(part), field["dtype"]) if is_array else part
+    return content
+
+
 def write_array(array: np.ndarray, dtype: str) -> dict:
     """The compact form of an array: its little-endian bytes in base64."""
     return {"dtype": dtype, "shape": list(array.shape),
@@ -77,7 +88,7 @@ def write_array(array: np.ndarray, dtype: str) -> dict:
 def _value(value, field: dict, name: str):
     kind = field["type"]
     if kind == "array":
-        return _array(value, field["dtype"], name)
+        return float(value) if field.get("or_number") and _is_number(value) else _array(value, field["dtype"], name)
     if kind == "integers":
         require(isinstance(value, list), name, quoted(value), "a list of integers")
         for number in value:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import require
@@ -13,6 +14,7 @@ from srt3d_ros.messages.schema import load
 if TYPE_CHECKING:
     from std_msgs.msg import String
 
+OBJECTS = {"gates": GateWords, "histograms": HistogramBins}
 PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
@@ -60,8 +62,8 @@ def to_object(sensor: SensorModel) -> dict:
             value = json_text.write_array(value, field["dtype"])
         elif field["name"] == "projection":
             value = _projection_parts(value, schema)
-        elif field["name"] == "gates":
-            value = _parts(value, schema["gates"]["fields"])
+        elif field["name"] in OBJECTS:
+            value = json_text.write_object(value, schema[field["name"]]["fields"])
         content[field["name"]] = value
     return content
 
@@ -72,23 +74,19 @@ def from_object(content: dict) -> SensorModel:
     json_text.check_version(content, schema)
     values = json_text.read_object(content, schema["fields"])
     del values["schema_version"]
-    if "gates" in values:
-        values["gates"] = GateWords(**json_text.read_object(values["gates"], schema["gates"]["fields"], "gates."))
+    for name in OBJECTS.keys() & values.keys():
+        values[name] = OBJECTS[name](**json_text.read_object(values[name], schema[name]["fields"], f"{name}."))
     if "projection" in values:
         values["projection"] = _projection(values["projection"], schema)
     check_frame_id("frame_id", values.get("frame_id", ""))
     return SensorModel(**values)
 
 
-def _parts(value, fields: list[dict]) -> dict:
-    return {field["name"]: getattr(value, field["name"]) for field in fields}
-
-
 def _projection_parts(projection: Projection, schema: dict) -> dict:
-    parts = _parts(projection, schema["projection"][projection.kind]["fields"])
+    parts = json_text.write_object(projection, schema["projection"][projection.kind]["fields"])
     distortion = parts.pop("distortion", None)
     if distortion:
-        parts["distortion"] = _parts(distortion, schema["distortion"]["fields"])
+        parts["distortion"] = json_text.write_object(distortion, schema["distortion"]["fields"])
     return parts
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.photons import MAX_WORDS, PhotonEvents, PhotonGates
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.photons import MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -122,3 +123,67 @@ def test_a_word_below_the_first_is_named_not_wrapped():
 def test_gates_of_no_cycle_have_no_photons():
     none = PhotonGates(np.zeros((0, 3, 4), np.uint16)).to_events(SENSOR)
     assert none.photons == 0 and none.pixel.dtype == np.uint32
+
+
+def histograms(counts, dtype=np.uint16, **fields):
+    return PhotonHistograms(np.asarray(counts, dtype), **fields)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
+def test_histograms_count_their_photons(dtype):
+    counts = np.random.default_rng(1).integers(0, 255, (3, 4, 100))
+    assert histograms(counts, dtype).photons == counts.sum()
+
+
+def test_all_of_many_full_bins_are_counted():
+    assert histograms(np.full((10, 1, 65_535), 65_535)).photons == 10 * 65_535**2
+
+
+def test_subtracted_ambient_light_leaves_no_less_than_no_photons():
+    assert histograms(np.full((3, 4, 100), -1), np.int32).photons == 0
+
+
+@pytest.mark.parametrize(("counts", "named"), [
+    (np.zeros((3, 4, 100), np.int64), "histograms dtype is int64"),
+    (np.zeros((3, 400), np.uint16), "histograms shape")])
+def test_what_is_no_histogram_is_refused(counts, named):
+    with pytest.raises(InvalidInput, match=named):
+        PhotonHistograms(counts)
+
+
+@pytest.mark.parametrize(("counts", "named"), [
+    (np.zeros((3, 4, 99), np.uint16), r"histograms shape is \(3, 4, 99\): expected .*\(3, 4, 100\)"),
+    (np.full((3, 4, 100), np.nan, np.float32), "histograms is not finite in places")])
+def test_histograms_that_do_not_fit_the_sensor_are_refused(counts, named):
+    with pytest.raises(InvalidInput, match=named):
+        PhotonHistograms(counts).check(SENSOR)
+
+
+def test_histograms_become_events_sorted_by_pixel():
+    counts = np.zeros((3, 4, 100))
+    counts[0, 1, 7], counts[2, 3, 99] = 2, 1
+    found = histograms(counts, stamp_ns=5).to_events(SENSOR)
+    assert found.pixel.tolist() == [1, 1, 11] and found.toa.tolist() == [7, 7, 99] and found.stamp_ns == 5
+    assert found.toa.dtype == np.uint16 and found.pixel.dtype == np.uint32
+
+
+@pytest.mark.parametrize(("dtype", "count"), [(np.int32, -1), (np.float32, 0.5)])
+def test_counts_that_are_no_photons_cannot_be_told_one_by_one(dtype, count):
+    with pytest.raises(InvalidInput, match="negative or fractional"):
+        histograms(np.full((3, 4, 100), count), dtype).to_events(SENSOR)
+
+
+@pytest.mark.parametrize(("toa_reference", "toa"), [("bin_center", 12.0), ("bin_edge", 12.5)])
+def test_photons_lie_in_the_middle_of_their_bin(toa_reference, toa):
+    bins = HistogramBins(20, first_bin=10, bin_width=2.5)
+    counts = np.zeros((3, 4, 20))
+    counts[0, 0, 0], counts[0, 0, 1] = 1, 1             # middles 11.25 and 13.75 bins from the beginning of bin 0
+    found = histograms(counts).to_events(SENSOR.replace(histograms=bins, toa_reference=toa_reference))
+    assert found.toa.dtype == np.float32 and found.toa.mean() == toa and np.ptp(found.toa) == 2.5
+
+
+def test_histograms_lie_on_the_axis_without_their_template():
+    bins = HistogramBins(2, first_bin=np.arange(12.0).reshape(3, 4), bin_width=4, template=np.array([1, 0]))
+    found = histograms(np.full((3, 4, 2), 3)).on_axis(SENSOR.replace(histograms=bins))
+    assert found.shape == (3, 4, 100) and found.sum() == 12 * 5
+    assert np.flatnonzero(found[1, 1]).tolist() == [7, 11] and found[1, 1, 7] == 2

@@ -1,11 +1,13 @@
 """SensorModel: what it refuses, and what it says about where photons come from."""
 
+import copy
 import dataclasses
 
 import numpy as np
 import pytest
 
 from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sensor_difference import first_difference
@@ -132,17 +134,18 @@ def test_replace_changes_one_field_and_checks_again():
 
 FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.full(SHAPE, 2.0),
         "delay_bins": np.ones(SHAPE), "mask": np.eye(2, 3, dtype=bool), "projection": Pinhole(1, 1, 0, 0),
-        "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50), "toa_reference": "bin_center"}
+        "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50), "toa_reference": "bin_center",
+        "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.ones(10))}
 OTHER = {"rows": 3, "cols": 2, "num_bins": 51, "bin_width_s": 2e-10, "irf": [1.0, 3, 2, 0], "irf_ref": 0,
          "toa_offset_bins": 7.25, "range_offset_m": 0.2, "gain": holed(2), "delay_bins": None, "mask": holed(0),
          "projection": Pinhole(1, 1, 0, 1), "gates": GateWords(0, 1), "frame_id": "other",
-         "background_shape": np.arange(50), "toa_reference": "bin_edge"}
+         "background_shape": np.arange(50), "toa_reference": "bin_edge",
+         "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.zeros(10))}
 
 
 def test_same_as_sees_equal_values_in_other_arrays():
     assert not make(**FULL).same_as(None)
-    assert make(**FULL).same_as(make(**{name: np.copy(value) if isinstance(value, np.ndarray) else value
-                                        for name, value in FULL.items()}))
+    assert make(**FULL).same_as(make(**copy.deepcopy(FULL)))
 
 
 @pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(SensorModel)])

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher, gated_table, phase_table
+from srt3d_ros.core.sketching import Sketcher, gated_table, histogram_table, phase_table
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels import reference
 from srt3d_ros.kernels.cpu import phase_sums, rows
@@ -267,3 +268,66 @@ def test_a_sketcher_on_cuda_names_an_invalid_photon_and_adds_nothing(cuda, frame
     with pytest.raises(InvalidInput, match=f"^{message}"):
         sketcher.add(frame)
     assert not sketcher.sketch().sums.any() and not cuda.numpy(sketcher.sketch().photons).any()
+
+
+def histogram_sensor(bins=None, **fields):
+    return SensorModel(5, 8, T, 1e-10, [1, 2, 1], histograms=bins, **fields)
+
+
+OWN_BINS = HistogramBins(12, first_bin=np.arange(40.0).reshape(5, 8) % 3, bin_width=3.5)
+WIDE_BINS = HistogramBins(10, first_bin=5.0, bin_width=4.0, template=np.linspace(0, 0.4, 10))
+OF_EACH = HistogramBins(12, OWN_BINS.first_bin, 3.5, template=np.random.default_rng(3).random((40, 12)))
+
+
+@EVERY
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
+@pytest.mark.parametrize("bins", [None, OWN_BINS, WIDE_BINS, OF_EACH], ids=["T", "own", "template", "of each"])
+def test_histograms(backend, dtype, bins):
+    sensor, frequencies = histogram_sensor(bins), (1, 3, 11)
+    n = T if bins is None else bins.num_bins
+    rng = np.random.default_rng(2)
+    counts = rng.integers(0, 200, (40, n)) - (30 if np.dtype(dtype).kind != "u" else 0)
+    table = histogram_table(sensor, frequencies)
+    of_template = None if bins is None or bins.template is None else np.matmul(bins.template[..., None, :], table)
+    kernels = backend.kernels
+    sums, photons = kernels.new_sums(40, 6)
+    for _ in range(2):
+        kernels.sketch_histograms(kernels.photon_array(counts.astype(dtype)), backend.on(table),
+                                  None if of_template is None else backend.on(of_template[..., 0, :]), sums, photons)
+    z, numbers, _ = backend.off((*kernels.read_sums(sums, photons, 6), sums))
+    scene = counts - (0 if bins is None or bins.template is None else bins.template)
+    middle = np.arange(T) if bins is None else bins.centers() - 0.5
+    phases = np.exp(2j * np.pi * np.multiply.outer(np.broadcast_to(middle, (40, n)), frequencies) / T)
+    wanted = 2 * (scene[..., None] * phases).sum(axis=1)
+    assert np.abs(z - wanted).max() < 1e-6 * np.abs(scene).sum(axis=1).max() * 2
+    assert np.array_equal(numbers, 2 * np.rint(scene.sum(axis=1)).astype(np.int64))
+
+
+@EVERY
+@pytest.mark.parametrize("dtype", [np.int32, np.float32])
+def test_histograms_below_zero_have_no_photons(backend, dtype):
+    kernels, table = backend.kernels, histogram_table(histogram_sensor(), (1, 2))
+    sums, photons = kernels.new_sums(40, 4)
+    counts = np.full((40, T), -1, dtype)
+    counts[3] = 1
+    kernels.sketch_histograms(kernels.photon_array(counts), backend.on(table), None, sums, photons)
+    _, numbers, _ = backend.off((*kernels.read_sums(sums, photons, 4), sums))
+    assert numbers[3] == T and numbers.sum() == T
+
+
+@EVERY
+@pytest.mark.parametrize("toa_reference", ["bin_center", "bin_edge"])
+@pytest.mark.parametrize("gate", [None, (12, 40)])
+@pytest.mark.parametrize("bins", [None, OWN_BINS, HistogramBins(10, 5.0, 4.0)], ids=["T", "own", "wide"])
+def test_a_histogram_has_the_sketch_of_its_photons(backend, bins, gate, toa_reference):
+    sensor = histogram_sensor(bins, toa_reference=toa_reference)
+    n = T if bins is None else bins.num_bins
+    histograms = PhotonHistograms(np.random.default_rng(1).poisson(0.4, (5, 8, n)).astype(np.uint16), stamp_ns=7)
+    gate = gate and Gate(sensor, *gate)
+    of_counts, of_events = (Sketcher(sensor, (1, 2, 7), backend.name, gate) for _ in range(2))
+    of_counts.add(histograms)
+    of_events.add(histograms.to_events(sensor))
+    found, wanted = of_counts.sketch().on_host(), of_events.sketch().on_host()
+    assert np.array_equal(found.photons, wanted.photons) and found.stamp_ns == 7
+    assert found.photons.sum() == histograms.photons if gate is None else 0 < found.photons.sum() < histograms.photons
+    assert np.abs(found.sums - wanted.sums).max() < 3e-5 * found.photons.max()

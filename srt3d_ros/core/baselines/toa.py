@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonFrame, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 
 RATIOS = np.geomspace(1e-7, 1e3, 101)       # background photons per bin and signal photon
@@ -32,7 +32,7 @@ class PixelToa:
 
 def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PixelToa:
     """The photons of a frame sorted by pixel; InvalidInput unless they fit the sensor."""
-    if isinstance(frame, PhotonGates):
+    if not isinstance(frame, PhotonEvents):
         frame = frame.to_events(sensor)
     frame.check(sensor)
     pixel, toa = frame.pixel, frame.toa

@@ -28,6 +28,7 @@ BLOCK = 2048                    # photons or words of one program
 PHOTONS = 32                    # of a pixel that are looked up together
 SEGMENT = 1024                  # times so many: 2¹⁵ photons, whose rows' 32-bit sums cannot overflow
 PROGRAMS = 8192                 # that a GPU should at least have
+MOST_COUNTS = 2**26             # of histograms at a time: 256 MB as float32
 
 
 # ---- Tables and sums
@@ -242,3 +243,19 @@ def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons)
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
     placed, starts = _gather(words, words, words.shape[1], first_word, no_detection, gates=True)
     _add_rows(placed, starts, rows, sums, photons)
+
+
+# ---- Histograms: a product of matrices, by cuBLAS
+
+def sketch_histograms(counts, table, of_template, sums, photons):
+    pixels, n = counts.shape
+    wanted = min(sums.shape[1], table.shape[-1])
+    block = max(MOST_COUNTS // n, 1)
+    for first in range(0, pixels, block):
+        part = slice(first, first + block)
+        as_float = counts[part].to(torch.float32)
+        product = as_float @ table if table.ndim == 2 else torch.bmm(as_float[:, None], table[part])[:, 0]
+        if of_template is not None:
+            product -= of_template if of_template.ndim == 1 else of_template[part]
+        sums[part, :wanted] += torch.round(product[:, :wanted].double() * UNIT).long()
+        photons[part] += torch.round(product[:, -2].clamp(min=0)).long()

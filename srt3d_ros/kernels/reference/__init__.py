@@ -18,6 +18,7 @@ from srt3d_ros.kernels.reference.phase_sums import (
     read_sums,
     sketch_continuous,
     sketch_gates,
+    sketch_histograms,
     sketch_sorted,
     sketch_unsorted,
 )
@@ -29,5 +30,5 @@ from srt3d_ros.kernels.reference.unexplained import unexplained
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
            "log_likelihood_ratio", "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step",
-           "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_sorted",
-           "sketch_unsorted", "trim", "unexplained", "unpack"]
+           "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_histograms",
+           "sketch_sorted", "sketch_unsorted", "trim", "unexplained", "unpack"]

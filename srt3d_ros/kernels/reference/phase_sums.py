@@ -56,3 +56,10 @@ def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons)
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
     cycle, pixel = np.nonzero(words != no_detection)
     sketch_unsorted(pixel, words[cycle, pixel].astype(int) - first_word, rows, sums, photons)
+
+
+def sketch_histograms(counts, table, of_template, sums, photons):
+    product = np.matmul(counts[:, None].astype(float), table.astype(float))[:, 0]
+    product = (product if of_template is None else product - of_template).view(complex)
+    sums += product[:, :sums.shape[1]]
+    photons += np.rint(np.maximum(product[:, -1].real, 0)).astype(np.int64)

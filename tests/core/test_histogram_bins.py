@@ -1,0 +1,75 @@
+"""HistogramBins: where bins lie, and which are refused."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.frame_watch import frame_histogram
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.light_meter import light_of
+from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput
+
+SHAPE = (2, 3)
+
+
+def sensor(bins, num_bins=100):
+    return SensorModel(*SHAPE, num_bins, 1e-10, [1.0, 2, 1], histograms=bins)
+
+
+def test_the_middles_of_bins():
+    assert HistogramBins(3).centers().tolist() == [0.5, 1.5, 2.5]
+    assert HistogramBins(3, first_bin=10, bin_width=4).centers().tolist() == [12, 16, 20]
+    own = HistogramBins(2, first_bin=np.arange(6.0).reshape(SHAPE), bin_width=2)
+    assert own.centers().tolist() == [[k + 1, k + 3] for k in range(6)]
+
+
+def test_pixels_with_equal_bins_do_not_differ():
+    assert not HistogramBins(2, first_bin=np.ones(SHAPE)).differ
+    assert HistogramBins(2, first_bin=np.ones(SHAPE)).centers().shape == (2,)
+
+
+@pytest.mark.parametrize(("bins", "named"), [
+    (HistogramBins(0), "histograms.num_bins is 0"), (HistogramBins(101), "histograms.num_bins is 101"),
+    (HistogramBins(10, first_bin=-1), "histograms.first_bin is -1"),
+    (HistogramBins(10, bin_width=0), "histograms.bin_width is 0"),
+    (HistogramBins(10, bin_width=np.nan), "histograms.bin_width is not finite"),
+    (HistogramBins(10, first_bin=np.ones((3, 2))), r"histograms.first_bin is float64 \(3, 2\)"),
+    (HistogramBins(10, first_bin=95), "10 bins that end at 105: expected at most T = 100"),
+    (HistogramBins(10, template=np.ones(9)), r"histograms.template shape is \(9,\)"),
+    (HistogramBins(10, template=-np.ones(10)), "histograms.template is negative"),
+])
+def test_bins_that_no_sensor_of_this_size_has_are_refused(bins, named):
+    with pytest.raises(InvalidInput, match=named):
+        sensor(bins)
+
+
+def test_too_many_bins_of_their_own_are_refused():
+    with pytest.raises(InvalidInput, match="10000 × 500 bins of their own"):
+        HistogramBins(500, first_bin=np.arange(10_000.0).reshape(100, 100) % 2).check(100, 100, 600)
+
+
+def photons(bins, level, seed=0):
+    """A wall in bin 60 before a background, in histograms."""
+    own = sensor(bins)
+    middles = np.broadcast_to(bins.centers(), (6, bins.num_bins))
+    expected = np.where(np.abs(middles - 60) < bins.bin_width / 2 + 0.1, 40 * level, level * bins.bin_width)
+    counts = np.random.default_rng(seed).poisson(expected).astype(np.int32)
+    return own, PhotonHistograms(counts.reshape(*SHAPE, -1))
+
+
+@pytest.mark.parametrize("first_bin", [20.0, 20 + np.arange(6.0).reshape(SHAPE) * 2])
+def test_a_frame_watch_sees_histograms_on_the_axis(first_bin):
+    own, frame = photons(HistogramBins(30, first_bin, 2.0), 5)
+    found = frame_histogram(frame, own)
+    assert found.counts.sum() == frame.photons and abs(int(found.counts.argmax()) - 60) <= 1
+
+
+def test_a_light_meter_sees_what_histograms_say():
+    own = SensorModel(20, 30, 100, 1e-10, [1.0, 2, 1])
+    rng = np.random.default_rng(1)
+    signal = rng.multinomial(20, np.roll(np.r_[own.irf, np.zeros(97)], 60), (20, 30))
+    frame = PhotonHistograms((signal + rng.poisson(0.1, (20, 30, 100))).astype(np.uint16))
+    of_counts, of_events = light_of(frame, own), light_of(frame.to_events(own), own)
+    assert of_counts.photons_per_pixel == of_events.photons_per_pixel
+    assert of_counts.signal_share == pytest.approx(of_events.signal_share, rel=1e-5)
