@@ -29,6 +29,29 @@ def add_device(parser: argparse.ArgumentParser) -> None:
                         help="where to compute (auto: the GPU if there is one)")
 
 
+SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "channel")
+
+
+def add_photon_file(parser: argparse.ArgumentParser) -> None:
+    """INPUT, which frame of it, and options for what it does not say."""
+    parser.add_argument("input", metavar="INPUT",
+                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .sdt, .spc, .phu, .h5, .dat, "
+                             ".npy; docs/photon-file.md), or a bag (docs/bags.md)")
+    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
+    parser.add_argument("--photons-topic", default="", metavar="TOPIC",
+                        help="where a bag's photons are, if it has several topics of them")
+    sensor = parser.add_argument_group("what the file does not say")
+    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
+    sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
+    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
+    sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
+    sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
+    sensor.add_argument("--rows", type=int, metavar="N", help="of a scan, or of histograms without a shape")
+    sensor.add_argument("--cols", type=int, metavar="N", help="the same")
+    sensor.add_argument("--channel", type=int, metavar="C",
+                        help="whose photons to take, of a file with several detectors or data sets (that with the most)")
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
 

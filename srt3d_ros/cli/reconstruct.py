@@ -14,7 +14,6 @@ from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
 METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
-OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg")
 
 
 def add_parser(subparsers) -> None:
@@ -24,11 +23,6 @@ def add_parser(subparsers) -> None:
                     "bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
-    parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published; "
-                                                       "or a bag (docs/bags.md)")
-    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
-    parser.add_argument("--photons-topic", default="", metavar="TOPIC",
-                        help="where a bag's photons are, if it has several topics of them")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
     parser.add_argument("--sketch-size", type=int, metavar="M",
@@ -56,13 +50,8 @@ def add_parser(subparsers) -> None:
                         help="keep the photons of bins FIRST to LAST only, or of those in which the histogram of all "
                              "photons shows a scene (auto); T becomes their number (off)")
     common.add_json(parser)
-    sensor = parser.add_argument_group("what the file does not say")
-    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
-    sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
-    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
-    sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
-    sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
-    sensor.add_argument("--dark", metavar="FILE",
+    common.add_photon_file(parser)
+    parser.add_argument("--dark", metavar="FILE",
                         help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
 
@@ -70,13 +59,16 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.sketch_design import design_for
     from srt3d_ros.core.sketching import sketch_photons
-    from srt3d_ros.datasets import open_photons
+    from srt3d_ros.datasets import PhotonStream, open_photons, open_stream
     from srt3d_ros.recording import cloud_files
 
-    method, frequencies = find(args.method), ()
+    method, frequencies, found = find(args.method), (), None
     cloud_files.check(args.output)
-    overrides = common.given(args, OVERRIDES) | _fixed_gate(args.gate)
-    photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
+    overrides = common.given(args, common.SENSOR_OVERRIDES) | _fixed_gate(args.gate)
+    photons = open_stream(args.input, args.frame, args.photons_topic, **overrides)
+    stream = photons if isinstance(photons, PhotonStream) and method.needs == "sketch" else None
+    if isinstance(photons, PhotonStream):       # its sample chooses gate and frequencies
+        photons = photons.sample if stream is not None else photons.read_whole()
     sensor, frame = photons.sensor, photons.frame
     if args.dark is not None:
         require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")
@@ -94,16 +86,20 @@ def run(args: argparse.Namespace) -> int:
     for name in ("sketch_size", "frequencies"):
         given = getattr(args, name)
         require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
+    if stream is not None:
+        sensor = sensor.replace(mask=None)
     reconstructor = method.build(sensor, frequencies, **common.given(args, METHOD_OPTIONS))
     reconstructor.warm_up()
     seen, sketch_ms = frame, None
-    if method.needs == "sketch":
+    if stream is not None:
+        seen, sketch_ms = _timed(stream.sketch, frequencies, found)
+    elif method.needs == "sketch":
         seen, sketch_ms = _timed(sketch_photons, frame, sensor, frequencies)
     cloud, reconstruct_ms = _timed(reconstructor, seen)
     cloud = cloud.ordered(args.surface_order)
     cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
     facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
-             "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,
+             "num_bins": sensor.num_bins, "photons": frame.photons if stream is None else int(seen.photons.sum()), "sketch_size": len(frequencies) or None,
              "frequencies": list(frequencies), "surfaces": args.surfaces,
              "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
              "reconstruct_ms": reconstruct_ms, "output": str(args.output)}

@@ -12,7 +12,7 @@ from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets.files import one_error
 from srt3d_ros.datasets.photons import number, positive_integer
 from srt3d_ros.datasets.scan import FRAME, LINE, STOP, LineScan, chosen_channel, look_at_marks
-from srt3d_ros.datasets.stream import Chunk, Recording
+from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import require
 
 EXPECTED = "a PicoQuant .ptu file, whole"
@@ -24,7 +24,7 @@ DEFAULT_BITS = {"ImgHdr_LineStart": 1, "ImgHdr_LineStop": 2}     # of markers, i
 PICOHARP_T2 = 0x00010203
 
 
-class Events(NamedTuple):
+class Records(NamedTuple):
     """Some records: time in ticks of the clock; ToA in bins and channel of photons (else -1); marks of the scanner."""
 
     time: np.ndarray
@@ -50,13 +50,13 @@ def read(path: Path, options: dict) -> Recording:
         channel, channel_notes = chosen_channel((part.channel for part in events()), options)
         new_scan, scan_notes = _scan(ptu, events, options)
 
-    def chunks() -> Iterator[Chunk]:
+    def chunks() -> Iterator[Events]:
         with one_error(path, EXPECTED, "ptufile"):
             scan = new_scan()
             for part in events():
                 pixel = scan.pixels(part.time, part.marks)
                 photon = np.flatnonzero(part.channel == channel)
-                yield Chunk(pixel[photon], part.toa[photon], part.done)
+                yield Events(pixel[photon], part.toa[photon], part.done)
 
     scan = new_scan()
     return Recording(scan.rows, scan.cols, num_bins, bin_width_s, chunks, path.stem,
@@ -80,7 +80,7 @@ def _records(path: Path, ptu) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
             yield raw, decoded[:-1], time[:-1].astype(np.int64), file.tell() / size
 
 
-def _events(path: Path, ptu, convert: Callable) -> Iterator[Events]:
+def _events(path: Path, ptu, convert: Callable) -> Iterator[Records]:
     """The records of a file from its beginning; `convert()` gives what makes ToA and channel of them."""
     bits = {tag: int(ptu.tags.get(tag, DEFAULT_BITS.get(tag, 0))) for tag in MARKS}
     timing = convert()
@@ -89,7 +89,7 @@ def _events(path: Path, ptu, convert: Callable) -> Iterator[Events]:
         for tag, mark in MARKS.items():
             if 1 <= bits[tag] <= 8:
                 marks[decoded["marker"] & (1 << (bits[tag] - 1)) != 0] |= mark
-        yield Events(time, *timing(raw, decoded, time), marks, done)
+        yield Records(time, *timing(raw, decoded, time), marks, done)
 
 
 def _t3(path: Path, ptu, options: dict) -> tuple:
@@ -143,7 +143,7 @@ def _is_sync(ptu, raw: np.ndarray, decoded: np.ndarray) -> np.ndarray:
     return (decoded["channel"] == 0) & special
 
 
-def _scan(ptu, events: Callable[[], Iterator[Events]], options: dict) -> tuple[Callable[[], LineScan], tuple[str, ...]]:
+def _scan(ptu, events: Callable[[], Iterator[Records]], options: dict) -> tuple[Callable[[], LineScan], tuple[str, ...]]:
     """What makes a LineScan, of one pixel if there is no scan; and notes."""
     rows, cols = (positive_integer(name, options.get(name, ptu.tags.get(tag, 1)))
                   for name, tag in (("rows", "ImgHdr_PixY"), ("cols", "ImgHdr_PixX")))

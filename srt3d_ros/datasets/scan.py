@@ -9,7 +9,8 @@ import numpy as np
 from srt3d_ros.datasets.photons import number
 from srt3d_ros.errors import require
 
-LINE, STOP, FRAME = 1, 2, 4         # bits of a mark: a line begins, a line ends, a new frame begins with the next line
+# Bits of a mark: a line begins, a line ends, a new frame begins with the next line, a pixel begins.
+LINE, STOP, FRAME, PIXEL = 1, 2, 4, 8
 
 
 @dataclass
@@ -23,6 +24,7 @@ class LineScan:
         bidirectional: odd rows are scanned from right to left.
         column_at: column for each tick of a line, where the speed is not even; replaces `pixel_ticks`.
         skipping: leave out what comes before the first FRAME mark.
+        pixels_marked: PIXEL marks say where pixels begin; replaces `pixel_ticks`.
     """
 
     rows: int
@@ -32,8 +34,10 @@ class LineScan:
     bidirectional: bool = False
     column_at: np.ndarray | None = None
     skipping: bool = False
+    pixels_marked: bool = False
     _row: int = field(default=-1, init=False)           # of the newest line
     _begun: int = field(default=-1, init=False)         # when that line began; -1: no line is open
+    _col: int = field(default=-1, init=False)           # of the newest pixel, if pixels are marked
 
     def pixels(self, time: np.ndarray, marks: np.ndarray) -> np.ndarray:
         """The pixel of each event, int64 [N]; -1 for marks and for photons outside the lines.
@@ -42,6 +46,8 @@ class LineScan:
             time: int64 [N], ticks.
             marks: uint8 [N], 0 for a photon, else bits LINE, STOP, FRAME.
         """
+        if self.rows * self.cols == 1:
+            return np.where(marks == 0, 0, -1)
         is_mark = marks & (LINE | STOP | FRAME) != 0
         at = np.flatnonzero(is_mark)
         mark = marks[at]
@@ -53,26 +59,35 @@ class LineScan:
         if self.skipping:
             first = int(np.argmax(new_frame)) if new_frame.any() else len(at)
             begun[:first], self.skipping = -1, not new_frame.any()
-        rows = np.append(self._row, lines - before - 1)
-        begun = np.append(self._begun, begun)
-        self._row, self._begun = int(rows[-1]), int(begun[-1])
+        rows, begun = np.append(self._row, lines - before - 1), np.append(self._begun, begun)
         newest = np.cumsum(is_mark)
-        return np.where(is_mark | (marks != 0), -1, self._pixels_at(rows[newest], begun[newest], time))
+        if self.pixels_marked:
+            col = self._cols_by_marks(marks, at[begins], np.append(0, lines)[newest])
+        else:
+            col = self._cols_by_time(rows[newest], time - begun[newest])
+        row, begun = rows[newest], begun[newest]
+        self._row, self._begun = (int(rows[-1]), int(begun[-1])) if len(begun) else (self._row, self._begun)
+        row = row if self.frames_marked else row % self.rows
+        inside = (marks == 0) & (begun >= 0) & (row >= 0) & (row < self.rows) & (col >= 0) & (col < self.cols)
+        return np.where(inside, row * self.cols + col, -1)
 
-    def _pixels_at(self, row: np.ndarray, begun: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """The pixel at each time, of a line of this row that began then; -1 outside."""
-        ticks = time - begun
-        if self.rows * self.cols == 1:
-            return np.zeros(len(time), np.int64)
+    def _cols_by_marks(self, marks: np.ndarray, begins: np.ndarray, line: np.ndarray) -> np.ndarray:
+        """Pixels begun in the line of each event, less one; `begins`: where lines do, `line`: how many did."""
+        pixels = np.cumsum(marks & PIXEL != 0)
+        before = np.append(-(self._col + 1), pixels[begins] - (marks[begins] & PIXEL != 0))
+        col = pixels - before[line] - 1
+        self._col = int(col[-1]) if len(col) else self._col
+        return col
+
+    def _cols_by_time(self, row: np.ndarray, ticks: np.ndarray) -> np.ndarray:
+        """The column at so many ticks since a line of this row began; -1 outside."""
         line_ticks = self.cols * self.pixel_ticks if self.column_at is None else len(self.column_at)
-        inside = (begun >= 0) & (ticks >= 0) & (ticks < line_ticks)
-        if not self.frames_marked:
-            row = row % self.rows
+        inside = (ticks >= 0) & (ticks < line_ticks)
         if self.bidirectional:
             ticks = np.where(row % 2 == 1, int(line_ticks) - 1 - ticks, ticks)
         ticks = np.where(inside, ticks, 0)
         col = (ticks / self.pixel_ticks).astype(np.int64) if self.column_at is None else self.column_at[ticks]
-        return np.where(inside & (row >= 0) & (row < self.rows) & (col < self.cols), row * self.cols + col, -1)
+        return np.where(inside, col, -1)
 
 
 class Marks(NamedTuple):
@@ -82,11 +97,14 @@ class Marks(NamedTuple):
         lines: how many lines were seen, up to the first FRAME mark or the length of a frame.
         line_ticks: median length of a line, up to the next mark.
         within_frame: the recording begins within a frame, whose rows cannot be told.
+        frames, pixels: whether frames and pixels are marked.
     """
 
     lines: int
     line_ticks: float
     within_frame: bool
+    frames: bool
+    pixels: bool
 
 
 def look_at_marks(events: Iterable[tuple[np.ndarray, np.ndarray]], rows: int) -> Marks:
@@ -99,14 +117,17 @@ def look_at_marks(events: Iterable[tuple[np.ndarray, np.ndarray]], rows: int) ->
         kinds.append(marks[at])
         framed = framed or bool((kinds[-1] & FRAME).any())
         lines += int(np.count_nonzero(kinds[-1] & LINE))
-        if framed or lines >= rows:
+        if framed or lines > rows:
             break
     time, kind = np.concatenate(times or [np.zeros(0)]), np.concatenate(kinds or [np.zeros(0, np.uint8)])
+    pixels = bool((kind & PIXEL).any())
+    of_lines = kind & (LINE | STOP | FRAME) != 0
+    time, kind = time[of_lines], kind[of_lines]
     lengths = np.diff(time)[kind[:-1] & LINE != 0]
     first = int(np.argmax(kind & FRAME != 0)) if framed else 0
     before = int(np.count_nonzero(kind[:first] & LINE))
     # One line may be missing: scanners' first and last marks get lost.
-    return Marks(lines, float(np.median(lengths)) if len(lengths) else 0.0, 0 < before < rows - 1)
+    return Marks(lines, float(np.median(lengths)) if len(lengths) else 0.0, 0 < before < rows - 1, framed, pixels)
 
 
 def chosen_channel(channels: Iterable[np.ndarray], options: dict) -> tuple[int, tuple[str, ...]]:

@@ -1,17 +1,16 @@
-"""Laboratory files of any size: a `Recording` gives photons chunk by chunk, a `PhotonStream` knows their sensor too."""
+"""Files of any size: a `Recording` gives photons or histograms chunk by chunk, a `PhotonStream` knows their sensor."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, number, outside_note
@@ -21,15 +20,19 @@ MAX_KEPT = 2**24            # photons kept of the first pass: 100 MB. Files with
 BAR_DELAY_S = 2.0           # a progress bar appears after this long
 
 
-class Chunk(NamedTuple):
-    """Some photons of a recording in bins from 0, and the part of the file that has been read up to their end, 0 … 1.
-
-    Attributes:
-        pixel, toa: integers [N]; those outside the pixels (-1) or before bin 0 are left out by the stream.
-    """
+class Events(NamedTuple):
+    """Some photons: pixel, -1 outside, and ToA in bins, integers [N]; the part of the file read so far, 0 … 1."""
 
     pixel: np.ndarray
     toa: np.ndarray
+    done: float
+
+
+class Rows(NamedTuple):
+    """Histograms of some rows: the index of the first; counts [r, cols, n], numbers; the part of the file read."""
+
+    first_row: int
+    counts: np.ndarray
     done: float
 
 
@@ -38,24 +41,22 @@ class Recording:
     """What a reader finds in a file.
 
     Args:
-        rows, cols, num_bins: size of the frame. num_bins: of a laser period, or of all that the file can hold.
+        rows, cols, num_bins: size of the frame; num_bins: of a laser period, or of all that the file can hold.
         bin_width_s: seconds.
-        chunks: begins to read the file anew, in bounded memory, as often as it is called.
+        chunks: begins to read the file anew, in bounded memory, as often as it is called; gives either Events or Rows.
         name: the file's name without its suffix.
         notes: one line each for what was assumed.
-        given: options that the file itself gives: irf, fov_deg, … as for `photons.gather_options`.
-        reference_depth_bins: as for Photons.
+        given: what the file says of its sensor: irf, fov_deg, … by their names in `photons.OPTIONS`.
     """
 
     rows: int
     cols: int
     num_bins: int
     bin_width_s: float
-    chunks: Callable[[], Iterator[Chunk]]
+    chunks: Callable[[], Iterator[Events | Rows]]
     name: str
     notes: tuple[str, ...] = ()
-    given: dict | None = None
-    reference_depth_bins: np.ndarray | None = None
+    given: dict = field(default_factory=dict)
 
 
 class PhotonStream:
@@ -69,9 +70,9 @@ class PhotonStream:
     Attributes:
         sensor: SensorModel.
         notes: one line each for what was assumed, estimated or left out.
-        photons: number of photons inside pixels and gate.
-        sample: PhotonEvents, all photons of the pixels that `sample_sensor` does not mask: of all, if they are few.
-        whole: Photons if the file has at most MAX_KEPT, else None.
+        photons: number of photons inside pixels and gate; of fractional counts, their sum.
+        sample: Photons of some pixels, all that its sensor does not mask, to choose frequencies by.
+        whole: all Photons if there are at most MAX_KEPT, else None.
 
     Raises:
         InvalidInput: naming the option or the part of the file that cannot be used.
@@ -79,92 +80,129 @@ class PhotonStream:
 
     def __init__(self, recording: Recording, options: dict, guess_irf: bool = False):
         self._recording, self.name = recording, recording.name
-        options = (recording.given or {}) | options
+        options = recording.given | options
         self._first, self._bins = options.get("gate", (0, self._num_bins(options)))
-        step = self._survey()
-        irf, notes = options.get("irf"), list(recording.notes)
+        events, step, outside, countable = self._survey()
+        notes, irf = list(recording.notes), options.get("irf")
         if irf is None:
-            irf, note = self._estimated_irf(guess_irf)
+            irf, note = _estimated_irf(events, self._bins, guess_irf)
             notes.append(note)
         if "fov_deg" not in options:
             notes.append("field of view taken to be 30° across the larger side: the file has none (--fov-deg)")
-        plain = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, irf)
-        plain = apply_options(plain, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
-        self.sensor = plain.replace(toa_offset_bins=plain.toa_offset_bins + self._first)
-        self.notes = (*notes, *outside_note(self.outside, self.photons + self.outside, self._first,
-                                            self._first + self._bins - 1))
-        sampled = np.arange(plain.pixels).reshape(plain.rows, plain.cols) % step == 0
-        self.sample_sensor = self.sensor if step == 1 else self.sensor.replace(mask=sampled)
-        self.whole = None if step > 1 else Photons(self.sensor, self.sample, recording.reference_depth_bins, self.name,
-                                                   self.notes)
+        known = {name: value for name, value in options.items() if name not in ("num_bins", "irf")}
+        sensor = apply_options(SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, irf), known)
+        self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
+        last = self._first + self._bins - 1
+        self.notes = (*notes, *outside_note(outside, round(self.photons + outside), self._first, last))
+        sampled = np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) % step == 0
+        sample_sensor = self.sensor if step == 1 else self.sensor.replace(mask=sampled)
+        self.sample = Photons(sample_sensor, events, None, self.name, self.notes)
+        self.whole = self.sample if step == 1 and countable else None
 
-    def __iter__(self) -> Iterator[PhotonEvents]:
-        """The photons inside pixels and gate, chunk by chunk; a progress bar on a terminal if it takes long."""
+    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
+        """The sketch of all photons; reads the file a second time, in bounded memory."""
+        sketcher, strips = Sketcher(self.sensor, frequencies, gate=gate), []
+        for chunk in self._chunks():
+            if isinstance(chunk, Rows):
+                strips.append(self._sketch_of_rows(chunk.counts, frequencies, gate))
+            else:
+                sketcher.add(self._inside(chunk))
+        if not strips:
+            return sketcher.sketch()
+        return Sketch(strips[0].frequencies, *(np.concatenate([getattr(strip, name) for strip in strips])
+                                               for name in ("sums", "photons")))
+
+    def read_whole(self) -> Photons:
+        """All photons in memory; InvalidInput if they are more than MAX_PHOTONS, or fractional counts."""
+        if self.whole is not None:
+            return self.whole
+        require(self.photons <= MAX_PHOTONS, f"{self.name} photons", round(self.photons), f"at most {MAX_PHOTONS} in "
+                "memory; `srt3d reconstruct` with a method on sketches reads any number")
+        parts = [self._inside(chunk) for chunk in self._chunks()]
+        events = PhotonEvents(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "toa")))
+        return Photons(self.sensor, events, None, self.name, self.notes)
+
+    def _chunks(self) -> Iterator[Events | Rows]:
+        """The file from its beginning; a progress bar on a terminal if it takes long."""
         with tqdm(desc=f"reading {self.name}", total=100, delay=BAR_DELAY_S, disable=None, leave=False,
                   bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
             for chunk in self._recording.chunks():
                 bar.update(100 * chunk.done - bar.n)
-                yield self._inside(chunk)
-
-    def design(self, gate: str, frequencies: str, sketch_size: int | None) -> SketchDesign:
-        """Gate and frequencies for the light of the sample."""
-        return design_for(self.sample, self.sample_sensor, gate, frequencies, sketch_size)
-
-    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
-        """The sketch of all photons; reads the file a second time unless it is kept whole."""
-        sketcher = Sketcher(self.sensor, frequencies, gate=gate)
-        for events in (self.sample,) if self.whole else self:
-            sketcher.add(events)
-        return sketcher.sketch()
-
-    def read_whole(self) -> Photons:
-        """All photons in memory; InvalidInput if they are more than MAX_PHOTONS."""
-        if self.whole is not None:
-            return self.whole
-        require(self.photons <= MAX_PHOTONS, f"{self.name} photons", self.photons,
-                f"at most {MAX_PHOTONS} in memory; `srt3d reconstruct` with a method on sketches reads any number")
-        parts = list(self)
-        events = PhotonEvents(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "toa")))
-        return Photons(self.sensor, events, self._recording.reference_depth_bins, self.name, self.notes)
+                yield chunk
 
     def _num_bins(self, options: dict) -> int:
         """T: given or the recording's."""
         bins = int(number("num_bins", options.get("num_bins", self._recording.num_bins), "a number of bins"))
-        require(2 <= bins <= MAX_BINS, "num_bins", bins, f"2 to {MAX_BINS} bins: give --num-bins, --gate FIRST:LAST or "
-                "a wider --bin-width-s")
+        require(2 <= bins <= MAX_BINS, "num_bins", bins, f"2 to {MAX_BINS} bins: give num_bins, gate or bin_width_s")
         return bins
 
-    def _survey(self) -> int:
-        """Read the file once: count photons, keep a sample. Returns the step from one sampled pixel to the next."""
-        self.photons, self.outside, step, kept, parts = 0, 0, 1, 0, []
-        for events in self:
-            self.photons += events.photons
-            parts.append(_every(events, step))
-            kept += parts[-1].photons
-            while kept > MAX_KEPT and step < self._recording.rows * self._recording.cols:
+    def _survey(self) -> tuple[PhotonEvents, int, int, bool]:
+        """Read the file once: count photons, keep a sample of whole pixels.
+
+        Returns:
+            The sample; the step from one of its pixels to the next; photons outside the gate; whether all counts are
+            whole photons.
+        """
+        self.photons, outside, countable, step, parts = 0, 0, True, 1, []
+        most_steps = self._recording.rows * self._recording.cols
+        for chunk in self._chunks():
+            if isinstance(chunk, Rows):
+                counts = self._gated(chunk.counts)
+                inside = counts.sum(dtype=np.float64)
+                outside += round(chunk.counts.sum(dtype=np.float64) - inside)
+                whole = counts.dtype.kind in "ub" or bool((counts >= 0).all() and (counts == np.floor(counts)).all())
+                countable &= whole
+                first, pixels = chunk.first_row * counts.shape[1], counts.reshape(-1, counts.shape[2])
+                sampled = pixels[-first % step::step]
+                while sampled.sum(dtype=np.float64) > MAX_KEPT and step < most_steps:
+                    step *= 2
+                    sampled = pixels[-first % step::step]
+                part = _events_of(sampled, first + -first % step, step)
+            else:
+                events = self._inside(chunk)
+                inside = events.photons
+                outside += int(np.count_nonzero(chunk.pixel >= 0)) - inside
+                part = _every(events, step)
+            self.photons += inside
+            parts.append(part)
+            while sum(part.photons for part in parts) > MAX_KEPT and step < most_steps:
                 step *= 2
                 parts = [_every(part, step) for part in parts]
-                kept = sum(part.photons for part in parts)
         pixel = np.concatenate([part.pixel for part in parts] or [np.zeros(0, np.uint32)])
         toa = np.concatenate([part.toa for part in parts] or [np.zeros(0, np.uint16)])
-        self.sample = PhotonEvents(pixel, toa)
-        return step
+        return PhotonEvents(pixel, toa), step, outside, countable
 
-    def _inside(self, chunk: Chunk) -> PhotonEvents:
+    def _inside(self, chunk: Events | Rows) -> PhotonEvents:
         """The photons of a chunk that are in a pixel and inside the gate."""
-        hit = chunk.pixel >= 0
-        kept = hit & (chunk.toa >= self._first) & (chunk.toa < self._first + self._bins)
-        self.outside += int(np.count_nonzero(hit) - np.count_nonzero(kept))
+        if isinstance(chunk, Rows):
+            counts = self._gated(chunk.counts)
+            return _events_of(counts.reshape(-1, counts.shape[2]), chunk.first_row * counts.shape[1], 1)
+        kept = (chunk.pixel >= 0) & (chunk.toa >= self._first) & (chunk.toa < self._first + self._bins)
         return PhotonEvents(chunk.pixel[kept].astype(np.uint32), (chunk.toa[kept] - self._first).astype(np.uint16))
 
-    def _estimated_irf(self, guess: bool) -> tuple[np.ndarray, str]:
-        try:
-            return irfs.estimate(self.sample, self._bins), \
-                "IRF estimated from the photons, which makes it slightly broad: the file has none (--irf)"
-        except InvalidInput:
-            if not guess:
-                raise
-            return np.ones(1), "IRF taken to be one bin: the file has none, and none can be seen in its photons (--irf)"
+    def _gated(self, counts: np.ndarray) -> np.ndarray:
+        return counts[..., self._first:self._first + self._bins]
+
+    def _sketch_of_rows(self, counts: np.ndarray, frequencies, gate: Gate | None) -> Sketch:
+        """The sketch of histograms of some rows: fewer bins than T are its first ones."""
+        counts = _in_a_known_type(self._gated(counts))
+        missing = self._bins - counts.shape[2]
+        counts = np.pad(counts, ((0, 0), (0, 0), (0, missing))) if missing else counts
+        strip = SensorModel(*counts.shape, self.sensor.bin_width_s, np.ones(1), toa_reference=self.sensor.toa_reference)
+        sketcher = Sketcher(strip, frequencies, gate=None if gate is None else Gate(strip, gate.first, gate.last))
+        sketcher.add(PhotonHistograms(np.ascontiguousarray(counts)))
+        return sketcher.sketch()
+
+
+def _estimated_irf(events: PhotonEvents, bins: int, guess: bool) -> tuple[np.ndarray, str]:
+    """An IRF, and the note on it; InvalidInput if none can be seen, unless one may be guessed."""
+    try:
+        return irfs.estimate(events, bins), \
+            "IRF estimated from the photons, which makes it slightly broad: the file has none (--irf)"
+    except InvalidInput:
+        if not guess:
+            raise
+        return np.ones(1), "IRF taken to be one bin: the file has none, and none can be seen in its photons (--irf)"
 
 
 def _every(events: PhotonEvents, step: int) -> PhotonEvents:
@@ -173,3 +211,18 @@ def _every(events: PhotonEvents, step: int) -> PhotonEvents:
         return events
     kept = events.pixel & np.uint32(step - 1) == 0
     return PhotonEvents(events.pixel[kept], events.toa[kept])
+
+
+def _events_of(counts: np.ndarray, first: int, step: int) -> PhotonEvents:
+    """Counts [pixels, bins] of the pixels `first`, `first` + `step`, … as photons; negative ones are none."""
+    at = np.flatnonzero(counts)
+    photons = np.rint(np.maximum(counts.reshape(-1)[at], 0)).astype(np.int64)
+    pixel, toa = np.divmod(at, max(counts.shape[1], 1))
+    return PhotonEvents((first + step * pixel).astype(np.uint32).repeat(photons), toa.astype(np.uint16).repeat(photons))
+
+
+def _in_a_known_type(counts: np.ndarray) -> np.ndarray:
+    """Counts in a type that histograms may have."""
+    if counts.dtype in (np.uint8, np.uint16, np.int32, np.float32):
+        return counts.astype(counts.dtype.newbyteorder("="), copy=False)
+    return counts.astype(np.int32 if counts.dtype.kind in "bi" and counts.dtype.itemsize < 4 else np.float32)
