@@ -5,6 +5,8 @@ import json
 import sys
 from collections.abc import Callable, Iterable
 
+from srt3d_ros.errors import require
+
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     """The options of these names that were given, by name."""
@@ -50,6 +52,23 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument("--cols", type=int, metavar="N", help="the same")
     sensor.add_argument("--channel", type=int, metavar="C",
                         help="whose photons to take, of a file with several detectors or data sets (that with the most)")
+
+
+def add_gate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--gate", default="off", metavar="FIRST:LAST", help="keep the photons of bins FIRST to LAST only")
+
+
+def overrides(args: argparse.Namespace) -> dict[str, object]:
+    """The options of `datasets.open_photons` that were given; `--gate auto` is none of them."""
+    from srt3d_ros.core.gate import AUTO, OFF, parse
+
+    bins = parse(args.gate)
+    found = given(args, SENSOR_OVERRIDES)
+    if bins in (OFF, AUTO):
+        return found
+    first, last = bins
+    require(0 <= first < last, "gate", args.gate, "a first bin of 0 or more and below the last")
+    return found | {"gate": (first, last - first + 1)}
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.core.gate import AUTO, OFF, parse
+from srt3d_ros.core.gate import AUTO, OFF
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
     method, frequencies, found = find(args.method), (), None
     cloud_files.check(args.output)
-    overrides = common.given(args, common.SENSOR_OVERRIDES) | _fixed_gate(args.gate)
+    overrides = common.overrides(args)
     photons = open_stream(args.input, args.frame, args.photons_topic, **overrides)
     stream = photons if isinstance(photons, PhotonStream) and method.needs == "sketch" else None
     if isinstance(photons, PhotonStream):       # its sample chooses gate and frequencies
@@ -108,16 +108,6 @@ def run(args: argparse.Namespace) -> int:
     common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
                         + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
     return 0
-
-
-def _fixed_gate(spec: str) -> dict[str, tuple[int, int]]:
-    """The option `gate` of open_photons, first bin and number of bins, if the gate is fixed."""
-    bins = parse(spec)
-    if bins in (OFF, AUTO):
-        return {}
-    first, last = bins
-    require(0 <= first < last, "gate", spec, "a first bin of 0 or more and below the last")
-    return {"gate": (first, last - first + 1)}
 
 
 def _with_dark_frame(sensor, dark):

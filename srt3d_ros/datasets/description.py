@@ -1,19 +1,17 @@
 """What is in a photon file, in figures: its size, light, IRF, and what it would be sketched with."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.frame_watch import FrameHistogram, frame_histogram
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.core.gate import AUTO, Gate
-from srt3d_ros.core.light import Light
+from srt3d_ros.core.gate import AUTO
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.stream import PhotonStream
 
 HALF = 0.5                  # of the peak, where an IRF's width is measured
-SKETCH_BYTES = 4            # of each real number of a sketch, and of the count beside it
+WORD_BYTES = 4              # of each real number of a sketch, and of the count beside them
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,60 +19,51 @@ class Description:
     """Figures of a photon file.
 
     Args:
-        photons: of the file, or a sample of pixels that stands for it.
-        total: number of photons in the file.
-        histogram: of all pixels of `photons`.
-        light: ppp and SBR.
-        gate: that the histogram suggests, or None for all bins.
-        frequencies: that the light suggests, for the gate.
-        irf_width_bins: full width at half maximum of the mean IRF.
+        photons: as `open_stream` gave them; light and gate of a stream are those of its sample.
+        design: gate and frequencies for their light.
+        histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
     """
 
-    photons: Photons
-    total: int
-    histogram: FrameHistogram
-    light: Light
-    gate: Gate | None
-    frequencies: tuple[int, ...]
-    irf_width_bins: float
+    photons: Photons | PhotonStream
+    design: SketchDesign
+    histogram: np.ndarray
+    counts: np.ndarray
+
+    @cached_property
+    def irf_width_bins(self) -> float:
+        """Full width at half maximum of the mean IRF, by linear interpolation."""
+        mean = np.pad(np.atleast_2d(self.photons.sensor.irf).mean(axis=0), 1)
+        peak, half = int(mean.argmax()), HALF * mean.max()
+        left = peak - int(np.argmax(mean[peak::-1] <= half))
+        right = peak + int(np.argmax(mean[peak:] <= half))
+        before = left + (half - mean[left]) / (mean[left + 1] - mean[left])
+        return float(right - (half - mean[right]) / (mean[right - 1] - mean[right]) - before)
 
     @property
     def facts(self) -> dict:
-        """All of it by name, for JSON."""
-        sensor, gate = self.photons.sensor, self.gate
-        nearest, farthest = sensor.range_m([0, sensor.num_bins])
-        counts = np.bincount(self.photons.frame.pixel, minlength=sensor.pixels)
-        used = counts if sensor.mask is None else counts[sensor.mask.ravel()]
+        """All figures by name; None where a value is unknown or infinite."""
+        sensor, gate, light, used = self.photons.sensor, self.design.gate, self.design.light, self.counts
+        used = used if sensor.mask is None else used[sensor.mask]
+        sbr = light.sbr if light is not None and light.signal_share > 0 else 0.0
+        frequencies = self.design.frequencies
         return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
-                "range_m": [float(nearest), float(farthest)], "photons": self.total,
-                "photons_per_pixel": self.total / sensor.pixels, "most_photons_in_a_pixel": int(used.max(initial=0)),
-                "empty_pixels": float(np.mean(used == 0)) if len(used) else 1.0,
-                "sbr": self.light.sbr if np.isfinite(self.light.sbr) else None,
-                "irf_bins": int(sensor.irf.shape[-1]), "irf_width_bins": self.irf_width_bins,
-                "irf_width_s": self.irf_width_bins * sensor.bin_width_s, "irf_per_pixel": sensor.irf.ndim == 2,
-                "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(self.frequencies),
-                "sketch_bytes": sensor.pixels * SKETCH_BYTES * (2 * len(self.frequencies) + 1),
-                "surfaces_in_reference": 0 if self.photons.reference_depth_bins is None
-                else len(self.photons.reference_depth_bins), "notes": list(self.photons.notes)}
+                "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(self.counts.sum()),
+                "photons_per_pixel": float(used.mean()) if used.size else 0.0,
+                "most_photons_in_a_pixel": round(used.max(initial=0)),
+                "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": sbr if np.isfinite(sbr) else None,
+                "irf_width_bins": self.irf_width_bins, "irf_width_s": self.irf_width_bins * sensor.bin_width_s,
+                "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),
+                "sketch_bytes": sensor.pixels * WORD_BYTES * (2 * len(frequencies) + 1),
+                "notes": list(self.photons.notes)}
 
 
-def describe(photons: Photons | PhotonStream, sketch_size: int = DEFAULT_SKETCH_SIZE) -> Description:
-    """Figures of photons that `open_stream` gave; of a stream, all but the number of photons from its sample."""
-    shown, total = photons, photons.photons if isinstance(photons, PhotonStream) else photons.frame.photons
+def describe(photons: Photons | PhotonStream) -> Description:
+    """Figures of the photons that `open_stream` gave."""
+    sample = photons.sample if isinstance(photons, PhotonStream) else photons
+    design = design_for(sample.frame, sample.sensor, AUTO)
     if isinstance(photons, PhotonStream):
-        shown = photons.sample
-    histogram = frame_histogram(shown.frame, shown.sensor)
-    design: SketchDesign = design_for(shown.frame, shown.sensor, AUTO, sketch_size=sketch_size)
-    light = design.light or Light(total / shown.sensor.pixels, 0.0, 0)
-    return Description(shown, round(total), histogram, light, design.gate, design.frequencies, _width(shown.sensor.irf))
-
-
-def _width(irf: np.ndarray) -> float:
-    """Full width at half maximum, bins, between the crossings beside the peak; by linear interpolation."""
-    mean = np.pad(np.atleast_2d(irf).mean(axis=0), 1)
-    peak, half = int(mean.argmax()), HALF * mean.max()
-    left = peak - int(np.argmax(mean[peak::-1] <= half))
-    right = peak + int(np.argmax(mean[peak:] <= half))
-    before = left + (half - mean[left]) / (mean[left + 1] - mean[left])
-    after = right - (half - mean[right]) / (mean[right - 1] - mean[right])
-    return float(after - before)
+        return Description(photons, design, photons.histogram, photons.counts)
+    sensor, frame = photons.sensor, photons.frame
+    counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
+    histogram = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins)
+    return Description(photons, design, histogram.astype(np.float64), counts.astype(np.float64))

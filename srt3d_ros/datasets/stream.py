@@ -71,6 +71,7 @@ class PhotonStream:
         sensor: SensorModel.
         notes: one line each for what was assumed, estimated or left out.
         photons: number of photons inside pixels and gate; of fractional counts, their sum.
+        histogram, counts: float64 [T] and [rows, cols], photons of all pixels in each bin, and in each pixel.
         sample: Photons of some pixels, all that its sensor does not mask, to choose frequencies by.
         whole: all Photons if there are at most MAX_KEPT, else None.
 
@@ -145,6 +146,7 @@ class PhotonStream:
         """
         self.photons, outside, countable, step, parts = 0, 0, True, 1, []
         most_steps = self._recording.rows * self._recording.cols
+        self.histogram, by_pixel = np.zeros(self._bins), np.zeros(most_steps)
         for chunk in self._chunks():
             if isinstance(chunk, Rows):
                 counts = self._gated(chunk.counts)
@@ -153,6 +155,8 @@ class PhotonStream:
                 whole = counts.dtype.kind in "ub" or bool((counts >= 0).all() and (counts == np.floor(counts)).all())
                 countable &= whole
                 first, pixels = chunk.first_row * counts.shape[1], counts.reshape(-1, counts.shape[2])
+                self.histogram[:counts.shape[2]] += pixels.sum(axis=0, dtype=np.float64)
+                by_pixel[first:first + len(pixels)] += pixels.sum(axis=1, dtype=np.float64)
                 sampled = pixels[-first % step::step]
                 while sampled.sum(dtype=np.float64) > MAX_KEPT and step < most_steps:
                     step *= 2
@@ -163,11 +167,16 @@ class PhotonStream:
                 inside = events.photons
                 outside += int(np.count_nonzero(chunk.pixel >= 0)) - inside
                 part = _every(events, step)
+                self.histogram += np.bincount(events.toa, minlength=self._bins)
+                low = int(events.pixel.min(initial=most_steps))     # a chunk has the photons of few rows
+                here = np.bincount(events.pixel - np.uint32(low))
+                by_pixel[low:low + len(here)] += here
             self.photons += inside
             parts.append(part)
             while sum(part.photons for part in parts) > MAX_KEPT and step < most_steps:
                 step *= 2
                 parts = [_every(part, step) for part in parts]
+        self.counts = by_pixel.reshape(self._recording.rows, self._recording.cols)
         pixel = np.concatenate([part.pixel for part in parts] or [np.zeros(0, np.uint32)])
         toa = np.concatenate([part.toa for part in parts] or [np.zeros(0, np.uint16)])
         return PhotonEvents(pixel, toa), step, outside, countable
