@@ -51,11 +51,12 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument("--rows", type=int, metavar="N", help="of a scan, or of histograms without a shape")
     sensor.add_argument("--cols", type=int, metavar="N", help="the same")
     sensor.add_argument("--channel", type=int, metavar="C",
-                        help="whose photons to take, of a file with several detectors or data sets (that with the most)")
+                        help="whose photons to take, of several detectors or data sets (that with the most)")
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--gate", default="off", metavar="FIRST:LAST", help="keep the photons of bins FIRST to LAST only")
+    parser.add_argument("--gate", default="off", metavar="FIRST:LAST",
+                        help="keep the photons of bins FIRST to LAST only (off)")
 
 
 def overrides(args: argparse.Namespace) -> dict[str, object]:

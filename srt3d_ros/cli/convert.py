@@ -10,8 +10,8 @@ from srt3d_ros.errors import require
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
         "convert", help="write the photons of any readable file as an npz photon file",
-        description="Write photons and sensor of a file, with what the options and INPUT.json say, as one npz photon file "
-                    "(docs/photon-file.md).")
+        description="Write the photons and sensor of a file, with what the options and INPUT.json say, as one npz "
+                    "photon file (docs/photon-file.md).")
     common.add_photon_file(parser)
     parser.add_argument("output", metavar="OUT.npz", help="photon file to write")
     common.add_gate(parser)
@@ -25,7 +25,8 @@ def run(args: argparse.Namespace) -> int:
 
     output = Path(args.output)
     require(output.suffix.lower() == ".npz", "output", output.name, "a name that ends in .npz")
-    require(not output.exists() or not output.samefile(args.input), "output", args.output, "another file than the input")
+    same = output.exists() and Path(args.input).exists() and output.samefile(args.input)
+    require(not same, "output", args.output, "another file than the input")
     photons = open_photons(args.input, args.frame, args.photons_topic, **common.overrides(args))
     with appearing_whole(output) as part:
         npz.save(part, photons.sensor, photons.frame, photons.reference_depth_bins)

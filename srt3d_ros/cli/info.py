@@ -8,7 +8,7 @@ from srt3d_ros.errors import require
 
 WORDS = """\
 {rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m
-{photons:,} photons: {photons_per_pixel:.4g} per pixel, at most {most_photons_in_a_pixel:,}; {empty_pixels:,} pixels are empty
+{photons:,} photons, {photons_per_pixel:.4g} a pixel, at most {most_photons_in_a_pixel:,}; {empty_pixels:,} pixels empty
 SBR {sbr_words}; IRF {irf_width_bins:.3g} bins wide ({irf_ps:.3g} ps, full width at half maximum)
 suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch_bytes:,} bytes"""
 

@@ -98,8 +98,9 @@ def run(args: argparse.Namespace) -> int:
     cloud, reconstruct_ms = _timed(reconstructor, seen)
     cloud = cloud.ordered(args.surface_order)
     cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
+    photons_seen = frame.photons if stream is None else int(seen.photons.sum())
     facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
-             "num_bins": sensor.num_bins, "photons": frame.photons if stream is None else int(seen.photons.sum()), "sketch_size": len(frequencies) or None,
+             "num_bins": sensor.num_bins, "photons": photons_seen, "sketch_size": len(frequencies) or None,
              "frequencies": list(frequencies), "surfaces": args.surfaces,
              "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
              "reconstruct_ms": reconstruct_ms, "output": str(args.output)}

@@ -67,13 +67,18 @@ def _open(path: Path, frame: int, photons_topic: str, guess_irf: bool, overrides
     if reader is not None:
         module, name = reader.split(":")
         recording: Recording = getattr(import_module(f"srt3d_ros.datasets.{module}"), name)(path, options)
-        stream = PhotonStream(recording, options, guess_irf)
-        return stream if stream.whole is None else stream.whole
-    require("channel" not in options, "channel", options.get("channel"), "nothing: the file does not tell channels apart")
+        return _of_recording(recording, options, guess_irf)
+    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
     if suffix == ".mat":
-        return mat.read(path, options)
+        found = mat.read(path, options, guess_irf)
+        return _of_recording(found, options, guess_irf) if isinstance(found, Recording) else found
     photons = npz.read(path) if is_file else bag_photons.read_frame(path, frame, photons_topic)
     return photons.with_options(options)
+
+
+def _of_recording(recording: Recording, options: dict, guess_irf: bool) -> Photons | PhotonStream:
+    stream = PhotonStream(recording, options, guess_irf)
+    return stream if stream.whole is None else stream.whole
 
 
 def _laboratory_reader(path: Path) -> str | None:
@@ -91,7 +96,7 @@ def _is_cube(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             names = set(archive.namelist())
-    except (zipfile.BadZipFile, NotImplementedError, UnicodeDecodeError, ValueError, EOFError):   # npz says what is wrong
+    except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError):     # npz says what is wrong
         return False
     return bool(names) and not names & {"pixel.npy", "toa.npy"}
 

@@ -50,11 +50,17 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
         first = 0
         with one_error(path, "a whole file of counts"):
             for part in read(at_once * (1 if len(shape) == 3 else cols)):
-                counts = part.reshape(-1, cols, bins)
-                require(dtype.kind != "f" or bool(np.isfinite(counts).all()), "counts", "not finite in places", "numbers")
+                counts = np.ascontiguousarray(part).reshape(-1, cols, bins)
+                finite = dtype.kind != "f" or bool(np.isfinite(counts).all())
+                require(finite, "counts", "not finite in places", "numbers")
                 yield Rows(first, counts, (first + len(counts)) / rows)
                 first += len(counts)
     return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given)
+
+
+def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
+    """What gives an array that is in memory so many rows at a time."""
+    return lambda rows: (counts[first:first + rows] for first in range(0, len(counts), rows))
 
 
 def read_npy(path: Path, options: dict) -> Recording:
@@ -63,7 +69,7 @@ def read_npy(path: Path, options: dict) -> Recording:
 
 
 def read_npz(path: Path, options: dict) -> Recording:
-    """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) describe its sensor."""
+    """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
     with one_error(path, "a complete .npz file (a zip of arrays)"):
         with zipfile.ZipFile(path) as archive:
             sizes = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
@@ -116,7 +122,7 @@ def _from_stream(path: Path, opened: Callable, size: int, options: dict, given: 
             if fortran:     # all rows lie in all parts of the file
                 whole = np.lib.format.open_memmap(path, "r") if path.suffix == ".npy" else \
                     np.frombuffer(stream.read(), dtype).reshape(shape, order="F")
-                yield from (np.ascontiguousarray(whole[first:first + rows]) for first in range(0, shape[0], rows))
+                yield from parts_of(whole)(rows)
                 return
             one = int(np.prod(shape[1:])) * dtype.itemsize
             for first in range(0, shape[0], rows):

@@ -46,7 +46,8 @@ class Description:
         used = used if sensor.mask is None else used[sensor.mask]
         sbr = light.sbr if light is not None and light.signal_share > 0 else 0.0
         frequencies = self.design.frequencies
-        return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "bin_width_s": sensor.bin_width_s,
+        return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
+                "bin_width_s": sensor.bin_width_s,
                 "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(self.counts.sum()),
                 "photons_per_pixel": float(used.mean()) if used.size else 0.0,
                 "most_photons_in_a_pixel": round(used.max(initial=0)),

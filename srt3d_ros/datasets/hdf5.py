@@ -103,7 +103,7 @@ def _photons(path: Path, file, options: dict) -> Recording:
     pixels = sum(len(own) for own in detectors)
     require(pixels > 0, "detectors", "none", "one with photons")
     rows, cols = (positive_integer(name, options.get(name, own)) for name, own in (("rows", 1), ("cols", pixels)))
-    require(rows * cols == pixels, "rows, cols", f"{rows}, {cols}", f"a product of {pixels}, as many as spots and detectors")
+    require(rows * cols == pixels, "rows, cols", f"{rows}, {cols}", f"a product of {pixels}, the number of detectors")
     total = sum(len(group["nanotimes"]) for group in groups)
 
     def chunks() -> Iterator[Events]:

@@ -118,6 +118,17 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     return _cut_out(irf[middle - reach: middle + reach + 1])
 
 
+def estimated(events: PhotonEvents, num_bins: int, guess: bool) -> tuple[np.ndarray, str]:
+    """An IRF for a file without one, and a note; InvalidInput if none can be seen, unless `guess` allows one bin."""
+    try:
+        return estimate(events, num_bins), \
+            "IRF estimated from the photons, which makes it slightly broad: the file has none (--irf)"
+    except InvalidInput:
+        if not guess:
+            raise
+        return np.ones(1), "IRF taken to be one bin: the file has none, and none can be seen in its photons (--irf)"
+
+
 def _read_file(path: Path, key: str | None) -> np.ndarray:
     if path.suffix.lower() == ".npz":
         arrays = read_npz_arrays(path, None if key is None else (key,))

@@ -59,5 +59,5 @@ def _words_of_a_tdc(path: Path, size: int) -> int:
             cycles = head[:len(head) // (TDCS * words) * TDCS * words].reshape(-1, TDCS, words)
             if not cycles[:, -1].any() and bool((cycles[:, :, :-1] >= cycles[:, :, 1:]).all()):
                 fitting.append(words)
-    require(len(fitting) > 0, f"{path.name}", f"{size} words", "a raw file of LinoSPAD2, firmware 2212: cycles of 65 TDCs")
+    require(len(fitting) > 0, f"{path.name}", f"{size} words", "LinoSPAD2's raw file, firmware 2212: cycles of 65 TDCs")
     return fitting[-1]

@@ -30,7 +30,8 @@ def read(path: Path, options: dict) -> Recording:
     with one_error(path, EXPECTED, "ptufile"):
         with path.open("rb") as file:
             tags = ptufile.PhuFile(io.BytesIO(file.read(HEADER_BYTES))).tags
-        offsets, lengths = (np.asarray(tags[f"HistResDscr_{name}"], np.int64) for name in ("DataOffset", "HistogramBins"))
+        offsets, lengths = (np.asarray(tags[f"HistResDscr_{name}"], np.int64)
+                            for name in ("DataOffset", "HistogramBins"))
         require(0 < len(offsets) == len(lengths) <= MAX_CURVES, "curves", len(offsets), f"1 to {MAX_CURVES}")
         require(0 < lengths.min() and lengths.max() <= MAX_CURVE_BINS, "bins of a curve", int(lengths.max()),
                 f"1 to {MAX_CURVE_BINS}")

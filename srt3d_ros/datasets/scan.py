@@ -1,16 +1,35 @@
-"""LineScan: which pixel of a raster scan each photon of a time-tagged stream falls into, by the marks of the scanner."""
+"""LineScan: which pixel of a raster scan each photon of a time-tagged stream is in, by the marks of the scanner."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.datasets.photons import number
+from srt3d_ros.datasets.stream import Events
 from srt3d_ros.errors import require
 
 # Bits of a mark: a line begins, a line ends, a new frame begins with the next line, a pixel begins.
 LINE, STOP, FRAME, PIXEL = 1, 2, 4, 8
+
+
+class Records(NamedTuple):
+    """Photons and marks of a recording in the order of their times.
+
+    Attributes:
+        time: int64 [N], ticks since the beginning.
+        toa: int64 [N], bins, of photons.
+        channel: int64 [N], of photons; -1 else.
+        marks: uint8 [N], bits LINE, STOP, FRAME, PIXEL; 0 of photons.
+        done: the part of the file that has been read, 0 … 1.
+    """
+
+    time: np.ndarray
+    toa: np.ndarray
+    channel: np.ndarray
+    marks: np.ndarray
+    done: float
 
 
 @dataclass
@@ -90,6 +109,14 @@ class LineScan:
         return np.where(inside, col, -1)
 
 
+def photons_of(records: Iterable[Records], scan: LineScan, channel: int) -> Iterator[Events]:
+    """The photons of a channel in their pixels."""
+    for part in records:
+        pixel = scan.pixels(part.time, part.marks)
+        photon = np.flatnonzero(part.channel == channel)
+        yield Events(pixel[photon], part.toa[photon], part.done)
+
+
 class Marks(NamedTuple):
     """What the first marks of a recording say.
 
@@ -107,14 +134,14 @@ class Marks(NamedTuple):
     pixels: bool
 
 
-def look_at_marks(events: Iterable[tuple[np.ndarray, np.ndarray]], rows: int) -> Marks:
-    """Look at the first marks of a recording, given as (time, marks) of its chunks."""
+def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
+    """Look at the first marks of a recording: up to the second frame."""
     times, kinds = [], []
     lines, framed = 0, False
-    for time, marks in events:
-        at = np.flatnonzero(marks)
-        times.append(time[at])
-        kinds.append(marks[at])
+    for part in records:
+        at = np.flatnonzero(part.marks)
+        times.append(part.time[at])
+        kinds.append(part.marks[at])
         framed = framed or bool((kinds[-1] & FRAME).any())
         lines += int(np.count_nonzero(kinds[-1] & LINE))
         if framed or lines > rows:
@@ -130,16 +157,15 @@ def look_at_marks(events: Iterable[tuple[np.ndarray, np.ndarray]], rows: int) ->
     return Marks(lines, float(np.median(lengths)) if len(lengths) else 0.0, 0 < before < rows - 1, framed, pixels)
 
 
-def chosen_channel(channels: Iterable[np.ndarray], options: dict) -> tuple[int, tuple[str, ...]]:
+def chosen_channel(records: Iterable[Records], options: dict) -> tuple[int, tuple[str, ...]]:
     """The channel whose photons are taken, and a note if there are others.
 
     Args:
-        channels: of each event of the recording's chunks, -1 for what is no photon.
         options: `channel`; else the one with the most photons in the first chunk that has any.
     """
     seen, photons = np.zeros(0, np.int64), None
-    for channel in channels:
-        seen, photons = np.unique(channel[channel >= 0], return_counts=True)
+    for part in records:
+        seen, photons = np.unique(part.channel[part.channel >= 0], return_counts=True)
         if len(seen):
             break
     require(len(seen) > 0, "photons", 0, "some")

@@ -1,12 +1,11 @@
 """Becker & Hickl histograms (.sdt), read with sdtfile in a child process: it trusts the file's sizes."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.bounded_call import ChildFailed, call
-from srt3d_ros.datasets.cubes import cube
+from srt3d_ros.datasets.cubes import cube, parts_of
 from srt3d_ros.datasets.photons import number
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import InvalidInput, require
@@ -33,14 +32,11 @@ def read(path: Path, options: dict) -> Recording:
     notes = (f"data set {int(found['chosen'])}, which has the most photons, of {sets} (--channel)",) \
         if channel is None and sets > 1 else ()
     given = {"bin_width_s": float(found["bin_width_s"])} if found["bin_width_s"] > 0 else {}
-
-    def rows(at_once: int) -> Iterator[np.ndarray]:
-        return (counts[first:first + at_once] for first in range(0, len(counts), at_once))
-    return cube(path, counts.shape, counts.dtype, rows, options, given, notes)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes)
 
 
 def histograms(path: str, channel: int) -> dict[str, np.ndarray]:
-    """The counts [rows, cols, bins] or [curves, bins] of a data set, -1: that with the most photons; seconds of a bin."""
+    """The counts [rows, cols, bins] or [curves, bins] of a data set, of -1 the one with the most; seconds of a bin."""
     from sdtfile import SdtFile
 
     with SdtFile(path) as file:

@@ -4,13 +4,12 @@ import os
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from srt3d_ros.datasets.files import one_error
 from srt3d_ros.datasets.photons import number, positive_integer
-from srt3d_ros.datasets.scan import FRAME, LINE, PIXEL, LineScan, chosen_channel, look_at_marks
+from srt3d_ros.datasets.scan import FRAME, LINE, PIXEL, LineScan, Records, chosen_channel, look_at_marks, photons_of
 from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import require
 
@@ -19,16 +18,6 @@ PIECE = 2**20                   # records that phconvert is given at once: 100 M
 MAX_SETTINGS_BYTES = 2**24
 MARKS = {1: PIXEL, 2: LINE, 4: FRAME}       # bits of a marker's number: pixel, line and frame clock
 OLD_CARDS = (0x21, 0x22)        # SPC-600 and 630: 48 bits a record if the third word of the header is 0
-
-
-class Records(NamedTuple):
-    """Time in ticks; ToA in bins and channel of photons (else -1); marks of the scanner; the part of the file read."""
-
-    time: np.ndarray
-    toa: np.ndarray
-    channel: np.ndarray
-    marks: np.ndarray
-    done: float
 
 
 def read(path: Path, options: dict) -> Recording:
@@ -47,7 +36,7 @@ def read(path: Path, options: dict) -> Recording:
     with one_error(path, EXPECTED):
         setup = bhreader.load_set(settings)["setup"]
         records = partial(_records, path, settings)
-        channel, notes = chosen_channel((part.channel for part in records()), options)
+        channel, notes = chosen_channel(records(), options)
         width_s = number("bin_width_s", options.get("bin_width_s", setup.get("SP_TAC_TC", 0)), "seconds, above 0")
         require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
         rows, cols = (positive_integer(name, options.get(name, 1)) for name in ("rows", "cols"))
@@ -55,7 +44,7 @@ def read(path: Path, options: dict) -> Recording:
         if rows * cols == 1:
             notes += ("all photons are in one pixel: give the rows and cols of a scan (--rows, --cols)",)
         else:
-            marks = look_at_marks(((part.time, part.marks) for part in records()), rows)
+            marks = look_at_marks(records(), rows)
             require(marks.lines > 0, "marks of lines", 0, "some (marker 1), as the scanner sends")
             new_scan = partial(LineScan, rows, cols, marks.line_ticks / cols, marks.frames, skipping=marks.within_frame,
                                pixels_marked=marks.pixels)
@@ -64,11 +53,7 @@ def read(path: Path, options: dict) -> Recording:
 
     def chunks() -> Iterator[Events]:
         with one_error(path, EXPECTED):
-            scan = new_scan()
-            for part in records():
-                pixel = scan.pixels(part.time, part.marks)
-                photon = np.flatnonzero(part.channel == channel)
-                yield Events(pixel[photon], part.toa[photon], part.done)
+            yield from photons_of(records(), new_scan(), channel)
     return Recording(rows, cols, 4096, width_s, chunks, path.stem, notes)
 
 

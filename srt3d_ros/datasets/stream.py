@@ -14,7 +14,7 @@ from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, number, outside_note
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 
 MAX_KEPT = 2**24            # photons kept of the first pass: 100 MB. Files with fewer are read once and kept whole
 BAR_DELAY_S = 2.0           # a progress bar appears after this long
@@ -86,12 +86,13 @@ class PhotonStream:
         events, step, outside, countable = self._survey()
         notes, irf = list(recording.notes), options.get("irf")
         if irf is None:
-            irf, note = _estimated_irf(events, self._bins, guess_irf)
+            irf, note = irfs.estimated(events, self._bins, guess_irf)
             notes.append(note)
         if "fov_deg" not in options:
             notes.append("field of view taken to be 30° across the larger side: the file has none (--fov-deg)")
         known = {name: value for name, value in options.items() if name not in ("num_bins", "irf")}
-        sensor = apply_options(SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, irf), known)
+        sensor = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, irf)
+        sensor = apply_options(sensor, known)
         self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
         last = self._first + self._bins - 1
         self.notes = (*notes, *outside_note(outside, round(self.photons + outside), self._first, last))
@@ -201,17 +202,6 @@ class PhotonStream:
         sketcher = Sketcher(strip, frequencies, gate=None if gate is None else Gate(strip, gate.first, gate.last))
         sketcher.add(PhotonHistograms(np.ascontiguousarray(counts)))
         return sketcher.sketch()
-
-
-def _estimated_irf(events: PhotonEvents, bins: int, guess: bool) -> tuple[np.ndarray, str]:
-    """An IRF, and the note on it; InvalidInput if none can be seen, unless one may be guessed."""
-    try:
-        return irfs.estimate(events, bins), \
-            "IRF estimated from the photons, which makes it slightly broad: the file has none (--irf)"
-    except InvalidInput:
-        if not guess:
-            raise
-        return np.ones(1), "IRF taken to be one bin: the file has none, and none can be seen in its photons (--irf)"
 
 
 def _every(events: PhotonEvents, step: int) -> PhotonEvents:
