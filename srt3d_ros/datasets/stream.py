@@ -83,7 +83,7 @@ class PhotonStream:
         self._recording, self.name = recording, recording.name
         options = recording.given | options
         self._first, self._bins = options.get("gate", (0, self._num_bins(options)))
-        events, step, outside, countable = self._survey()
+        events, step, outside, self._countable = self._survey()
         notes, irf = list(recording.notes), options.get("irf")
         if irf is None:
             irf, note = irfs.estimated(events, self._bins, guess_irf)
@@ -99,7 +99,7 @@ class PhotonStream:
         sampled = np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) % step == 0
         sample_sensor = self.sensor if step == 1 else self.sensor.replace(mask=sampled)
         self.sample = Photons(sample_sensor, events, None, self.name, self.notes)
-        self.whole = self.sample if step == 1 and countable else None
+        self.whole = self.sample if step == 1 and self._countable else None
 
     def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
         """The sketch of all photons; reads the file a second time, in bounded memory."""
@@ -118,8 +118,10 @@ class PhotonStream:
         """All photons in memory; InvalidInput if they are more than MAX_PHOTONS, or fractional counts."""
         if self.whole is not None:
             return self.whole
+        require(self._countable, f"{self.name} counts", "negative or fractional in places", "whole photons: only methods on "
+                "sketches take others")
         require(self.photons <= MAX_PHOTONS, f"{self.name} photons", round(self.photons), f"at most {MAX_PHOTONS} in "
-                "memory; `srt3d reconstruct` with a method on sketches reads any number")
+                "memory; `srt3d reconstruct` reads any number, by a method on sketches")
         parts = [self._inside(chunk) for chunk in self._chunks()]
         events = PhotonEvents(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "toa")))
         return Photons(self.sensor, events, None, self.name, self.notes)
