@@ -151,7 +151,10 @@ def _read_file(path: Path, key: str | None) -> np.ndarray:
 
 
 def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
-    """The photons of the pixels with the most, up to PHOTONS_USED, sorted by pixel and ToA; each int64."""
+    """The photons of the pixels with the most, sorted by pixel and ToA; each int64.
+
+    They are PHOTONS_USED, and a pixel's more; of many more, every n-th.
+    """
     counts = np.bincount(events.pixel)
     by_count = np.argsort(-counts, kind="stable")
     enough = np.searchsorted(np.cumsum(counts[by_count]), PHOTONS_USED) + 1
@@ -160,7 +163,7 @@ def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
     use &= counts >= FEWEST_PHOTONS
     kept = use[events.pixel]
     pixel, toa = events.pixel[kept].astype(np.int64), events.toa[kept].astype(np.int64)
-    order = np.lexsort((toa, pixel))
+    order = np.lexsort((toa, pixel))[::max(len(pixel) // PHOTONS_USED, 1)]
     return pixel[order], toa[order]
 
 

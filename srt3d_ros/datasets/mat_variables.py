@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.sensor import MAX_PIXELS
 from srt3d_ros.datasets.cubes import GIVEN
 from srt3d_ros.datasets.photons import MAX_PHOTONS
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 
@@ -74,16 +74,13 @@ def variables_of(path: str) -> dict[str, np.ndarray]:
     and what describes the sensor.
 
     Raises:
-        InvalidInput: no layout fits, the file is MATLAB 7.3, or the cells are too many or hold no numbers.
+        InvalidInput: no layout fits, or the cells are too many or hold no numbers.
     """
     from scipy.io import loadmat
 
     warnings.simplefilter("ignore")
     names = {name for layout in LAYOUTS for name in layout.variables}
-    try:
-        content = {name: value for name, value in loadmat(path, variable_names=names).items() if name in names}
-    except NotImplementedError:
-        raise InvalidInput("", "a MATLAB 7.3 (HDF5) file", f"{EXPECTED}: load it in MATLAB, save it with -v7") from None
+    content = {name: value for name, value in loadmat(path, variable_names=names).items() if name in names}
     layout = next((one for one in LAYOUTS if one.fits(content.get(one.variable))), None)
     if layout is None:
         return _other_counts(path) | {"layout": np.array(-1)}

@@ -133,6 +133,7 @@ def _scan(ptu, records: Callable[[], Iterator[Records]], options: dict) -> tuple
     if pixel_s > 0:
         ticks = max(round(pixel_s / float(ptu.tags["MeasDesc_GlobalResolution"])), 1)
     else:
+        require(marks.line_ticks > 0, "marks of lines", marks.lines, "several, where ImgHdr_TimePerPixel is missing")
         ticks, notes = marks.line_ticks / cols, ("pixels' time taken from the length of lines: the file has none",)
     column_at = None
     if (amount := float(ptu.tags.get("ImgHdr_SinCorrection", 0))) > 0:

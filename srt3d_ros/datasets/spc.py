@@ -45,7 +45,8 @@ def read(path: Path, options: dict) -> Recording:
             notes += ("all photons are in one pixel: give the rows and cols of a scan (--rows, --cols)",)
         else:
             marks = look_at_marks(records(), rows)
-            require(marks.lines > 0, "marks of lines", 0, "some (marker 1), as the scanner sends")
+            seen = marks.lines > 0 and (marks.pixels or marks.line_ticks > 0)
+            require(seen, "marks of lines", marks.lines, "several (marker 1), as the scanner sends")
             new_scan = partial(LineScan, rows, cols, marks.line_ticks / cols, marks.frames, skipping=marks.within_frame,
                                pixels_marked=marks.pixels)
             notes += (f"columns by {'the pixel clock' if marks.pixels else 'the time since the line began'}, rows by "

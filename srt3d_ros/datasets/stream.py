@@ -83,6 +83,8 @@ class PhotonStream:
         self._recording, self.name = recording, recording.name
         options = recording.given | options
         self._first, self._bins = options.get("gate", (0, self._num_bins(options)))
+        # Checked before anything is read.
+        plain = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, np.ones(1))
         events, step, outside, self._countable = self._survey()
         notes, irf = list(recording.notes), options.get("irf")
         if irf is None:
@@ -90,9 +92,8 @@ class PhotonStream:
             notes.append(note)
         if "fov_deg" not in options:
             notes.append("field of view taken to be 30° across the larger side: the file has none (--fov-deg)")
-        known = {name: value for name, value in options.items() if name not in ("num_bins", "irf")}
-        sensor = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, irf)
-        sensor = apply_options(sensor, known)
+        known = {name: value for name, value in options.items() if name not in ("num_bins", "irf", "irf_ref")}
+        sensor = apply_options(plain.replace(irf=irf, irf_ref=options.get("irf_ref")), known)
         self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
         last = self._first + self._bins - 1
         self.notes = (*notes, *outside_note(outside, round(self.photons + outside), self._first, last))
@@ -103,23 +104,26 @@ class PhotonStream:
 
     def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
         """The sketch of all photons; reads the file a second time, in bounded memory."""
-        sketcher, strips = Sketcher(self.sensor, frequencies, gate=gate), []
+        sketcher = sums = photons = None
         for chunk in self._chunks():
             if isinstance(chunk, Rows):
-                strips.append(self._sketch_of_rows(chunk.counts, frequencies, gate))
+                strip = self._sketch_of_rows(chunk.counts, frequencies, gate)
+                if sums is None:
+                    sums, photons = (np.zeros((self.sensor.rows, *part.shape[1:]), part.dtype)
+                                     for part in (strip.sums, strip.photons))
+                rows = np.s_[chunk.first_row:chunk.first_row + len(strip.sums)]
+                sums[rows], photons[rows] = strip.sums, strip.photons
             else:
+                sketcher = sketcher or Sketcher(self.sensor, frequencies, gate=gate)
                 sketcher.add(self._inside(chunk))
-        if not strips:
-            return sketcher.sketch()
-        return Sketch(strips[0].frequencies, *(np.concatenate([getattr(strip, name) for strip in strips])
-                                               for name in ("sums", "photons")))
+        return Sketch(tuple(frequencies), sums, photons) if sketcher is None else sketcher.sketch()
 
     def read_whole(self) -> Photons:
         """All photons in memory; InvalidInput if they are more than MAX_PHOTONS, or fractional counts."""
         if self.whole is not None:
             return self.whole
-        require(self._countable, f"{self.name} counts", "negative or fractional in places", "whole photons: only methods on "
-                "sketches take others")
+        require(self._countable, f"{self.name} counts", "negative or fractional in places",
+                "whole photons: only methods on sketches take others")
         require(self.photons <= MAX_PHOTONS, f"{self.name} photons", round(self.photons), f"at most {MAX_PHOTONS} in "
                 "memory; `srt3d reconstruct` reads any number, by a method on sketches")
         parts = [self._inside(chunk) for chunk in self._chunks()]

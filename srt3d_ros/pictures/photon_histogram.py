@@ -38,9 +38,9 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     if gate is not None:
         times.axvspan(gate.first, gate.last, color=_GATE, zorder=0, label=f"gate {gate}")
         times.legend(loc="upper right")
-    times.set(xlim=(edges[0], edges[-1]), yscale="log", xlabel="time of arrival, bins",
-              ylabel="photons in a bin, all pixels")
-    times.set_ylim(bottom=max(heights[heights > 0].min(initial=1) / 2, 1e-3))
+    times.set(xlim=(edges[0], edges[-1]), xlabel="time of arrival, bins", ylabel="photons in a bin, all pixels")
+    if (heights > 0).any():
+        times.set(yscale="log", ylim=(max(heights[heights > 0].min() / 2, 1e-3), None))
     ranges = times.secondary_xaxis("top", functions=(
         sensor.range_m, lambda metres: (metres - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins))
     ranges.set_xlabel("range, m")

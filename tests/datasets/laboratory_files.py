@@ -74,7 +74,6 @@ def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
         block = np.zeros(1, block_type)
         block["data_offs"] = offset + block.nbytes
         offset += block.nbytes + counts.nbytes
-        block["block_no"] if "block_no" in block_type.names else None
         block["next_block_offs"], block["block_type"], block["block_length"] = offset, 0x11, counts.nbytes
         content += block.tobytes() + counts.astype("<u2").tobytes()
     path.write_bytes(header.tobytes() + info + measure.tobytes() + content)

@@ -63,15 +63,16 @@ def test_ptu_agrees_with_ptufile_on_a_sinusoidal_and_bidirectional_scan(frames):
         kind = b"\x08\x00\x00\x00" if name == "ImgHdr_BiDirect" else b"\x08\x00\x00\x10"
         raw = raw[:at - 4] + kind + value.to_bytes(8, "little") + raw[at + 8:]
     path.write_bytes(raw)
-    expected = ptufile.PtuFile(io.BytesIO(raw)).decode_image(frame=-1, channel=0, dtime=0, dtype=np.uint32, keepdims=False)
+    file = ptufile.PtuFile(io.BytesIO(raw))
+    expected = file.decode_image(frame=-1, channel=0, dtime=0, dtype=np.uint32, keepdims=False)
     assert np.array_equal(counts_of(open_photons(path, irf=IRF)), expected)
 
 
 def test_channels_and_incomplete_frames(tmp_path):
     pytest.importorskip("ptufile")
-    head = [LINE, t3(3, 5), LINE | 20, t3(25, 6)] * 0
-    body = [FRAME | 30, LINE | 40, t3(45, 7, 1), t3(51, 8, 1), t3(52, 9), STOP | 60, LINE | 70, t3(79, 10, 1), STOP | 90]
-    path = files.ptu(tmp_path / "a.ptu", head + body, files.T3, SCAN)
+    body = [FRAME | 30, LINE | 40, t3(45, 7, 1), t3(51, 8, 1), t3(52, 9), STOP | 60,
+            LINE | 70, t3(79, 10, 1), STOP | 90]
+    path = files.ptu(tmp_path / "a.ptu", body, files.T3, SCAN)
     photons = open_photons(path, irf=[1])
     assert photons.frame.pixel.tolist() == [0, 1, 2] and photons.frame.toa.tolist() == [7, 8, 10]
     assert "channel 1, which has the most, of channels 0, 1" in photons.notes[0]
@@ -86,8 +87,8 @@ def test_t2_counts_from_the_sync_channel(tmp_path):
     pulses = [k * 10_000 for k in range(8)]                     # a laser of 100 MHz, ticks of 1 ps
     photons = [(500, 1), (12_345, 1), (71_999, 1)]
     marks = [(100, LINE), (40_000, STOP), (50_000, LINE)]
-    events = sorted([(time, SYNC | time) for time in pulses] + [(time, channel << 25 | time) for time, channel in photons]
-                    + [(time, mark | time) for time, mark in marks])
+    events = sorted([(time, SYNC | time) for time in pulses] + [(time, mark | time) for time, mark in marks]
+                    + [(time, channel << 25 | time) for time, channel in photons])
     tags = SCAN | {"ImgHdr_TimePerPixel": 0.012e-3}             # 12 ns
     path = files.ptu(tmp_path / "t2.ptu", [record for _, record in events], files.T2, tags)
     found = open_photons(path, irf=[1], bin_width_s=1e-10)
@@ -133,7 +134,7 @@ def test_photon_hdf5_detectors_are_pixels(tmp_path):
         for spot in range(2):
             here = pixel // 24 == spot
             group = file.create_group(f"photon_data{spot}")
-            group["nanotimes"], group["detectors"] = toa[here].astype(np.uint16), (pixel[here] % 24 + 5).astype(np.uint8)
+            group["nanotimes"], group["detectors"] = toa[here].astype(np.uint16), pixel[here].astype(np.uint8) % 24 + 5
             group["nanotimes_specs/tcspc_num_bins"], group["nanotimes_specs/tcspc_unit"] = 120, 1e-10
     photons = open_photons(tmp_path / "a.h5", irf=IRF, rows=6, cols=8)
     assert np.array_equal(counts_of(photons), CUBE > 0) and photons.sensor.bin_width_s == 1e-10
@@ -169,13 +170,15 @@ def test_linospad2_words(tmp_path):
 
 @pytest.mark.parametrize("name", ["counts", "anything"])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name):
-    np.savez_compressed(tmp_path / "a.npz", **{name: CUBE}, mean=CUBE.mean(axis=2), irf=IRF, bin_width_s=1e-10, fov_deg=9.0)
+    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
+    np.savez_compressed(tmp_path / "a.npz", **{name: CUBE}, mean=CUBE.mean(axis=2), **described)
     photons = open_photons(tmp_path / "a.npz")
     assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
     assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
 
 
-@pytest.mark.parametrize("array", [CUBE.reshape(48, 120), np.asfortranarray(CUBE), CUBE.astype(">u2"), CUBE.astype(np.int64)])
+@pytest.mark.parametrize("array", [CUBE.reshape(48, 120), np.asfortranarray(CUBE), CUBE.astype(">u2"),
+                                   CUBE.astype(np.int64)])
 def test_npy_cubes_of_any_type_and_order(tmp_path, array):
     np.save(tmp_path / "a.npy", array)
     photons = open_photons(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10, rows=6, cols=8)
