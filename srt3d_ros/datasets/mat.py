@@ -110,9 +110,11 @@ def _from_sparse(layout: Layout, variables: dict, options: dict) -> _Content:
             "negative or fractional in places", "photons per bin")
     require(photons.sum() <= MAX_PHOTONS, f"{layout.variable} photons", float(photons.sum()), f"at most {MAX_PHOTONS}")
     col, row = np.divmod(pixel.astype(np.int64), rows)
-    photons = photons.astype(np.int64)
-    return _Content(rows, cols, (row * cols + col).astype(np.uint32).repeat(photons),
-                    toa.astype(np.int64).repeat(photons), bins)
+    pixel = row * cols + col
+    order = np.lexsort((toa, pixel))
+    photons = photons[order].astype(np.int64)
+    return _Content(rows, cols, pixel[order].astype(np.uint32).repeat(photons),
+                    toa[order].astype(np.int64).repeat(photons), bins)
 
 
 def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) -> tuple[int, int]:
