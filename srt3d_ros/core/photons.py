@@ -11,6 +11,8 @@ from srt3d_ros.errors import require
 CHUNK = 2**16           # photons compared together, so that they stay in the cache
 TOA_DTYPES = (np.uint16, np.uint32, np.float32)
 MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
+MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
+COUNTS_A_PHOTON = 8     # of a histogram that are added up in the time of a photon
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
@@ -171,11 +173,13 @@ class PhotonHistograms:
         return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
 
     def check(self, sensor: SensorModel) -> None:
-        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts."""
+        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and counts that can be added."""
         wanted = sensor.rows, sensor.cols, bins_of(sensor)
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
-        require(self.counts.dtype.kind != "f" or bool(np.isfinite(self.counts).all()), "histograms",
-                "not finite in places", "finite counts")
+        if self.counts.dtype.kind != "u":
+            low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]
+            require(bool(-most <= low and high <= most), "histograms count", (high if high > most else low).item(),
+                    f"{-most} to {most}, photons in a bin")     # a NaN makes both NaN
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:
         """The counts in the bins of the sensor's axis, each in the one in which its middle lies; [rows, cols, T]."""
@@ -233,6 +237,11 @@ def word_wanted(sensor: SensorModel) -> str:
 PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms
 
 
-def most_photons(frame: PhotonFrame) -> int:
-    """The photons of a frame; of gates whose photons have not been counted as many as there could be."""
-    return frame.words.size if frame.photons is None else frame.photons
+def most_photons(frame: PhotonFrame, last: int) -> int:
+    """How many photons it costs to look at a frame that begins with these: at least as many as the `last` one had.
+
+    Gates that have not been counted may have one in every word; histograms cost what their bins do, photons or not.
+    """
+    if isinstance(frame, PhotonHistograms):
+        return frame.counts.size // COUNTS_A_PHOTON
+    return max(frame.words.size if frame.photons is None else frame.photons, last)

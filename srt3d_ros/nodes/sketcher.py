@@ -13,7 +13,6 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
@@ -78,8 +77,7 @@ class SketcherNode(PipelineNode):
         self.follow("sensor", self._on_sensor)
         self.listen("sensor/camera_info", self._on_raw_camera_info)
         for topic, codec in CODECS.items():
-            counted = (photons_message.announced,) if codec is photons_message else ()
-            self.subscribe(topic, partial(self._on_packet, codec), *counted)
+            self.subscribe(topic, partial(self._on_packet, codec), getattr(codec, "announced", lambda raw: 0))
         self._start_silence_timer()
 
     def deactivate(self) -> None:
@@ -223,7 +221,7 @@ class SketcherNode(PipelineNode):
         if not placed.dropped:
             self._sketcher.add(photons)
             self._design.look(photons)
-        if codec is not photons_message:    # the message's header does not say how many
+        if not hasattr(codec, "announced"):     # the message's header does not say how many
             self.diagnostics.count(photons_in=photons.photons)
         if placed.dropped:
             self.diagnostics.drop(placed.dropped, photons=photons.photons)
@@ -249,7 +247,6 @@ class SketcherNode(PipelineNode):
             return
         self.worker.messages_per_frame = frame.packets
         try:
-            # Where ambient light was subtracted, more may be inside a gate than in all bins.
             kept = frame.photons if self._sketcher.gate is None else min(self._sketcher.kept, frame.photons)
             sketch = self._sketcher.end_frame()
             values = self.parameters
