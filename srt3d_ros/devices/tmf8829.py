@@ -110,11 +110,7 @@ def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Reading:
 
 
 def _reading(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int, shift: int, steps: int) -> Reading:
-    """Zones [rows, cols, bins], each 2^shift steps wide, and the references [parts, 64] of the parts that they are in.
-
-    Args:
-        steps: of the converter, that are measured.
-    """
+    """Zones [rows, cols, bins], each bin 2^shift steps wide, and the references [parts, 64] of their parts."""
     rows, cols, bins = zones.shape
     bins = min(steps >> shift, bins)        # the last whole one
     of_part = np.zeros((rows, cols), np.intp)

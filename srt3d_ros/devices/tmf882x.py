@@ -3,9 +3,8 @@
     [{"hists": [9][128], "reference_hist": [128], "distances": [{"tick": …, …}], …}, …]
 
 as the tools around https://github.com/uwgraphics/tmf882x write it. Verified on 80 captures of a TMF8820 before a plane
-moved by a robot arm (docs/devices.md): the width of a bin, the time zero, the shots, the centre zone. Not verified, for
-want of a device: the places of the other zones, which differ by a delay that the log does not tell; other SPAD maps;
-the ticks of 0.2 µs.
+moved by a robot arm (docs/devices.md): the width of a bin, the shots, the ranges of the centre zone but for a constant.
+Not verified, for want of a device: where the other zones look, delays between zones, other SPAD maps, ticks of 0.2 µs.
 """
 
 from collections.abc import Iterator
@@ -47,7 +46,7 @@ def reading(capture: dict, name: str) -> Reading:
     """One capture: counts without pile-up, and its own reference pulse as IRF, so that a drift of time zero drops out.
 
     The zones' converters keep the first photon of a shot. How many shots there were is not in the log, but in the
-    background (pile_up.shots): at 90 mm it is 30 % fainter behind the pulse than before.
+    background (pile_up.shots): with the plane at 100 mm it is half as bright behind the pulse as before.
     """
     require(isinstance(capture, dict), name, type(capture).__name__, "an object with hists and reference_hist")
     zones = counts(f"{name} hists", capture.get("hists"), (ZONES, BINS))[list(AS_SEEN)]
@@ -60,7 +59,7 @@ def reading(capture: dict, name: str) -> Reading:
         3, 3, BINS, BIN_WIDTH_S, pile_up.corrected(reference, shots), peak, toa_offset_bins=-peak,
         projection=Pinhole(*(1.5 / np.tan(np.radians(fov) / 2) for fov in FOV_DEG), 1, 1), frame_id="tmf882x")
     frame = PhotonHistograms(pile_up.corrected(zones, shots).reshape(3, 3, BINS), _stamp_ns(capture))
-    return Reading(sensor, frame, ("ranges count from the reference pulse; zones differ by delays of their own",))
+    return Reading(sensor, frame, ("ranges count from the reference pulse",))
 
 
 def _stamp_ns(capture: dict) -> int:
