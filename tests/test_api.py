@@ -134,7 +134,7 @@ def test_sketches_of_parts_add_to_that_of_all():
     parts = [srt3d_ros.sketch(ROW[part], COL[part], FRAME.toa[part], sensor=SENSOR, frequencies=FREQUENCIES)
              for part in (slice(half), slice(half, None))]
     whole = srt3d_ros.sketch(FRAME, sensor=SENSOR, frequencies=FREQUENCIES)
-    total = parts[0] + parts[1]
+    total = sum(parts)
     assert isinstance(total, srt3d_ros.Sketch) and np.array_equal(total.photons, whole.photons)
     np.testing.assert_allclose(total.sums, whole.sums, atol=1e-3)
     with pytest.raises(srt3d_ros.InvalidInput, match="^sensor is another"):
