@@ -15,10 +15,11 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import Photons, arrays, open_photons
+from srt3d_ros.datasets import Photons, arrays
 from srt3d_ros.datasets.arrays import SensorOptions
 from srt3d_ros.datasets.photons import OPTIONS as FILE_OPTIONS
 from srt3d_ros.datasets.photons import outside_note
+from srt3d_ros.devices import open_photons
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.results import Cloud, Sketch
 

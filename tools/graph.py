@@ -32,7 +32,7 @@ def draw(specs: Iterable[NodeSpec]) -> str:
     rows = _rows(chain)
     middle = MARGIN + SIDE + LANE + (max(map(len, rows)) * (PILL[0] + GAP) - GAP) / 2
     driver, player = middle - NODE[0] / 2 - GAP, middle + NODE[0] / 2 + GAP
-    parts = [_box(driver, MARGIN, NODE, "your driver", OUTSIDE), _box(player, MARGIN, NODE, chain[0].name)]
+    parts = [_box(driver, MARGIN, NODE, "your driver, or: device", OUTSIDE), _box(player, MARGIN, NODE, chain[0].name)]
     y, bands = MARGIN + NODE[1], []
     for row, reader in zip(rows, (*chain[1:], None)):
         pills_y, reader_y = y + STEP, y + 2 * STEP + PILL[1]
