@@ -24,6 +24,9 @@ PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
 # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
 TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
+# Readers of laboratories' files. `lab` is all of them.
+LAB = {"ptu": ["ptufile>=2026.2"], "sdt": ["sdtfile>=2026.2"], "spc": ["phconvert>=0.10,<0.11"],
+       "hdf5": ["h5py>=3.10,<4"]}
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
@@ -32,7 +35,10 @@ EXTRAS = {
     "bags": [ROSBAGS],
     "devices": [PYZMQ],
     "gpu": [TORCH, TRITON],
-    "test": [ROSBAGS, PYZMQ, "pytest>=8,<10", "pytest-xdist>=3.6,<4", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
+    **LAB,
+    "lab": [package for packages in LAB.values() for package in packages],
+    "test": [ROSBAGS, PYZMQ, *LAB["ptu"], *LAB["sdt"], *LAB["hdf5"], "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+             "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH, TRITON],
 }
 

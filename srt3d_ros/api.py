@@ -9,17 +9,17 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 
 from srt3d_ros.core import sketch as core_sketch
-from srt3d_ros.core.gate import OFF
+from srt3d_ros.core.gate import OFF, Gate
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, Method, find
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
-from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import Photons, arrays
 from srt3d_ros.datasets.arrays import SensorOptions
 from srt3d_ros.datasets.photons import OPTIONS as FILE_OPTIONS
 from srt3d_ros.datasets.photons import outside_note
-from srt3d_ros.devices import open_photons
+from srt3d_ros.datasets.stream import PhotonStream
+from srt3d_ros.devices import open_stream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.results import Cloud, Sketch
 
@@ -28,23 +28,27 @@ __all__ = ["Cloud", "InvalidInput", "Photons", "Sensor", "Sketch", "open", "phot
 Sensor = SensorModel
 
 
-def open(path: str | Path, frame: int = 0, photons_topic: str = "", **options: Any) -> Photons:
+def open(path: str | Path, frame: int = 0, photons_topic: str = "", **options: Any) -> Photons | PhotonStream:
     """The photons of a file or bag, with their sensor and what the file knows of the truth.
 
     Args:
-        path: .npz (docs/photon-file.md), .mat as published, or a bag (docs/bags.md).
-        frame: which message of a bag's photons, from 0.
+        path: .npz, .mat, a laboratory's file (.ptu, .sdt, …: docs/photon-file.md), a device's log (docs/devices.md), or
+            a bag (docs/bags.md).
+        frame: which message of a bag's photons, or frame of a log, from 0.
         photons_topic: where a bag's photons are, if it has several topics of them.
         options: what the file does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate, ….
+
+    Returns:
+        Photons; a PhotonStream if they are too many to keep, which `sketch` and `reconstruct` take alike.
 
     Raises:
         InvalidInput: naming the file and what cannot be used.
     """
-    return open_photons(path, frame, photons_topic, **options)
+    return open_stream(path, frame, photons_topic, **options)
 
 
 def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = None, sensor: SensorModel | None = None,
-            stamp_ns: int = 0, **options: Unpack[SensorOptions]) -> Photons:
+            stamp_ns: int = 0, **options: Unpack[SensorOptions]) -> Photons | PhotonStream:
     """Photons in memory, with their sensor: one entry of row, col and toa for each, in any order, or counts.
 
     Arrays and lists of any integer or float type, of NumPy or torch; tensors are copied from their device.
@@ -69,7 +73,7 @@ def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = 
         return arrays.from_counts(counts, sensor, stamp_ns, options)
     if isinstance(row, str | Path):     # what the file lacks is needed to read it; the rest only describes the sensor
         row = open(row, **{name: options.pop(name) for name in FILE_OPTIONS if name in options})
-    if isinstance(row, Photons | PhotonEvents | PhotonGates | PhotonHistograms):
+    if isinstance(row, Photons | PhotonStream | PhotonEvents | PhotonGates | PhotonHistograms):
         require(col is None and toa is None, "col and toa", "given", "none beside photons that have theirs")
         return arrays.completed(row, sensor, options)
     return arrays.from_events(row, col, toa, sensor, stamp_ns, options)
@@ -163,29 +167,39 @@ def _from_sketch(chosen: Method, given: core_sketch.Sketch, sensor: SensorModel 
     return _Source(whole.sensor, whole.frequencies, lambda: whole)
 
 
-def _to_sketch(chosen: Method, seen: Photons, frequencies: Any, sketch_size: int | None, gate: Any) -> _Source:
+def _to_sketch(chosen: Method, seen: Photons | PhotonStream, frequencies: Any, sketch_size: int | None, gate: Any
+               ) -> _Source:
     design = _design(seen, gate, chosen.frequencies if frequencies is None else frequencies, sketch_size)
-    return _Source(design.sensor, design.frequencies, partial(_sketch, seen, design))
+    return _Source(_sketched(seen, design), design.frequencies, partial(_sketch, seen, design))
 
 
-def _from_photons(chosen: Method, seen: Photons, frequencies: Any, sketch_size: int | None, gate: Any) -> _Source:
+def _from_photons(chosen: Method, seen: Photons | PhotonStream, frequencies: Any, sketch_size: int | None, gate: Any
+                  ) -> _Source:
     for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
         require(value is None, name, value, f"nothing: {chosen.name} makes no sketch")
+    seen = seen.read_whole()
     found = None if gate == OFF else design_for(seen.frame, seen.sensor, _as_written(gate, ":")).gate
     gated = seen if found is None else seen.gated(found)
     return _Source(gated.sensor, (), lambda: gated)
 
 
-def _design(seen: Photons, gate: Any, frequencies: Any, sketch_size: int | None) -> SketchDesign:
-    return design_for(seen.frame, seen.sensor, _as_written(gate, ":"), _as_written(frequencies, ","), sketch_size)
+def _design(seen: Photons | PhotonStream, gate: Any, frequencies: Any, sketch_size: int | None) -> SketchDesign:
+    some = seen.sample
+    return design_for(some.frame, some.sensor, _as_written(gate, ":"), _as_written(frequencies, ","), sketch_size)
 
 
-def _sketch(seen: Photons, design: SketchDesign) -> Sketch:
-    gate, notes, photons = design.gate, seen.notes, seen.frame.photons
-    made = sketch_photons(seen.frame, seen.sensor, design.frequencies, gate)
+def _sketched(seen: Photons | PhotonStream, design: SketchDesign) -> SensorModel:
+    """The sensor of the sketches: the photons' own, behind the gate if there is one."""
+    gate = design.gate
+    return seen.sensor if gate is None else Gate(seen.sensor, gate.first, gate.last).sensor
+
+
+def _sketch(seen: Photons | PhotonStream, design: SketchDesign) -> Sketch:
+    gate, notes, photons = design.gate, seen.notes, round(seen.photons)
+    made = seen.sketch(design.frequencies, gate)
     if gate is not None:
         notes += outside_note(max(photons - int(made.photons.sum()), 0), photons, gate.first, gate.last)
-    return Sketch(**vars(made), sensor=design.sensor, notes=notes)
+    return Sketch(**vars(made), sensor=_sketched(seen, design), notes=notes)
 
 
 def _as_written(value: Any, mark: str) -> str:

@@ -1,7 +1,6 @@
 """Arrays in memory → Photons: row, col and ToA of each photon, or counts of photons [rows, cols, bins]."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -14,6 +13,7 @@ from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.photons import Photons, pinhole
+from srt3d_ros.datasets.stream import PhotonStream
 from srt3d_ros.errors import InvalidInput, require
 
 NAME = "arrays"
@@ -81,12 +81,11 @@ def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options:
     return _photons(frame, counts.shape, sensor, options)
 
 
-def completed(source: Photons | PhotonFrame, sensor: SensorModel | None, options: SensorOptions) -> Photons:
+def completed(source: Photons | PhotonStream | PhotonFrame, sensor: SensorModel | None, options: SensorOptions
+              ) -> Photons | PhotonStream:
     """Photons of a file, or a frame of photons, with the sensor and the options instead of their own."""
-    if isinstance(source, Photons):
-        sensor = described(sensor or source.sensor, options)
-        source.frame.check(sensor)
-        return replace(source, sensor=sensor)
+    if isinstance(source, Photons | PhotonStream):
+        return source.with_sensor(described(sensor or source.sensor, options))
 
     def frame(sensor: SensorModel) -> PhotonEvents | PhotonHistograms:
         source.check(sensor)

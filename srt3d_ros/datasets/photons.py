@@ -9,6 +9,8 @@ from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -17,7 +19,7 @@ from srt3d_ros.messages import json_text
 MAX_PHOTONS = 2**28
 MAX_GATE_BIN = 2**31
 SENSOR_OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
-OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols")
+OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols", "channel")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,29 @@ class Photons:
     def events(self) -> PhotonEvents:
         """The photons one by one; InvalidInput for histograms of negative or fractional counts."""
         return self.frame if isinstance(self.frame, PhotonEvents) else self.frame.to_events(self.sensor)
+
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return self.frame.photons
+
+    @property
+    def sample(self) -> "Photons":
+        """What gate and frequencies are chosen by: all of them. Of a PhotonStream, some."""
+        return self
+
+    def read_whole(self) -> "Photons":
+        """All photons in memory, which they are."""
+        return self
+
+    def with_sensor(self, sensor: SensorModel) -> "Photons":
+        """The same photons, of this sensor; InvalidInput if they do not fit it."""
+        self.frame.check(sensor)
+        return replace(self, sensor=sensor)
+
+    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
+        """The sketch of all photons, of those inside a gate if there is one."""
+        return sketch_photons(self.frame, self.sensor, frequencies, gate)
 
     def with_options(self, options: dict) -> "Photons":
         """The photons of a file that describes its sensor, with `options` in place of what it says."""
@@ -135,6 +160,13 @@ def number(field: str, value: object, expected: str) -> float:
         raise InvalidInput(field, quoted(value), expected) from None
     require(np.isfinite(result), field, quoted(value), expected)
     return result
+
+
+def positive_integer(field: str, value: object) -> int:
+    """`value` as an integer of 1 or more, or InvalidInput."""
+    result = number(field, value, "an integer, 1 or more")
+    require(result == int(result) >= 1, field, value, "an integer, 1 or more")
+    return int(result)
 
 
 def _check_names(options: dict, where: str) -> None:

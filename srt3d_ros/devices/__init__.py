@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from srt3d_ros import datasets
 from srt3d_ros.datasets.photons import Photons, gather_options
+from srt3d_ros.datasets.stream import PhotonStream
 from srt3d_ros.devices import as_dt1, tmf882x, tmf8829, vl53l8ch
 from srt3d_ros.devices.reading import Reading, head
 from srt3d_ros.errors import require
@@ -59,11 +60,12 @@ def frames(path: str | Path, device: Device, **overrides) -> Iterator[Photons]:
         yield Photons(sensor, frame, None, path.stem, notes).with_options(options)
 
 
-def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **overrides) -> Photons:
-    """What `datasets.open_photons` opens, and frame `frame` of a device's log."""
+def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess_irf: bool = False, **overrides
+                ) -> Photons | PhotonStream:
+    """What `datasets.open_stream` opens, and frame `frame` of a device's log."""
     device = of_log(path)
     if device is None:
-        return datasets.open_photons(path, frame, photons_topic, **overrides)
+        return datasets.open_stream(path, frame, photons_topic, guess_irf, **overrides)
     require(frame >= 0, "frame", frame, "0 or more")
     found = next(islice(frames(path, device, **overrides), frame, None), None)
     require(found is not None, "frame", frame, f"less: {Path(path).name} ends before")

@@ -30,14 +30,14 @@ def test_logs_are_recognised(tmp_path):
 def test_a_log_opens_as_a_photon_file_does(tmp_path):
     path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
     (tmp_path / "log.json.json").write_text(json.dumps({"range_offset_m": 0.25}))
-    second = devices.open_photons(path, frame=1, fov_deg=20)
+    second = devices.open_stream(path, frame=1, fov_deg=20)
     assert (second.name, second.sensor.range_offset_m) == ("log", 0.25)
     assert (second.frame.counts == made.zones_16(SLANTED + 1)[..., :54]).all() and second.notes
     for frame in (2, -1):
         with pytest.raises(InvalidInput, match="frame"):
-            devices.open_photons(path, frame=frame)
+            devices.open_stream(path, frame=frame)
     with pytest.raises(InvalidInput, match="photon file"):
-        devices.open_photons(tmp_path / "absent.npz")
+        devices.open_stream(tmp_path / "absent.npz")
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe\0\0", gzip.compress(b"[" * 1000)[:30], b"\x1f\x8b\x08nonsense"])
