@@ -145,7 +145,7 @@ class PhotonStream:
 
     def _chunks(self) -> Iterator[Events | Rows]:
         """The file from its beginning; a progress bar on a terminal if it takes long."""
-        from tqdm import tqdm       # here: it takes a tenth of `import srt3d_ros`
+        from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
 
         with tqdm(desc=f"reading {self.name}", total=100, delay=BAR_DELAY_S, disable=None, leave=False,
                   bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
