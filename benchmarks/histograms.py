@@ -20,7 +20,7 @@ from srt3d_ros.nodes.pipeline_probe import PipelineProbe
 
 SIZES = {"141x141x4613": 10.0, "32x48x64": 60.0}        # with the rate in Hz that is the goal
 PPP = 10.0
-SETTLE_S, START_S = 5.0, 60.0
+SETTLE_S, START_S = 10.0, 60.0
 TOTALS = ("frames_out", "dropped", "message_lost")
 NODES = ("player", "sketcher")
 

@@ -114,6 +114,10 @@ class Sketch(core_sketch.Sketch):
         require(self.sensor.same_as(getattr(other, "sensor", None)), "sensor", "another", "the same in both sketches")
         return super().__add__(other)
 
+    def __radd__(self, nothing: int) -> Self:
+        """So that sum() adds sketches, which begins with 0."""
+        return self if nothing == 0 else NotImplemented
+
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels; InvalidInput if none is in it."""
         rows, cols = pixels if isinstance(pixels, tuple) and len(pixels) == 2 else (pixels, slice(None))

@@ -16,7 +16,7 @@ from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz
+from srt3d_ros.datasets import npz, stream
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from tools import api_page
@@ -69,6 +69,20 @@ def test_a_file_is_read_with_the_options(tmp_path):
     gain = np.full((12, 20), 2)
     read = srt3d_ros.photons(tmp_path / "photons.npz", num_bins=300, irf=[1, 2], gain=gain)
     assert (read.sensor.num_bins, read.sensor.irf_ref) == (300, 1) and (read.sensor.gain == gain).all()
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_path, monkeypatch, dtype):
+    monkeypatch.setattr(stream, "MAX_KEPT", 3_000)
+    np.save(tmp_path / "counts.npy", COUNTS.astype(dtype))
+    opened = srt3d_ros.open(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
+    assert isinstance(opened, stream.PhotonStream)
+    same(srt3d_ros.reconstruct(opened, toa_offset_bins=1000, frequencies=FREQUENCIES), cloud)
+    gated = srt3d_ros.sketch(opened, gate=(60, 130), mask=np.eye(12, 20) == 0)
+    assert gated.photons.sum() == np.count_nonzero((FRAME.toa >= 60) & (FRAME.toa <= 130)) and len(gated.notes) == 1
+    assert np.array_equal(gated.sensor.mask, np.eye(12, 20) == 0)       # not that of the sample
+    with pytest.raises(srt3d_ros.InvalidInput, match="^num_bins is 50: expected "):
+        srt3d_ros.reconstruct(opened, num_bins=50)
 
 
 def test_the_sensor_may_be_said_by_options():
@@ -134,7 +148,7 @@ def test_sketches_of_parts_add_to_that_of_all():
     parts = [srt3d_ros.sketch(ROW[part], COL[part], FRAME.toa[part], sensor=SENSOR, frequencies=FREQUENCIES)
              for part in (slice(half), slice(half, None))]
     whole = srt3d_ros.sketch(FRAME, sensor=SENSOR, frequencies=FREQUENCIES)
-    total = parts[0] + parts[1]
+    total = sum(parts)
     assert isinstance(total, srt3d_ros.Sketch) and np.array_equal(total.photons, whole.photons)
     np.testing.assert_allclose(total.sums, whole.sums, atol=1e-3)
     with pytest.raises(srt3d_ros.InvalidInput, match="^sensor is another"):

@@ -54,6 +54,16 @@ sketch[20:120, 30:110].save("face.npz")
 cloud = srt3d_ros.reconstruct(srt3d_ros.Sketch.load("face.npz"))
 ```
 
+For frame after frame of one sensor keep the reconstructor, which keeps its memory and what it learnt of the background:
+
+```python
+from srt3d_ros.core.pooled import Pooled
+
+reconstructor = Pooled(sketch.sensor, sketch.frequencies)
+for _ in range(3):
+    points = reconstructor(sketch)
+```
+
 What must be said, and what is assumed:
 
 | argument | if it is not given |

@@ -149,18 +149,20 @@ def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms],
 
 def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
     """The IRF that the photons show, see `irf.estimate`; of histograms those of the pixels with the most photons."""
+    used = np.ones(sensor.pixels, bool) if sensor.mask is None else sensor.mask.reshape(-1)
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
         counts = frame.counts.reshape(sensor.pixels, -1)
         whole = counts.dtype.kind != "f" or bool((counts == np.floor(counts)).all())
         require(whole and bool((counts >= 0).all()), "irf", "missing",
                 "the impulse response: it can be estimated from whole photons only")
-        totals = counts.sum(axis=1, dtype=np.float64)
-        fullest = np.argsort(-totals)
+        totals = counts.sum(axis=1, dtype=np.float64) * used
+        fullest = np.argsort(-totals)[:max(np.count_nonzero(totals), 1)]
         fullest = fullest[:np.searchsorted(np.cumsum(totals[fullest]), irfs.PHOTONS_USED) + 1]
         few = SensorModel(1, len(fullest), sensor.num_bins, sensor.bin_width_s, np.ones(1))
-        frame = PhotonHistograms(counts[fullest][None]).to_events(few)
-    return irfs.estimate(frame, sensor.num_bins)
+        return irfs.estimate(PhotonHistograms(counts[fullest][None]).to_events(few), sensor.num_bins)
+    kept = used[frame.pixel]
+    return irfs.estimate(PhotonEvents(frame.pixel[kept], frame.toa[kept]), sensor.num_bins)
 
 
 def _array(name: str, values: Any) -> np.ndarray:

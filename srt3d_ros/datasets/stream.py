@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
@@ -146,6 +145,8 @@ class PhotonStream:
 
     def _chunks(self) -> Iterator[Events | Rows]:
         """The file from its beginning; a progress bar on a terminal if it takes long."""
+        from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
+
         with tqdm(desc=f"reading {self.name}", total=100, delay=BAR_DELAY_S, disable=None, leave=False,
                   bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
             for chunk in self._recording.chunks():

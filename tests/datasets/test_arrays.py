@@ -116,18 +116,42 @@ def wall():
     return sensor, Simulator(StaticScene(sensor.range_m(depth)), sensor, ppp=30, sbr=5).frame(0)[0]
 
 
+def rms_width(sensor):
+    """Of its IRF about the mark, bins."""
+    position = np.arange(len(sensor.irf)) - sensor.irf_ref
+    return np.sqrt((sensor.irf * position**2).sum())
+
+
 def test_an_irf_that_is_not_given_is_that_of_the_photons(wall):
-    sensor, frame = wall
-    row, col = np.divmod(frame.pixel, 30)
+    row, col = np.divmod(wall[1].pixel, 30)
     given = {"shape": (30, 30), "num_bins": 400, "bin_width_s": 1e-10}
-    by_events = arrays.from_events(row, col, frame.toa, None, 0, given)
+    by_events = arrays.from_events(row, col, wall[1].toa, None, 0, given)
     assert by_events.notes == (arrays.ESTIMATED_IRF, arrays.ASSUMED_FOV)
-    position = np.arange(len(by_events.sensor.irf)) - by_events.sensor.irf_ref
-    assert np.sqrt((by_events.sensor.irf * position**2).sum()) == pytest.approx(3, abs=1)
+    assert rms_width(by_events.sensor) == pytest.approx(3, abs=1)
     cube = np.zeros((30, 30, 400), np.float64)
-    np.add.at(cube, (row, col, frame.toa), 1)
+    np.add.at(cube, (row, col, wall[1].toa), 1)
     by_counts = arrays.from_counts(cube, None, 0, {"bin_width_s": 1e-10})
     assert np.array_equal(by_counts.sensor.irf, by_events.sensor.irf) and by_counts.notes == by_events.notes
+
+
+@pytest.mark.parametrize("counted", [False, True])
+def test_an_irf_is_not_estimated_from_hot_pixels(wall, counted):
+    mask, noise = np.ones((30, 30), bool), np.arange(400_000) % 400
+    mask[0, 0] = False
+    row, col = np.divmod(np.concatenate([wall[1].pixel, np.zeros(len(noise), np.uint32)]), 30)
+    toa, given = np.concatenate([wall[1].toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
+    if counted:
+        cube = np.zeros((30, 30, 400), np.uint16)
+        np.add.at(cube, (row, col, toa), 1)
+        found = arrays.from_counts(cube, None, 0, given)
+    else:
+        found = arrays.from_events(row, col, toa, None, 0, given | {"shape": (30, 30), "num_bins": 400})
+    assert rms_width(found.sensor) == pytest.approx(3, abs=1)
+
+
+def test_photons_that_show_no_irf_ask_for_it():
+    with pytest.raises(InvalidInput, match="^photons is 0: expected some pixels .*: give irf"):
+        counts(np.zeros((3, 4, 50)), irf=None)
 
 
 @pytest.mark.parametrize(("values", "options", "expected"), [
