@@ -17,7 +17,7 @@ from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch import Action, LaunchDescription
 
 PACKAGE = "srt3d_ros"
-TOPICS = ("photons", "gates", "sensor", "points")
+TOPICS = ("photons", "gates", "histograms", "sensor", "points")
 END_S = "60"        # after Ctrl-C, for a recording and a bag to be written; launch would end the nodes after 5 s
 
 ARGUMENTS = {
@@ -26,6 +26,7 @@ ARGUMENTS = {
     "sensor_file": "Description of the sensor (.json), for a driver that publishes none.",
     "photons": "Topic of the photons, as events.",
     "gates": "Topic of the photons, as gates.",
+    "histograms": "Topic of the photons, as histograms.",
     "sensor": "Topic of the sensor's description.",
     "points": "Topic of the clouds.",
     "device": "Where to reconstruct.",

@@ -14,15 +14,19 @@ from sensor_msgs.msg import CameraInfo
 from robustness.targets import Defect, Made, Target
 from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, parser
 from srt3d_ros.cli.up import node_specs, parameters_yaml, ros_arguments
+from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import camera, cdr, gates, images, photons, points, sensor, sketch
+from srt3d_ros.messages import camera, cdr, gates, histograms, images, photons, points, sensor, sketch
 from srt3d_ros.node_names import NODES
 
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "messages" / "golden"
-SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535))
+SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535),
+                     histograms=HistogramBins(5))
 FREQUENCIES = (1, 3)        # of the golden sketches
-SENSOR_TEXTS = [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens")]
+HISTOGRAM_SKETCHER = Sketcher(SENSOR, FREQUENCIES)
+SENSOR_TEXTS = [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens", "sensor_histograms")]
 COMMAND_LINES = ("reconstruct a.npz -o out.ply --sketch-size 2 --device auto", "review a.rrd --no-report --json",
                  "reconstruct a.npz -o out.ply --gate 5:44 --frequencies 1,3 --surfaces 2", "evaluate --out results",
                  "up -p sketcher.sketch_size:=5 -r photons:=/p --config spad_32x32_gates", "play a.npz --rate 2")
@@ -51,6 +55,15 @@ def _gates(raw: bytes) -> None:
     _, frame = _written_again(lambda frame: gates.encode_cdr(frame[1], SENSOR, frame[0].frame_id),
                               lambda raw: gates.decode_cdr(raw, SENSOR), raw)
     frame.to_events(SENSOR).check(SENSOR)
+
+
+def _histograms(raw: bytes) -> None:
+    _, frame = _written_again(lambda frame: histograms.encode_cdr(frame[1], SENSOR, frame[0].frame_id),
+                              lambda raw: histograms.decode_cdr(raw, SENSOR), raw)
+    HISTOGRAM_SKETCHER.reset()
+    HISTOGRAM_SKETCHER.add(frame)
+    if frame.photons < 0:
+        raise Defect("a frame has fewer than no photons")
 
 
 def _sketch(raw: bytes) -> None:
@@ -143,6 +156,8 @@ def _target(name: str, read, examples: list[bytes], rounds: int) -> Target:
 TARGETS = (
     _target("photons", _photons, _golden("photons_uint16", "photons_uint32", "photons_float32"), 200_000),
     _target("gates", _gates, _golden("gates"), 200_000),
+    _target("histograms", _histograms, _golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC"))),
+            200_000),
     _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16"), 150_000),
     _target("points", points.decode_cdr, _golden("points_xyzi", "points_full", "points_xyzi_organised",
                                                  "points_full_organised"), 200_000),

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 
 from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.topics import DIAGNOSTICS, Topic
+from srt3d_ros.nodes.topics import DIAGNOSTICS, FRAMES, Topic
 from tools.schema_tables import table
 
 WIDTH = 120
-FROM_DRIVER = ("sensor", "sensor/camera_info", "photons", "gates")
+FROM_DRIVER = ("sensor", "sensor/camera_info", *(topic.name for topic in FRAMES))
 EVERY_NODE = "every node"
 HEAD = """\
 # The nodes

@@ -52,8 +52,8 @@ def image_tables(schema: dict) -> str:
     """What an Image topic holds."""
     pixel = schema["pixel"]
     topics = schema.get("topics", {schema.get("topic"): pixel})
-    return (f"`height` {schema['height']}; `width` {schema['width']}; `encoding` `{schema['encoding']}`, "
-            f"{_bytes(pixel['datatype'])} bytes a pixel ({pixel['datatype']}).\n\n"
+    encodings = " or ".join(f"`{encoding}` ({kind})" for encoding, kind in schema["encodings"].items())
+    return (f"`height` {schema['height']}; `width` {schema['width']}; `encoding` {encodings}.\n\n"
             + table(["topic", "unit", "meaning of a pixel"],
                     [[f"`{name}`", topic["unit"], topic["meaning"]] for name, topic in topics.items()]))
 

@@ -15,7 +15,7 @@ def add_parser(subparsers) -> None:
                     "What is left out keeps the default of the bag_recorder node.")
     parser.add_argument("path", metavar="OUT", help="the bag, a folder that is not there yet")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC",
-                        help="what to record (photons gates sensor); also sketch, sketch/sensor, points, depth, …")
+                        help="what to record (photons gates histograms sensor); also sketch, sketch/sensor, points, …")
     parser.add_argument("--format", choices=("mcap", "sqlite3"), help="how rosbag2 stores it (mcap)")
     parser.add_argument("--max-duration", dest="max_duration_s", type=float, metavar="S", help="end after this time")
     parser.add_argument("--max-size", dest="max_size_mb", type=int, metavar="MB", help="end at this size")

@@ -28,8 +28,8 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.gate import in_ranges
-    from srt3d_ros.datasets import open_stream
     from srt3d_ros.datasets.description import describe
+    from srt3d_ros.devices import open_stream
 
     if args.output is not None:
         require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")

@@ -23,8 +23,10 @@ def add_parser(subparsers) -> None:
                         help="wait for the pipeline instead of leaving frames behind")
     frames = parser.add_argument_group("files and the simulator")
     frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
-    frames.add_argument("--gates", dest="output", action="store_const", const="gates",
-                        help="publish `gates`, as a SPAD array reads out, instead of `photons`")
+    form = frames.add_mutually_exclusive_group()
+    for topic, source in (("gates", "a SPAD array reads out"), ("histograms", "sensors send that count on the chip")):
+        form.add_argument(f"--{topic}", dest="output", action="store_const", const=topic,
+                          help=f"publish `{topic}`, as {source}, instead of `photons`")
     bags = parser.add_argument_group("bags (docs/bags.md)")
     bags.add_argument("--rate", dest="bag_rate", type=float, metavar="X",
                       help="pace, 1 as recorded; 0 with --lossless: as fast as the pipeline answers")

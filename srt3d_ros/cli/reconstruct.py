@@ -1,8 +1,6 @@
 """`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
 
 import argparse
-import time
-from dataclasses import replace
 
 from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
@@ -13,7 +11,8 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
-METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
+METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background",
+                  "weighting", "upsampling")
 
 
 def add_parser(subparsers) -> None:
@@ -57,55 +56,25 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.core.sketch_design import design_for
-    from srt3d_ros.core.sketching import sketch_photons
-    from srt3d_ros.datasets import PhotonStream, open_photons, open_stream
+    from srt3d_ros import api
     from srt3d_ros.recording import cloud_files
 
-    method, frequencies, found = find(args.method), (), None
+    method = find(args.method)
     cloud_files.check(args.output)
     overrides = common.overrides(args)
-    photons = open_stream(args.input, args.frame, args.photons_topic, **overrides)
-    stream = photons if isinstance(photons, PhotonStream) and method.needs == "sketch" else None
-    if isinstance(photons, PhotonStream):       # its sample chooses gate and frequencies
-        photons = photons.sample if stream is not None else photons.read_whole()
-    sensor, frame = photons.sensor, photons.frame
+    photons = api.open(args.input, args.frame, args.photons_topic, **overrides)
+    sensor = photons.sensor
     if args.dark is not None:
         require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")
         require(args.background != "flat", "background", args.background, "auto or sensor, with a dark frame")
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
-        sensor = _with_dark_frame(sensor, open_photons(args.dark, **(known | overrides)))
-    spec = args.frequencies or method.frequencies
-    if args.gate == AUTO:
-        found = design_for(frame, sensor, AUTO, *((spec, args.sketch_size) if method.needs == "sketch" else ())).gate
-        if found is not None:
-            photons = replace(photons, sensor=sensor).gated(found)
-            sensor, frame = photons.sensor, photons.frame
-    if method.needs == "sketch":
-        frequencies = design_for(frame, sensor, frequencies=spec, sketch_size=args.sketch_size).frequencies
-    for name in ("sketch_size", "frequencies"):
-        given = getattr(args, name)
-        require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
-    if stream is not None:
-        sensor = sensor.replace(mask=None)
-    reconstructor = method.build(sensor, frequencies, **common.given(args, METHOD_OPTIONS))
-    reconstructor.warm_up()
-    seen, sketch_ms = frame, None
-    if stream is not None:
-        seen, sketch_ms = _timed(stream.sketch, frequencies, found)
-    elif method.needs == "sketch":
-        seen, sketch_ms = _timed(sketch_photons, frame, sensor, frequencies)
-    cloud, reconstruct_ms = _timed(reconstructor, seen)
-    cloud = cloud.ordered(args.surface_order)
-    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
-    photons_seen = frame.photons if stream is None else int(seen.photons.sum())
-    facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
-             "num_bins": sensor.num_bins, "photons": photons_seen, "sketch_size": len(frequencies) or None,
-             "frequencies": list(frequencies), "surfaces": args.surfaces,
-             "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
-             "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
-    common.print_notes(photons.notes)       # only now: a mistake is one line
-    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if frequencies else ""
+        sensor = _with_dark_frame(sensor, api.open(args.dark, **(known | overrides)).read_whole())
+    cloud = api.reconstruct(photons, sensor=sensor, gate=args.gate if args.gate == AUTO else OFF,
+                            **common.given(args, METHOD_OPTIONS)).ordered(args.surface_order)
+    cloud.save(args.output)
+    facts = cloud.facts | {"output": str(args.output)}
+    common.print_notes(cloud.notes)     # only now: a mistake is one line
+    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if facts["frequencies"] else ""
     common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
                         + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
     return 0
@@ -119,10 +88,3 @@ def _with_dark_frame(sensor, dark):
         found, wanted = getattr(dark.sensor, name), getattr(sensor, name)
         require(found == wanted, f"dark frame {name}", found, f"{wanted}, as in the input")
     return sensor.replace(background_shape=dark_shape(dark.frame, sensor))
-
-
-def _timed(function, *arguments):
-    """What function(*arguments) returns, and the milliseconds it took."""
-    started = time.perf_counter()
-    result = function(*arguments)
-    return result, round((time.perf_counter() - started) * 1e3, 3)

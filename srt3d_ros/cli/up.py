@@ -23,8 +23,8 @@ OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
 Run sketcher and reconstructor, and what is asked for beside them, as ROS 2 nodes in processes of their own: photons
-in, point clouds out. A driver publishes `sensor` and `photons` or `gates`; or --input plays them. Ctrl-C ends all, the
-source first and the recorder last. A node that dies is started again."""
+in, point clouds out. A driver publishes `sensor` and `photons`, `gates` or `histograms`; or --input plays them. Ctrl-C
+ends all, the source first and the recorder last. A node that dies is started again."""
 EXAMPLES = """\
 examples:
   srt3d up --input simulator --record run.rrd               a moving scene, no sensor needed
@@ -148,5 +148,6 @@ def overview(reports: dict[str, dict]) -> str:
     lines += ["", f"  look      ros2 topic hz {points}; rviz2, PointCloud2 on {points}",
               "  health    ros2 topic echo /diagnostics"]
     if PLAYER not in reports:
-        lines.append(f"  waiting   for a driver: {sensor}, then photons or gates; docs/quickstart-driver.md writes one")
+        forms = "photons, gates or histograms"
+        lines.append(f"  waiting   for a driver: {sensor}, then {forms}; docs/quickstart-driver.md writes one")
     return "\n".join([*lines, ""])

@@ -22,36 +22,16 @@ class FrameHistogram:
 
     Args:
         counts: int64 [T], photons in each bin; of more than MOST a frame, every n-th.
-        frame_photons: photons of a frame, all of them, on average.
-        pixels: those that are not masked.
     """
 
     counts: np.ndarray
-    frame_photons: float
-    pixels: int
-
-    @property
-    def background(self) -> float:
-        """Photons per bin where the fewest are: the mean of the emptiest quarter of the bins, one after the other.
-
-        Of an even background this is the level, and less than it otherwise: fog is then taken for a part of the scene.
-        """
-        return self._emptiest[0] / self._emptiest[1]
-
-    @property
-    def signal_share(self) -> float:
-        """The part of the photons that exceeds `background`."""
-        total = int(self.counts.sum())
-        return max(1 - self.background * len(self.counts) / total, 0.0) if total else 0.0
-
-    @property
-    def photons_per_pixel(self) -> float:
-        """Of a frame, all photons."""
-        return self.frame_photons / self.pixels
 
     @property
     def _emptiest(self) -> tuple[int, int]:
-        """Photons in the emptiest quarter, and its bins."""
+        """Photons where the fewest are, a quarter of the bins one after the other, and how many bins these are.
+
+        Of an even background this is its level, and less otherwise: fog is then taken for a part of the scene.
+        """
         quarter = max(len(self.counts) // 4, 1)
         return int(_sums(self.counts, quarter).min()), quarter
 
@@ -83,8 +63,7 @@ class FrameWatch:
 
     def __init__(self, sensor: SensorModel):
         self._sensor = sensor
-        self._pixels = sensor.pixels if sensor.mask is None else max(int(sensor.mask.sum()), 1)
-        self._looks: deque[tuple[np.ndarray, int]] = deque(maxlen=LOOKS)
+        self._looks: deque[np.ndarray] = deque(maxlen=LOOKS)
         self._looked_ns: int | None = None
         self._last_photons = 0
         self.forget()
@@ -101,10 +80,10 @@ class FrameWatch:
             if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
                 self._looked_ns = frame.stamp_ns
                 self._counts = np.zeros(self._sensor.num_bins, np.int64)
-                self._step = max(self._last_photons, most_photons(frame)) // MOST + 1
+                self._step = most_photons(frame, self._last_photons) // MOST + 1
         if self._counts is not None:
             if isinstance(frame, PhotonHistograms):
-                counts = _of_histograms(frame, self._sensor)
+                counts = _of_histograms(frame, self._sensor, self._step)
             else:
                 bins = _sample(frame, self._sensor, self._step)
                 counts = np.bincount(bins, minlength=len(self._counts))
@@ -117,10 +96,9 @@ class FrameWatch:
         self.forget()
         if counts is None:
             return None
-        self._looks.append((counts, photons))
+        self._looks.append(counts)
         self._last_photons = photons
-        several, numbers = zip(*self._looks)
-        return FrameHistogram(np.sum(several, axis=0), sum(numbers) / len(numbers), self._pixels)
+        return FrameHistogram(np.sum(self._looks, axis=0))
 
 
 def frame_histogram(frame: PhotonFrame, sensor: SensorModel) -> FrameHistogram:
@@ -149,16 +127,16 @@ def _sample(frame: PhotonFrame, sensor: SensorModel, step: int) -> np.ndarray:
     return bins
 
 
-def _of_histograms(frame: PhotonHistograms, sensor: SensorModel) -> np.ndarray:
-    """Counts of all pixels in use, without delay; int64 [T], 0 where those that were subtracted outweigh them."""
+def _of_histograms(frame: PhotonHistograms, sensor: SensorModel, step: int) -> np.ndarray:
+    """Counts of every `step`-th pixel in use, without delay; int64 [T], 0 where those subtracted outweigh them."""
     frame.check(sensor)
-    counts = frame.on_axis(sensor).reshape(sensor.pixels, -1)
+    counts = frame.on_axis(sensor).reshape(sensor.pixels, -1)[::step]
     if sensor.mask is not None:
-        counts = counts * sensor.mask.reshape(-1, 1)
+        counts = counts * sensor.mask.reshape(-1, 1)[::step]
     if sensor.delay_bins is None:
         total = counts.sum(axis=0, dtype=np.float64)
     else:
-        late = np.rint(sensor.delay_bins).astype(np.int64).reshape(-1)
+        late = np.rint(sensor.delay_bins).astype(np.int64).reshape(-1)[::step]
         total = sum(np.roll(own, -delay) for own, delay in zip(counts.astype(np.float64), late))
     return np.rint(np.maximum(total, 0)).astype(np.int64)
 

@@ -44,9 +44,7 @@ class LightMeter:
         # Depths lie between bins, which may widen a pulse by a bin.
         self._wider = self._expected * np.sinc(np.array(self._rungs) / sensor.num_bins)**2
         self._least_step = _power_of_two(sensor.pixels / MOST_PIXELS)
-        pixels = -(-sensor.pixels // self._least_step)
-        row = SensorModel(1, pixels, sensor.num_bins, sensor.bin_width_s, np.ones(1), gates=sensor.gates)
-        self._sketcher = Sketcher(row, self._rungs)
+        self._sketcher: Sketcher | None = None  # of the pixels of the last look, in a row
         self._looked_ns: int | None = None
         self._photons = 0                       # of the last look, all pixels
         self._step = 0                          # from one pixel that is looked at to the next; 0: not at this frame
@@ -64,8 +62,9 @@ class LightMeter:
             self._open = True
             if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
                 self._looked_ns = frame.stamp_ns
-                most = max(self._photons, most_photons(frame))
+                most = most_photons(frame, self._photons)
                 self._step = max(self._least_step, _power_of_two(most / MOST_PHOTONS))
+                self._look_at(-(-self._sensor.pixels // self._step))
         if self._step:
             self._sketcher.add(self._in_a_row(frame))
 
@@ -75,29 +74,31 @@ class LightMeter:
         self.forget()
         return light
 
+    def _look_at(self, pixels: int) -> None:
+        """Have a sketcher of so many pixels, without photons."""
+        if self._sketcher is None or self._sketcher.sensor.pixels != pixels:
+            row = SensorModel(1, pixels, self._sensor.num_bins, self._sensor.bin_width_s, np.ones(1),
+                              gates=self._sensor.gates)
+            self._sketcher = Sketcher(row, self._rungs)
+
     def _in_a_row(self, frame: PhotonFrame) -> PhotonFrame:
         """The photons of every step-th pixel, as of the sketcher's sensor."""
-        step, row = self._step, self._sketcher.sensor
+        step = self._step
         if isinstance(frame, PhotonGates):
             frame.check(self._sensor)
-            seen = frame.words.reshape(len(frame.words), 1, self._sensor.pixels)[:, :, ::step]
-            words = np.full((len(seen), 1, row.cols), row.gates.no_detection, np.uint16)
-            words[:, :, :seen.shape[2]] = seen
-            return PhotonGates(words, frame.stamp_ns)
+            words = frame.words.reshape(len(frame.words), 1, -1)[:, :, ::step]
+            return PhotonGates(np.ascontiguousarray(words), frame.stamp_ns)
         if isinstance(frame, PhotonHistograms):
             frame.check(self._sensor)
-            seen = frame.on_axis(self._sensor).reshape(self._sensor.pixels, -1)[::step]
-            counts = np.zeros((1, row.cols, row.num_bins), seen.dtype)
-            counts[0, :len(seen)] = seen
-            return PhotonHistograms(counts, frame.stamp_ns)
+            counts = frame.on_axis(self._sensor).reshape(1, self._sensor.pixels, -1)
+            return PhotonHistograms(counts[:, ::step], frame.stamp_ns)
         if step == 1:
             return frame
         kept = np.flatnonzero(frame.pixel & np.uint32(step - 1) == 0)
         return PhotonEvents(frame.pixel[kept] // np.uint32(step), frame.toa[kept], frame.stamp_ns)
 
     def _light(self, sketch: Sketch) -> Light:
-        used = np.zeros(sketch.photons.shape[1], bool)
-        used[:len(self._mask[::self._step])] = self._mask[::self._step]
+        used = self._mask[::self._step]
         photons, several = sketch.photons[0].astype(np.float64), used & (sketch.photons[0] > 1)
         seen, n = int(photons[used].sum()), photons[several]
         self._photons, mean = seen * self._step, seen / max(np.count_nonzero(used), 1)

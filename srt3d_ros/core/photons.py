@@ -10,7 +10,9 @@ from srt3d_ros.errors import require
 
 CHUNK = 2**16           # photons compared together, so that they stay in the cache
 TOA_DTYPES = (np.uint16, np.uint32, np.float32)
-MAX_WORDS = 2**27       # in gates made from events: 256 MB
+MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
+MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
+COUNTS_A_PHOTON = 8     # of a histogram that are added up in the time of a photon
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
@@ -143,6 +145,24 @@ class PhotonHistograms:
                 "uint8, uint16, int32 or float32")
         require(self.counts.ndim == 3, "histograms shape", self.counts.shape, "[rows, cols, bins]")
 
+    @classmethod
+    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonHistograms":
+        """The same photons counted in the sensor's T bins, uint16 or, if there are more in one, int32.
+
+        Raises:
+            InvalidInput: a photon lies outside the sensor, the sensor's histograms have other bins, or there are too
+                many bins for this form.
+        """
+        require(sensor.histograms is None, "sensor.histograms", "there", "none, to count events in the sensor's bins")
+        events.check(sensor)
+        bins = sensor.pixels * sensor.num_bins
+        require(bins <= MAX_WORDS, "histograms", f"{sensor.num_bins} bins of {sensor.pixels} pixels",
+                f"at most {MAX_WORDS} bins: send events instead")
+        at = events.pixel.astype(np.int64) * sensor.num_bins + sensor.toa_bins(events.toa)
+        counts = np.bincount(at, minlength=bins)
+        counts = counts.astype(np.uint16 if counts.max() <= 65_535 else np.int32)
+        return cls(counts.reshape(sensor.rows, sensor.cols, -1), events.stamp_ns)
+
     @cached_property
     def photons(self) -> int:
         """Number of photons; 0 if negative counts outweigh them."""
@@ -153,11 +173,13 @@ class PhotonHistograms:
         return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
 
     def check(self, sensor: SensorModel) -> None:
-        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and finite counts."""
-        wanted = sensor.rows, sensor.cols, _bins_of(sensor)
+        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and counts that can be added."""
+        wanted = sensor.rows, sensor.cols, bins_of(sensor)
         require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
-        require(self.counts.dtype.kind != "f" or bool(np.isfinite(self.counts).all()), "histograms",
-                "not finite in places", "finite counts")
+        if self.counts.dtype.kind != "u":
+            low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]
+            require(bool(-most <= low and high <= most), "histograms count", (high if high > most else low).item(),
+                    f"{-most} to {most}, photons in a bin")     # a NaN makes both NaN
 
     def on_axis(self, sensor: SensorModel) -> np.ndarray:
         """The counts in the bins of the sensor's axis, each in the one in which its middle lies; [rows, cols, T]."""
@@ -197,7 +219,7 @@ class PhotonHistograms:
         return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
 
 
-def _bins_of(sensor: SensorModel) -> int:
+def bins_of(sensor: SensorModel) -> int:
     """Bins of a sensor's histograms."""
     return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
 
@@ -215,6 +237,11 @@ def word_wanted(sensor: SensorModel) -> str:
 PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms
 
 
-def most_photons(frame: PhotonFrame) -> int:
-    """The photons of a frame; of gates whose photons have not been counted as many as there could be."""
-    return frame.words.size if frame.photons is None else frame.photons
+def most_photons(frame: PhotonFrame, last: int) -> int:
+    """How many photons it costs to look at a frame that begins with these: at least as many as the `last` one had.
+
+    Gates that have not been counted may have one in every word; histograms cost what their bins do, photons or not.
+    """
+    if isinstance(frame, PhotonHistograms):
+        return frame.counts.size // COUNTS_A_PHOTON
+    return max(frame.words.size if frame.photons is None else frame.photons, last)

@@ -17,6 +17,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
+ROUNDING = 1e-5         # relative, of float32 sums
+
 
 class Sketcher:
     """Adds photons to the sketch of a frame, in any split and any order; its memory is that of sketch and table.
@@ -40,6 +42,7 @@ class Sketcher:
         self._rows = kernels.fixed_rows(kernels.array(table))
         self._sums, self._photons = kernels.new_sums(sensor.pixels, table.shape[1])
         self._stamp_ns: int | None = None
+        self._subtracted = False            # whether counts may have been negative
         if not kernels.ON_HOST:
             self.resident = self._resident
 
@@ -74,8 +77,21 @@ class Sketcher:
         """The sketch of all photons added since the last reset."""
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
         photons = self._photons if self.gate is None else self._kernels.counted(self._sums, 2 * m)
+        if self._subtracted:
+            photons = self._at_least_as_seen(photons)
         sums, photons = self._kernels.read_sums(self._sums, photons, 2 * m)
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
+
+    def _at_least_as_seen(self, photons):
+        """Photon numbers of histograms from which something was subtracted: as many as the longest sum needs, |z| ≤ 1.
+
+        Of what is subtracted the noise stays, and n, which is near 0 in a pixel without a surface, stands for it.
+        """
+        m = len(self.frequencies)
+        numbers, sums = (values if isinstance(values, np.ndarray) else values.cpu().numpy()
+                         for values in (photons, self._kernels.read_sums(self._sums, photons.clip(1), 2 * m)[0]))
+        longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
+        return self._kernels.array(np.maximum(numbers, np.ceil(longest).astype(np.int64)))
 
     def _add_events(self, events: PhotonEvents, pixel, toa) -> None:
         kernels, sums, photons = self._kernels, self._sums, self._photons
@@ -104,6 +120,7 @@ class Sketcher:
 
     def _add_histograms(self, histograms: PhotonHistograms, counts) -> None:
         self._kernels.sketch_histograms(counts, *self._histogram_tables, self._sums, self._photons)
+        self._subtracted |= histograms.counts.dtype.kind != "u" or self._histogram_tables[1] is not None
         self._note(histograms.stamp_ns)
 
     @cached_property

@@ -64,7 +64,8 @@ class WindowSketcher(Sketcher):
 
     @property
     def kept(self) -> int:
-        """Photons of the open frame that are inside the gate, which there has to be."""
+        """Photons of the open frame that are inside the gate, which there has to be: more than all of them if there are
+        negative counts outside."""
         column = slice(2 * len(self.frequencies), 2 * len(self.frequencies) + 1)
         here, before = self._sums[:, column], self._before[-1]
         if before is not None:

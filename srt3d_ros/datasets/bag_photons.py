@@ -1,28 +1,29 @@
 """The photons in a bag: which of its topics they are on, and single frames of them."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.datasets.bag import Bag, BagTopic
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages.photon_frames import CODECS
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 PHOTON_FIELDS = {"row", "col", "toa"}
 GATES_ENCODING = "16UC1"
+HISTOGRAMS_ENCODING = re.compile(r"(?:8U|16U|32S|32F)C(\d{1,5})")
+MOST_CAMERA_CHANNELS = 4        # of the images of cameras, whose encodings look alike
 
 
 @dataclass(frozen=True)
 class PhotonTopics:
     """Where the photons of a bag are, and the description of their sensor, if there is one."""
 
-    output: str         # what the messages on `frames` are: "photons" or "gates"
+    output: str         # what the messages on `frames` are: "photons", "gates" or "histograms"
     frames: BagTopic
     sensor: BagTopic | None
 
@@ -30,9 +31,9 @@ class PhotonTopics:
 def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> PhotonTopics:
     """The topics of the photons and of their sensor, whatever they were remapped to.
 
-    The photons are on the topic whose messages are photons; of several, on the one that is called `photons` or `gates`
-    in whatever namespace. The sensor is described on the topic that does so; of several, on `sensor` in the namespace
-    of the photons.
+    The photons are on the topic whose messages are photons; of several, on the one that is called as what it holds,
+    `photons`, `gates` or `histograms`, in whatever namespace. The sensor is described on the topic that does so; of
+    several, on `sensor` in the namespace of the photons.
 
     Args:
         photons_topic, sensor_topic: their names, where a bag has several that could be meant.
@@ -42,7 +43,7 @@ def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> P
     """
     contents = {topic: _content(bag, topic) for topic in bag.topics if topic.messages > 0}
     frames = [topic for topic, content in contents.items()
-              if content in ("photons", "gates") and photons_topic in ("", topic.name)]
+              if content in CODECS and photons_topic in ("", topic.name)]
     named = [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]]
     photons = _the_only(named or frames, "photons_topic", photons_topic, bag)
     sensors = [topic for topic, content in contents.items()
@@ -68,7 +69,9 @@ def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Ph
         require(0 <= number <= last, "frame", number, f"0 to {last}, the messages on {topics.frames.name}")
         described, raw = _frame_with_sensor(bag, topics, number)
     sensor = sensor_message.decode_cdr(described)
-    return Photons(sensor, _events(topics.output, raw, sensor), None, f"{Path(path).stem}_{number}")
+    frame = CODECS[topics.output].decode_cdr(raw, sensor)[1]
+    return Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
+                   f"{Path(path).stem}_{number}")
 
 
 def _frame_with_sensor(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
@@ -85,14 +88,8 @@ def _frame_with_sensor(bag: Bag, topics: PhotonTopics, number: int) -> tuple[byt
     raise InvalidInput(f"bag {bag.path.name}", "shorter than it says", "a complete bag")
 
 
-def _events(output: str, raw: bytes, sensor: SensorModel) -> PhotonEvents:
-    if output == "photons":
-        return photons_message.decode_cdr(raw, sensor)[1]
-    return gates_message.decode_cdr(raw, sensor)[1].to_events(sensor)
-
-
 def _content(bag: Bag, topic: BagTopic) -> str:
-    """What the first message of a topic holds: "photons", "gates", "sensor", or "" for anything else."""
+    """What the first message of a topic holds: a key of CODECS, "sensor", or "" for anything else."""
     if topic.type not in (CLOUD, IMAGE, TEXT):
         return ""
     raw = next((message.raw for message in bag.messages((topic,))), b"")    # a bag may lie about its messages
@@ -100,7 +97,10 @@ def _content(bag: Bag, topic: BagTopic) -> str:
         if topic.type == CLOUD:
             return "photons" if PHOTON_FIELDS <= {field.name for field in cdr.read_cloud(raw).fields} else ""
         if topic.type == IMAGE:
-            return "gates" if cdr.read_image(raw).encoding == GATES_ENCODING else ""
+            encoding = cdr.read_image(raw).encoding
+            bins = HISTOGRAMS_ENCODING.fullmatch(encoding)
+            return ("gates" if encoding == GATES_ENCODING else
+                    "histograms" if bins and int(bins[1]) > MOST_CAMERA_CHANNELS else "")
         sensor_message.decode_cdr(raw)
         return "sensor"
     except InvalidInput:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from srt3d_ros.core.gate import AUTO
+from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.stream import PhotonStream
@@ -60,11 +61,13 @@ class Description:
 
 def describe(photons: Photons | PhotonStream) -> Description:
     """Figures of the photons that `open_stream` gave."""
-    sample = photons.sample if isinstance(photons, PhotonStream) else photons
-    design = design_for(sample.frame, sample.sensor, AUTO)
+    design = design_for(photons.sample.frame, photons.sample.sensor, AUTO)
     if isinstance(photons, PhotonStream):
         return Description(photons, design, photons.histogram, photons.counts)
     sensor, frame = photons.sensor, photons.frame
+    if isinstance(frame, PhotonHistograms):
+        counts = frame.on_axis(sensor).astype(np.float64)
+        return Description(photons, design, counts.sum(axis=(0, 1)), counts.sum(axis=2))
     counts = np.bincount(frame.pixel, minlength=sensor.pixels).reshape(sensor.rows, sensor.cols)
     histogram = np.bincount(sensor.toa_bins(frame.toa), minlength=sensor.num_bins)
     return Description(photons, design, histogram.astype(np.float64), counts.astype(np.float64))

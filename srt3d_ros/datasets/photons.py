@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -26,7 +28,7 @@ class Photons:
 
     Args:
         sensor: the sensor that saw them.
-        frame: the photons; they all lie inside the sensor's pixels and bins.
+        frame: the photons, as events or as histograms; they all lie inside the sensor's pixels and bins.
         reference_depth_bins: float32 [S, rows, cols], reference depths of S surfaces in the sensor's bins (see
             SensorModel), NaN = unknown or no surface; None if the file has none.
         name: the file's name without its suffix.
@@ -36,11 +38,39 @@ class Photons:
     """
 
     sensor: SensorModel
-    frame: PhotonEvents
+    frame: PhotonEvents | PhotonHistograms
     reference_depth_bins: np.ndarray | None
     name: str
     notes: tuple[str, ...] = ()
     reference_intensity: np.ndarray | None = None
+
+    @property
+    def events(self) -> PhotonEvents:
+        """The photons one by one; InvalidInput for histograms of negative or fractional counts."""
+        return self.frame if isinstance(self.frame, PhotonEvents) else self.frame.to_events(self.sensor)
+
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return self.frame.photons
+
+    @property
+    def sample(self) -> "Photons":
+        """What gate and frequencies are chosen by: all of them. Of a PhotonStream, some."""
+        return self
+
+    def read_whole(self) -> "Photons":
+        """All photons in memory, which they are."""
+        return self
+
+    def with_sensor(self, sensor: SensorModel) -> "Photons":
+        """The same photons, of this sensor; InvalidInput if they do not fit it."""
+        self.frame.check(sensor)
+        return replace(self, sensor=sensor)
+
+    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
+        """The sketch of all photons, of those inside a gate if there is one."""
+        return sketch_photons(self.frame, self.sensor, frequencies, gate)
 
     def with_options(self, options: dict) -> "Photons":
         """The photons of a file that describes its sensor, with `options` in place of what it says."""
@@ -56,12 +86,13 @@ class Photons:
 
     def gated(self, gate: Gate) -> "Photons":
         """Only what is inside a gate of the sensor; a note says how many photons are outside."""
-        events = gate.photons(self.frame)
+        whole = self.events
+        events = gate.photons(whole)
         reference = self.reference_depth_bins
         if reference is not None:
             moved = reference - np.float32(gate.first)
             reference = np.where((moved >= 0) & (moved <= gate.last - gate.first), moved, np.float32(np.nan))
-        note = outside_note(self.frame.photons - events.photons, self.frame.photons, gate.first, gate.last)
+        note = outside_note(whole.photons - events.photons, whole.photons, gate.first, gate.last)
         # The words in which these photons may be sent still count from their own bin 0.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)

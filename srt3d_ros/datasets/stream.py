@@ -1,11 +1,11 @@
 """Files of any size: a `Recording` gives photons or histograms chunk by chunk, a `PhotonStream` knows their sensor."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
@@ -104,6 +104,19 @@ class PhotonStream:
         self.sample = Photons(sample_sensor, events, None, self.name, self.notes)
         self.whole = self.sample if self._countable and events.photons == self.photons else None
 
+    def with_sensor(self, sensor: SensorModel) -> "PhotonStream":
+        """The same photons, of a sensor with as many pixels and bins."""
+        for name in ("rows", "cols", "num_bins"):
+            own = getattr(self.sensor, name)
+            require(getattr(sensor, name) == own, name, getattr(sensor, name), f"{own}, as in {self.name}")
+        changed = copy(self)
+        seen = self.sample.sensor.mask
+        changed.sensor = sensor
+        changed.sample = replace(self.sample, sensor=sensor if seen is None else sensor.replace(
+            mask=seen if sensor.mask is None else seen & sensor.mask))
+        changed.whole = None if self.whole is None else changed.sample
+        return changed
+
     def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
         """The sketch of all photons; reads the file a second time, in bounded memory."""
         sketcher = sums = photons = None
@@ -134,6 +147,8 @@ class PhotonStream:
 
     def _chunks(self) -> Iterator[Events | Rows]:
         """The file from its beginning; a progress bar on a terminal if it takes long."""
+        from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
+
         with tqdm(desc=f"reading {self.name}", total=100, delay=BAR_DELAY_S, disable=None, leave=False,
                   bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
             for chunk in self._recording.chunks():

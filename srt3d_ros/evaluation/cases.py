@@ -194,10 +194,10 @@ def _merged(frame: PhotonEvents, sensor: SensorModel, factor: int) -> PhotonEven
 
 
 def _observed(photons: Photons, held_out_share: float | None) -> Observation:
-    observation = Observation(photons.frame, photons.reference_depth_bins, photons.reference_intensity)
+    observation = Observation(photons.events, photons.reference_depth_bins, photons.reference_intensity)
     if held_out_share is None:
         return observation
-    frame, kept = held_out.split(photons.frame, held_out_share)
+    frame, kept = held_out.split(observation.frame, held_out_share)
     intensity = observation.intensity
     return replace(observation, frame=frame, held_out=kept,
                    intensity=None if intensity is None else (1 - held_out_share) * intensity)

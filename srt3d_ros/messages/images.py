@@ -5,17 +5,16 @@ import numpy as np
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_image, unpack_image
-from srt3d_ros.messages.schema import load
 
 
 def encode_cdr(image: np.ndarray, stamp_ns: int, frame_id: str) -> bytes:
     """The serialised message of an image float32 [rows, cols], NaN = missing."""
     require(image.ndim == 2 and image.dtype == np.float32, "image", f"{image.dtype} {image.shape}",
             "float32 [rows, cols]")
-    return cdr.write_image(pack_image(cdr.Header(stamp_ns, frame_id), image, load("images")))
+    return cdr.write_image(pack_image(cdr.Header(stamp_ns, frame_id), image[:, :, None], "images"))
 
 
 def decode_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
     """The image of a serialised message, float32 [rows, cols], copied; InvalidInput if it does not keep the schema."""
     image = cdr.read_image(raw)
-    return image.header, np.array(unpack_image(image, load("images")), dtype=np.float32, order="C")
+    return image.header, np.array(unpack_image(image, "images")[:, :, 0], dtype=np.float32, order="C")

@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Cloud, Field, Header, Image
-from srt3d_ros.messages.schema import DATATYPES
+from srt3d_ros.messages.schema import DATATYPES, encodings
 
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
 CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
@@ -51,20 +51,28 @@ def unpack_cloud(cloud: Cloud, layouts: Collection[np.dtype]) -> np.ndarray:
     return np.ndarray((cloud.height, cloud.width), point, cloud.data, strides=(cloud.row_step, cloud.point_step))
 
 
-def pack_image(header: Header, pixels: np.ndarray, schema: dict) -> Image:
-    """An image of numbers [rows, cols] in the encoding of a schema."""
-    pixels = pixels.astype(_pixel_type(schema), copy=False)
-    height, width = pixels.shape
-    return Image(header, height, width, schema["encoding"], False, width * pixels.itemsize, _bytes(pixels))
+def pack_image(header: Header, pixels: np.ndarray, name: str) -> Image:
+    """An image of numbers [height, width, channels] in the encoding that the schema `name` has for their type."""
+    height, width, channels = pixels.shape
+    stored = pixels.dtype.newbyteorder("<")
+    encoding, = (encoding for encoding, kind in encodings(name, channels).items() if kind == stored)
+    return Image(header, height, width, encoding, False, width * channels * stored.itemsize,
+                 _bytes(pixels.astype(stored, copy=False)))
 
 
-def unpack_image(image: Image, schema: dict) -> np.ndarray:
-    """The numbers [height, width] of an image: a view of its bytes in their own order; InvalidInput as for a cloud."""
-    require(image.encoding == schema["encoding"], "encoding", image.encoding, schema["encoding"])
-    kind = _pixel_type(schema)
-    _check_sizes(image.height, image.width * kind.itemsize, "step", image.step, len(image.data))
-    kind = kind.newbyteorder(">" if image.is_bigendian else "<")
-    return np.ndarray((image.height, image.width), kind, image.data, strides=(image.step, kind.itemsize))
+def unpack_image(image: Image, name: str, channels: int = 1) -> np.ndarray:
+    """The numbers [height, width, channels] of an image of the schema `name`: a view of its bytes in their own order.
+
+    Raises:
+        InvalidInput: another encoding or number of channels, or the sizes contradict each other.
+    """
+    kinds = encodings(name, channels)
+    require(image.encoding in kinds, "encoding", image.encoding, " or ".join(kinds))
+    kind = kinds[image.encoding].newbyteorder(">" if image.is_bigendian else "<")
+    pixel_bytes = channels * kind.itemsize
+    _check_sizes(image.height, image.width * pixel_bytes, "step", image.step, len(image.data))
+    return np.ndarray((image.height, image.width, channels), kind, image.data,
+                      strides=(image.step, pixel_bytes, kind.itemsize))
 
 
 def _find(cloud: Cloud, name: str, types: set[tuple[int, int]]) -> Field:
@@ -93,10 +101,6 @@ def _stored(field: Field) -> np.dtype:
 def _wire_type(kind: np.dtype) -> tuple[int, int]:
     """The datatype code and the count of a PointField."""
     return CODES[kind.base], int(np.prod(kind.shape))
-
-
-def _pixel_type(schema: dict) -> np.dtype:
-    return np.dtype(DATATYPES[schema["pixel"]["datatype"]][1])
 
 
 def _bytes(numbers: np.ndarray) -> memoryview:

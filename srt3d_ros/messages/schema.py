@@ -32,6 +32,13 @@ def cloud_layouts(name: str, sketch_size: int = 0) -> dict[str, np.dtype]:
     }) for key, layout in load(name)["layouts"].items()}
 
 
+@cache
+def encodings(name: str, channels: int = 1) -> dict[str, np.dtype]:
+    """The encodings of an Image topic of so many channels, each with the type of its numbers."""
+    return {encoding.replace("Cn", f"C{channels}"): np.dtype(DATATYPES[kind][1])
+            for encoding, kind in load(name)["encodings"].items()}
+
+
 def size(text: int | str, sketch_size: int) -> int:
     """A number of a schema that may depend on the sketch size m, such as 16 or "4 + 8m"."""
     terms = str(text).replace(" ", "").split("+")

@@ -25,9 +25,9 @@ MB = 10**6
 LEAP_NS = 10**9         # messages of several topics fall back in time by less
 HOLD_S = 1.0            # how long frames wait for a description
 NO_LIMIT = 2**31        # messages that may wait: their bytes are bounded
-INPUTS = (topics.SENSOR, topics.SKETCH_SENSOR, topics.PHOTONS, topics.GATES, topics.SKETCH, topics.POINTS,
-          *topics.IMAGES, topics.CAMERA_INFO)
-TOPICS = "photons, gates, sensor"
+INPUTS = (topics.SENSOR, topics.SKETCH_SENSOR, *topics.FRAMES, topics.SKETCH, topics.POINTS, *topics.IMAGES,
+          topics.CAMERA_INFO)
+TOPICS = "photons, gates, histograms, sensor"
 
 PARAMETERS = (
     Parameter("path", "", "The bag, a new folder; bag_<UTC time> in the working directory if empty.", form="a path"),
@@ -141,9 +141,9 @@ class BagRecorderNode(PipelineNode):
         (self.get_logger().warning if missing else self.get_logger().info)(line)
 
     def _silent(self, writer: BagWriter) -> list[str]:
-        """Topics on which no message came. By default, photons or gates suffice: a driver sends one of them."""
+        """Topics on which no message came. By default one topic of photons suffices: a driver has one."""
         silent = [name for name in self._topics if name not in writer.messages]
-        either = [name for name, topic in self._topics.items() if topic in (topics.PHOTONS, topics.GATES)]
+        either = [name for name, topic in self._topics.items() if topic in topics.FRAMES]
         if self.parameters["topics"] == TOPICS and not {*either} <= {*silent}:
             silent = [name for name in silent if name not in either]
         return silent

@@ -1,4 +1,4 @@
-"""player: a photon file, the simulator or a bag → `photons` or `gates`, with the latched `sensor`, at a pace."""
+"""player: a photon file, the simulator or a bag → `photons`, `gates` or `histograms`, with the latched `sensor`."""
 
 import sys
 import time
@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
+from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
@@ -31,8 +32,8 @@ LONG_AGO_S = 60.0           # older stamps are of an old recording
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), bag (its folder, .mcap or .db3 file), or "
               "the simulator's moving scene.", form="a path or simulator"),
-    Parameter("output", "photons", "File and simulator: the topic; gates suit small arrays with few photons a pixel.",
-              choices=("photons", "gates")),
+    Parameter("output", "photons", "File and simulator: the topic; gates suit small arrays with few photons a pixel, "
+              "histograms few bins with many.", choices=tuple(CODECS)),
     Parameter("rate_hz", 10.0, "File and simulator: frames a second; 0 with `lossless`: as fast as they are answered.",
               "Hz", 0, 10_000),
     Parameter("loop", True, "File: repeat its frame. The simulator never ends; bags have `bag_loop`."),
@@ -58,7 +59,7 @@ PARAMETERS = (
     Parameter("bag_start_s", 0.0, "Bag: start this long after its first message.", "s", 0, 10**6),
     Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
               choices=("original", "now")),
-    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; needed if there are several.",
+    Parameter("bag_photons_topic", "", "Bag: the topic of the photons, in whichever form; needed if there are several.",
               form="a topic's full name"),
     Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
               form="a topic's full name"),
@@ -70,8 +71,8 @@ SPEC = NodeSpec(
     purpose="Plays a photon file, a bag or the simulator's moving scene as a sensor driver would, and exits after the "
     "last frame.",
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
-    outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons, or the bag has photons"),
-             replace(topics.GATES, when="`output` is gates, or the bag has gates"),
+    outputs=(topics.SENSOR,
+             *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
     limits=("A frame counts as received when it is due.",

@@ -191,9 +191,10 @@ class ReconstructorNode(PipelineNode):
         if parallel:
             self._in_flight.acquire()
         try:
+            photons = int(sketch.photons.sum())
             frame = ReconstructedFrame(
-                self._begin(sketch, reconstructor), reconstructor.sensor, frequencies,
-                self._settings["frame_id"] or header.frame_id, int(sketch.photons.sum()), self._settings)
+                self._begin(sketch, reconstructor, photons), reconstructor.sensor, frequencies,
+                self._settings["frame_id"] or header.frame_id, photons, self._settings)
         except BaseException:
             if parallel:
                 self._in_flight.release()
@@ -203,7 +204,7 @@ class ReconstructorNode(PipelineNode):
         else:
             self._publish(frame)
 
-    def _begin(self, sketch: Sketch, reconstructor) -> Callable[[], PointCloud]:
+    def _begin(self, sketch: Sketch, reconstructor, photons: int) -> Callable[[], PointCloud]:
         """Begin to reconstruct; returns a function that waits for the cloud."""
         started = time.perf_counter()
         submit = getattr(reconstructor, "submit", None)
@@ -213,15 +214,14 @@ class ReconstructorNode(PipelineNode):
         def finish() -> PointCloud:
             cloud = wait() if wait else done
             self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
-            self._show_background(cloud, sketch)
+            self._show_background(cloud, getattr(reconstructor, "uneven_background", 0.0), photons)
             return cloud
 
         return finish
 
-    def _show_background(self, cloud: PointCloud, sketch: Sketch) -> None:
+    def _show_background(self, cloud: PointCloud, uneven: float, photons: int) -> None:
         """Show the background's share and unevenness; log when an uneven one begins, and ceases, to be taken out."""
-        uneven = getattr(self._reconstructor, "uneven_background", 0.0)
-        share = float(cloud.background.sum()) / max(int(sketch.photons.sum()), 1)
+        share = float(cloud.background.sum()) / max(photons, 1)
         self.diagnostics.show(background_share=f"{share:.3f}", background_unevenness=f"{uneven:.4f}")
         if (uneven > 0) != self._uneven:
             self._uneven = uneven > 0

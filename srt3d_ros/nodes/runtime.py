@@ -82,10 +82,10 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
     """
     given = sys.argv if args is None else args
     stop = _Stop()
+    transport.prepare_process()
     parent = Parent.of_this_process()
     node = None
     try:
-        transport.prepare_process()
         _init(given)
         node = _make(make_node)
         LogForwarding(node.get_logger())

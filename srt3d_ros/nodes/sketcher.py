@@ -1,6 +1,7 @@
-"""sketcher: `photons` or `gates` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
+"""sketcher: `photons`, `gates` or `histograms` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
 
 import sys
+from functools import partial
 
 from rclpy.timer import Timer
 from std_msgs.msg import String
@@ -12,10 +13,9 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.parameters import Value
@@ -76,8 +76,8 @@ class SketcherNode(PipelineNode):
             self.worker.call(self._update_sensor)
         self.follow("sensor", self._on_sensor)
         self.listen("sensor/camera_info", self._on_raw_camera_info)
-        self.subscribe("photons", lambda raw: self._on_packet(raw, photons_message), photons_message.announced)
-        self.subscribe("gates", lambda raw: self._on_packet(raw, gates_message))
+        for topic, codec in CODECS.items():
+            self.subscribe(topic, partial(self._on_packet, codec), getattr(codec, "announced", lambda raw: 0))
         self._start_silence_timer()
 
     def deactivate(self) -> None:
@@ -206,7 +206,7 @@ class SketcherNode(PipelineNode):
 
     # ---- Packets
 
-    def _on_packet(self, raw: bytes, codec) -> None:
+    def _on_packet(self, codec, raw: bytes) -> None:
         self._last_packet_ns = self.now_ns()
         if self._choice.contradiction:
             raise Dropped("contradiction", self._choice.contradiction)
@@ -221,7 +221,7 @@ class SketcherNode(PipelineNode):
         if not placed.dropped:
             self._sketcher.add(photons)
             self._design.look(photons)
-        if codec is gates_message:          # the message's header does not say how many
+        if not hasattr(codec, "announced"):     # the message's header does not say how many
             self.diagnostics.count(photons_in=photons.photons)
         if placed.dropped:
             self.diagnostics.drop(placed.dropped, photons=photons.photons)
@@ -247,7 +247,7 @@ class SketcherNode(PipelineNode):
             return
         self.worker.messages_per_frame = frame.packets
         try:
-            kept = frame.photons if self._sketcher.gate is None else self._sketcher.kept
+            kept = frame.photons if self._sketcher.gate is None else min(self._sketcher.kept, frame.photons)
             sketch = self._sketcher.end_frame()
             values = self.parameters
             data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])

@@ -53,20 +53,20 @@ SPEC = NodeSpec(
     "sketcher",
     purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
-    inputs=(topics.SENSOR, topics.LENS, topics.PHOTONS, topics.GATES),
+    inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     services=(Service("reset", "forget the photons of the open frame and of the window"),),
     parameters=PARAMETERS,
     limits=(
-        "`photons` and `gates` of one sensor only; two sensors take two namespaces.",
+        "`photons`, `gates` and `histograms` of one sensor only; two sensors take two namespaces.",
         "Packets of the open frame may come in any order. Dropped, and counted, are those older than the last frame "
         "(`late`), those that are in the open frame or the one before to the last byte (`duplicate`; not where every "
         "packet is a frame), and those of a frame that never got its number of packets (`incomplete`).",
         "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
         "Photons are dropped with their whole packet, one by one only by a gate (`photons_dropped.gate`). Those of "
-        "`photons` are counted as the message announces them; those of `gates` as they are read: of `gates` that never "
-        "were (`queue`, `malformed`, `no_sensor`, `contradiction`, `outdated`, `inactive`, `shutdown`), the packets "
-        "are counted and the photons are not known.",
+        "`photons` are counted as the message announces them; those of `gates` and `histograms` as they are read: of "
+        "those that never were (`queue`, `malformed`, `no_sensor`, `contradiction`, `outdated`, `inactive`, "
+        "`shutdown`), the packets are counted and the photons are not known.",
         "Another sensor or gate, other frequencies, and stamps that begin again start a new window.",
     ),
     balances=(PACKETS, PHOTONS),

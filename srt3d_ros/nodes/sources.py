@@ -1,7 +1,7 @@
 """What the player plays: a photon file, the simulator or a bag, each as messages that are due one after the other.
 
 Both sources have `items()`, the messages from the beginning, with a sensor only where it changes; `close()`; and
-    output      "photons" or "gates"
+    output      the topic of the frames: "photons", "gates" or "histograms"
     sensor      the serialised description to begin with, or None
     rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
     start_ns    when the recording began; 0 if nothing was recorded
@@ -14,15 +14,13 @@ from itertools import count
 from typing import NamedTuple
 
 from srt3d_ros import datasets
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.bag import Bag, BagTopic, is_bag
 from srt3d_ros.datasets.bag_photons import find_photons
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import cdr
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 
 SIMULATOR = "simulator"
@@ -35,7 +33,7 @@ class Item(NamedTuple):
     """A message to send.
 
     Args:
-        topic: "photons", "gates" or "sensor".
+        topic: "photons", "gates", "histograms" or "sensor".
         raw: serialised.
         due_ns: when, at the pace of play, from the beginning.
         acquired_ns: its stamp, from the beginning.
@@ -83,7 +81,7 @@ class FrameSource:
 
     start_ns = 0
 
-    def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonEvents], frames: int | None,
+    def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
         self.output, self.notes = parameters["output"], notes
         if self.output == "gates" and sensor.gates is None:
@@ -97,7 +95,7 @@ class FrameSource:
         if parameters["duration_s"]:
             within = math.ceil(parameters["duration_s"] * self._rate_hz)
             self._frames = within if frames is None else min(frames, within)
-        self._encoded: tuple[PhotonEvents, bytes] | None = None
+        self._encoded: tuple[PhotonFrame, bytes] | None = None
         self._encode(frame(0))
 
     def items(self) -> Iterator[Item]:
@@ -105,22 +103,17 @@ class FrameSource:
         for k in count():
             if k == self._frames:
                 return
-            events = self._frame(k)
+            frame = self._frame(k)
             due_ns = round(k * NS_PER_S / self._rate_hz) if self._rate_hz else 0
-            yield Item(self.output, self._encode(events), due_ns, due_ns, photons=events.photons)
+            yield Item(self.output, self._encode(frame), due_ns, due_ns, photons=frame.photons)
 
     def close(self) -> None:
         """Nothing is open."""
 
-    def _encode(self, events: PhotonEvents) -> bytes:
+    def _encode(self, frame: PhotonFrame) -> bytes:
         """The message of a frame; that of a file, which repeats, is encoded once."""
-        if self._encoded is None or self._encoded[0] is not events:
-            sensor = self._sensor
-            if self.output == "gates":
-                data = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, sensor.frame_id)
-            else:
-                data = photons_message.encode_cdr(events, sensor, sensor.frame_id)
-            self._encoded = events, data
+        if self._encoded is None or self._encoded[0] is not frame:
+            self._encoded = frame, photon_frames.encode_cdr(frame, self.output, self._sensor)
         return self._encoded[1]
 
 

@@ -47,6 +47,8 @@ LENS = Topic("sensor/camera_info", CameraInfo, "the sensor's pinhole and lens, i
              when="a calibrated camera publishes it")
 PHOTONS = Topic("photons", PointCloud2, "photons as events: row, col, time of arrival (ToA)")
 GATES = Topic("gates", Image, "photons as the ToA words of a gated SPAD array")
+HISTOGRAMS = Topic("histograms", Image, "photons as counts in bins, from a histogramming sensor")
+FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
 SKETCH_SENSOR = Topic("sketch/sensor", String, "sensor, frequencies and window of the sketches (JSON)", latched=True)
 SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and m complex numbers")
 POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")

@@ -19,11 +19,14 @@ SEGMENTS_MB = (64, 32, 16, 4)
 PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
 LEAK_AGE_S = 10.0       # older than any segment whose process is still starting
 
-M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD = -1, -2, -3      # glibc's malloc.h
+M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -2, -3, -8     # glibc's malloc.h
 
 
 def prepare_process() -> None:
-    """Prepare this process for large messages. Call it before rclpy.init; a profile that the user chose is kept."""
+    """Prepare this process for large messages. Call it before rclpy.init and before any thread starts.
+
+    A profile that the user chose is kept.
+    """
     remove_leaked_segments()
     profile = choose_profile()
     if profile is not None:
@@ -66,3 +69,4 @@ def _keep_freed_memory() -> None:
         mallopt(M_MMAP_THRESHOLD, 1 << 30)
         mallopt(M_TRIM_THRESHOLD, 1 << 30)
         mallopt(M_TOP_PAD, 64 << 20)
+        mallopt(M_ARENA_MAX, 1)         # those of threads return every buffer above 64 MB, whatever the thresholds

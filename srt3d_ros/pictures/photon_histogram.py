@@ -14,6 +14,7 @@ DPI = 100
 _MOST_STEPS = 1200              # of the drawn histogram: its panel is about as many picture elements wide
 _PHOTONS, _GATE, _IRF = "#0072b2", "#f3d9a4", "#d55e00"
 _COUNTS_MAP = "viridis"
+_IRF_SHOWN = 2e-3                # of its peak, from which on the IRF is shown: its tails may span the period
 
 
 def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor: SensorModel, gate: Gate | None,
@@ -50,6 +51,8 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     figure.colorbar(image, ax=pixels, shrink=0.8, extend="max")
     irf = np.atleast_2d(sensor.irf).mean(axis=0)
     response.stairs(irf, np.arange(len(irf) + 1) - sensor.irf_ref - 0.5, fill=True, color=_IRF)
+    shown = np.flatnonzero(irf > _IRF_SHOWN * irf.max())
+    response.set_xlim(shown[0] - sensor.irf_ref - 1.5, shown[-1] - sensor.irf_ref + 1.5)
     response.set(title="IRF" if sensor.irf.ndim == 1 else "IRF, mean of all pixels", xlabel="bins from the depth",
                  ylabel="share of the photons")
     try:

@@ -12,6 +12,8 @@ import pytest
      ["player", "--ros-args", "-p", "input:=a b.npz", "-r", "photons:=/spad/raw"]),
     (["play", "a file: 1.npz", "--rate-hz", "5", "--gates"],
      ["player", "--ros-args", "-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p", 'output:="gates"']),
+    (["play", "simulator", "--histograms"],
+     ["player", "--ros-args", "-p", 'input:="simulator"', "-p", 'output:="histograms"']),
     (["play", "a.npz", "--no-loop", "--lossless"],
      ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", "loop:=false", "-p", "lossless:=true", "-p",
       "bag_loop:=false"]),

@@ -38,18 +38,15 @@ def test_masked_pixels_are_left_out_and_delays_taken_off():
     late[3], mask[:, 4] = 150, False
     seen = frame_histogram(events, SENSOR.replace(delay_bins=late, mask=mask))
     assert seen.counts[60] == ((row != 3) & (col != 4)).sum() and seen.counts[110] == ((row == 3) & (col != 4)).sum()
-    assert seen.pixels == ROWS * (COLS - 1)
     gates = PhotonGates.from_events(events, SENSOR)
     assert np.array_equal(frame_histogram(gates, SENSOR.replace(delay_bins=late, mask=mask)).counts, seen.counts)
 
 
-def test_of_many_photons_some_are_counted_and_all_are_known(monkeypatch):
+def test_of_many_photons_some_are_counted(monkeypatch):
     monkeypatch.setattr(frame_watch, "MOST", 1000)
     for events in (frame(), PhotonGates.from_events(frame(), SENSOR)):
         seen = frame_histogram(events, SENSOR)
         assert 500 < seen.counts.sum() <= 1100
-        assert seen.frame_photons == pytest.approx(4000, rel=0.3)
-    assert frame_histogram(frame(), SENSOR).photons_per_pixel == 4000 / SENSOR.pixels
 
 
 def test_looks_add_up_and_most_frames_are_not_looked_at():
@@ -61,7 +58,6 @@ def test_looks_add_up_and_most_frames_are_not_looked_at():
         assert (seen is not None) == (k % 4 == 0)
         if seen is not None:
             sums.append(int(seen.counts.sum()))
-            assert seen.frame_photons == 200
     assert sums == [200 * min(n + 1, LOOKS) for n in range(10)]
 
 
@@ -73,14 +69,8 @@ def test_a_frame_that_is_given_up_is_not_counted():
     assert watch.end_frame().counts.sum() == 7
 
 
-def test_background_and_signal_of_an_even_background():
-    seen = frame_histogram(frame(background=100_000, scene=[(50_000, 120)]), SENSOR)
-    assert seen.background == pytest.approx(500, rel=0.02)
-    assert seen.signal_share == pytest.approx(1 / 3, rel=0.02)
-
-
 def test_even_background_alone_occupies_nothing():
-    found = [FrameHistogram(counts(seed=seed), 0, 1).occupied(2) for seed in range(100)]
+    found = [FrameHistogram(counts(seed=seed)).occupied(2) for seed in range(100)]
     assert found.count(None) >= 99
 
 
@@ -103,5 +93,5 @@ def test_fog_counts_as_scene_and_hides_none():
     decay = np.random.default_rng(3).exponential(25, 30_000)
     events = frame(background=20_000, scene=[(1500, 100)])
     toa = np.concatenate([events.toa, (20 + decay[decay < 150]).astype(np.uint16)])
-    first, last = FrameHistogram(np.bincount(toa, minlength=T), 0, 1).occupied(2)
+    first, last = FrameHistogram(np.bincount(toa, minlength=T)).occupied(2)
     assert first <= 21 and last >= 100

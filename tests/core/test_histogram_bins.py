@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.frame_watch import frame_histogram
+from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.light_meter import light_of
-from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.photons import COUNTS_A_PHOTON, PhotonHistograms, most_photons
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 
 SHAPE = (2, 3)
@@ -73,3 +76,30 @@ def test_a_light_meter_sees_what_histograms_say():
     of_counts, of_events = light_of(frame, own), light_of(frame.to_events(own), own)
     assert of_counts.photons_per_pixel == of_events.photons_per_pixel
     assert of_counts.signal_share == pytest.approx(of_events.signal_share, rel=1e-5)
+
+
+def test_what_it_costs_to_look_at_histograms_does_not_grow_with_their_photons():
+    few, many = (PhotonHistograms(np.full((2, 3, 100), count, np.uint16)) for count in (0, 60_000))
+    assert most_photons(few, 0) == most_photons(many, 10**9) == 600 // COUNTS_A_PHOTON
+
+
+@pytest.mark.parametrize("dtype, gate, window_frames", [(np.int32, None, 1), (np.float32, (30, 69), 1),
+                                                        (np.int32, (30, 69), 2)])
+def test_what_is_left_of_subtracted_light_is_still_a_mean_of_unit_vectors(dtype, gate, window_frames):
+    own = SensorModel(*SHAPE, 100, 1e-10, [1.0, 2, 1])
+    sketcher = WindowSketcher(own, (1, 2, 5), window_frames, gate=gate and Gate(own, *gate))
+    for seed in range(3):
+        noise = np.random.default_rng(seed).poisson(50, (*SHAPE, 100)) - 50
+        sketcher.add(PhotonHistograms(noise.astype(dtype)))
+        sketch = sketcher.end_frame()
+    assert np.abs(sketch.z).max() <= 1.001 and sketch.photons.max() < 100 * 50 * window_frames
+    assert (np.abs(sketch.sums).max(axis=2) > sketch.photons - 1).any()         # n is no more than that needs
+
+
+def test_signed_counts_of_which_nothing_was_subtracted_are_sketched_as_others():
+    own = SensorModel(*SHAPE, 100, 1e-10, [1.0, 2, 1])
+    counts = np.zeros((*SHAPE, 100), np.uint16)
+    counts[..., 40] = 3 + np.arange(6).reshape(SHAPE)
+    ours, others = (sketch_photons(PhotonHistograms(counts.astype(dtype)), own, (1, 2, 5))
+                    for dtype in (np.int32, np.uint16))
+    assert (ours.photons == others.photons).all() and (ours.sums == others.sums).all()

@@ -153,10 +153,31 @@ def test_what_is_no_histogram_is_refused(counts, named):
 
 @pytest.mark.parametrize(("counts", "named"), [
     (np.zeros((3, 4, 99), np.uint16), r"histograms shape is \(3, 4, 99\): expected .*\(3, 4, 100\)"),
-    (np.full((3, 4, 100), np.nan, np.float32), "histograms is not finite in places")])
+    (np.full((3, 4, 100), np.nan, np.float32), "histograms count is nan: expected"),
+    (np.full((3, 4, 100), 1e9, np.float32), "histograms count is 1000000000.0: expected -42949672 to 42949672"),
+    (np.full((3, 4, 100), -1e9, np.int32), "histograms count is -1000000000: expected")])
 def test_histograms_that_do_not_fit_the_sensor_are_refused(counts, named):
     with pytest.raises(InvalidInput, match=named):
         PhotonHistograms(counts).check(SENSOR)
+
+
+@pytest.mark.parametrize("dtype, last", [(np.uint16, 99), (np.uint32, 99), (np.float32, 98.6)])
+def test_events_become_histograms_and_back(dtype, last):
+    given = events([11, 1, 1, 4], [last, 7, 7, 0], dtype, stamp_ns=5)
+    made = PhotonHistograms.from_events(given, SENSOR)
+    assert made.counts.dtype == np.uint16 and made.photons == 4 and made.stamp_ns == 5
+    back = made.to_events(SENSOR)
+    assert back.pixel.tolist() == [1, 1, 4, 11] and back.toa.tolist() == [7, 7, 0, 99]
+
+
+def test_events_that_no_histogram_of_the_sensor_can_hold_are_refused():
+    assert PhotonHistograms.from_events(events([3] * 65_536, [9] * 65_536), SENSOR).counts.dtype == np.int32
+    with pytest.raises(InvalidInput, match="^toa is 100"):
+        PhotonHistograms.from_events(events([3], [100]), SENSOR)
+    with pytest.raises(InvalidInput, match="^sensor.histograms is there: expected none"):
+        PhotonHistograms.from_events(events([3], [9]), SENSOR.replace(histograms=HistogramBins(5)))
+    with pytest.raises(InvalidInput, match="^histograms is 100 bins of 4000000 pixels: .*send events instead"):
+        PhotonHistograms.from_events(events([3], [9]), SENSOR.replace(rows=2_000, cols=2_000))
 
 
 def test_histograms_become_events_sorted_by_pixel():

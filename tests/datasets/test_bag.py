@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets import bag as bags
 from srt3d_ros.datasets import open_photons
@@ -22,7 +22,7 @@ from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_photons import find_photons
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, gates, photons
+from srt3d_ros.messages import cdr, gates, histograms, photons
 from srt3d_ros.messages import sensor as sensor_message
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
@@ -253,7 +253,22 @@ def test_no_ros_is_needed(bag, repository):
     assert done.stdout == "[2, 7, 9]\n", done.stderr
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.int32])
+def test_histograms_are_read_as_they_are(tmp_path, storage, dtype):
+    counts = np.full((2, 3, 50), -1 if dtype == np.int32 else 1).astype(dtype)
+    raw = histograms.encode_cdr(PhotonHistograms(counts, START_NS), SENSOR, "spad")
+    opened = open_photons(write(tmp_path / "bag", [RECORDED[0], ("/histograms", IMAGE, raw)], storage))
+    assert (opened.frame.counts == counts).all() and opened.frame.stamp_ns == START_NS
+    if dtype == np.int32:
+        with pytest.raises(InvalidInput, match="histograms is negative or fractional in places"):
+            open_photons(tmp_path / "bag", gate=(10, 30))
+    else:
+        assert open_photons(tmp_path / "bag", gate=(10, 30)).frame.photons == 2 * 3 * 30
+
+
 PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"
+HISTOGRAMS = histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")
+PICTURE = cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))
 DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
 
 
@@ -268,6 +283,8 @@ DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
     ([("/photons", CLOUD, PHOTONS), ("/x", TEXT, DESCRIBED), ("/y", TEXT, DESCRIBED)], {"sensor_topic": "/y"},
      ("photons", "/photons", "/y")),
     ([("/photons", CLOUD, PHOTONS)], {}, ("photons", "/photons", None)),
+    ([("/tof/raw", IMAGE, HISTOGRAMS), ("/image", IMAGE, PICTURE), ("/tof/info", TEXT, DESCRIBED)], {},
+     ("histograms", "/tof/raw", "/tof/info")),
 ])
 def test_the_photons_are_found_under_whatever_name(tmp_path, messages, given, found):
     with Bag(write(tmp_path / "bag", messages)) as opened:

@@ -21,7 +21,7 @@ from tests.docs import pages
 from tests.nodes.conftest import Graph
 
 PAGE = "docs/quickstart-driver.md"
-DRIVER = "examples/spad_driver.py"
+DRIVER, OF_HISTOGRAMS = "examples/spad_driver.py", "examples/histogram_driver.py"
 COMPILE_S = 900.0       # on a slow machine with other work, once
 
 
@@ -75,8 +75,9 @@ def test_step_2_checks_the_description_as_shown(page, checkout):
     assert check.code() != 0 and "numbins" in check.lines[-1]
 
 
-def test_the_driver_of_step_3_is_forty_lines_without_this_package(repository):
-    text = (repository / DRIVER).read_text(encoding="utf-8")
+@pytest.mark.parametrize("driver", [DRIVER, OF_HISTOGRAMS])
+def test_the_drivers_of_step_3_are_forty_lines_without_this_package(repository, driver):
+    text = (repository / driver).read_text(encoding="utf-8")
     assert len([line for line in text.splitlines() if line.strip()]) <= 40
     assert "srt3d_ros" not in re.sub('""".*?"""', "", text)
 
@@ -104,6 +105,22 @@ def cloud(ros, page, checkout):
         assert process.returncode == 0 and "Traceback" not in process.text, process.text
     yield clouds[-1]
     shutil.rmtree(checkout / "wall", ignore_errors=True)        # 300 MB
+
+
+def test_the_driver_of_histograms_gives_clouds_where_the_page_says(ros, page, checkout):
+    graph = Graph("/")
+    clouds = graph.collect(PointCloud2, "/points")
+    try:
+        driver, up = terminal(checkout, f"python {OF_HISTOGRAMS}"), terminal(checkout, "srt3d up")
+        graph.processes += [driver, up]
+        graph.wait(lambda: len(clouds) > 3, "clouds")
+        assert up.end(signal.SIGINT) == 0 and driver.end(signal.SIGINT) == 0, (up.text, driver.text)
+    finally:
+        graph.close()
+    bullet, = (text for text in page.split("\n* ") if OF_HISTOGRAMS in text)
+    said = float(re.search(r"is\s+([\d.]+) m away", bullet)[1])
+    range_m = np.linalg.norm(points_message.decode_cdr(serialize_message(clouds[-1]))[1]["xyz"], axis=1)
+    assert len(range_m) > 0.9 * 32 * 48 and np.abs(np.median(range_m) - said) < 0.01
 
 
 def _record(page: str, folder: Path, graph: Graph) -> None:

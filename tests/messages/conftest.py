@@ -10,14 +10,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.messages import gates, images, photons, points, sketch
+from srt3d_ros.messages import gates, histograms, images, photons, points, sketch
 
 STAMP_NS = 1_700_000_000_250_000_000
 SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=np.array([1, 2, 1]),
-                     gates=GateWords(first_word=10, no_detection=65_535))
+                     gates=GateWords(first_word=10, no_detection=65_535), histograms=HistogramBins(5))
 FREQUENCIES = (1, 3)
 
 
@@ -62,11 +63,20 @@ def _photons(toa: list, dtype) -> Codec:
     return _codec(photons, PointCloud2, events, (SENSOR, "lidar"), (SENSOR,))
 
 
+def _histograms(dtype, least: int) -> Codec:
+    counts = np.arange(least, least + 60).astype(dtype).reshape(3, 4, 5)
+    return _codec(histograms, Image, PhotonHistograms(counts, STAMP_NS), (SENSOR, "lidar"), (SENSOR,))
+
+
 CODECS = {
     "photons_uint16": _photons([99, 0, 7], np.uint16),
     "photons_uint32": _photons([99, 0, 7], np.uint32),
     "photons_float32": _photons([99.5, 0, 7.25], np.float32),
     "gates": _codec(gates, Image, PhotonGates(WORDS, STAMP_NS), (SENSOR, "lidar"), (SENSOR,)),
+    "histograms_8UC5": _histograms(np.uint8, 190),
+    "histograms_16UC5": _histograms(np.uint16, 990),
+    "histograms_32SC5": _histograms(np.int32, -10),
+    "histograms_32FC5": _histograms(np.float32, -10),
     "sketch_float32": _codec(sketch, PointCloud2, SKETCH, ("lidar",), (FREQUENCIES, SENSOR)),
     "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (FREQUENCIES, SENSOR)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),

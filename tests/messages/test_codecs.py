@@ -82,7 +82,7 @@ def test_big_endian_data_is_read(codec):
         places = [(at, widths[field.datatype]) for field in message.fields for at in
                   range(field.offset, field.offset + widths[field.datatype] * field.count, widths[field.datatype])]
     else:
-        step = {"16UC1": 2, "32FC1": 4}[message.encoding]
+        step = int(message.encoding.split("C")[0][:-1]) // 8
         places = [(0, step)]
     data = np.frombuffer(message.data, np.uint8).reshape(-1, step).copy()
     for at, width in places:

@@ -9,7 +9,7 @@ from sensor_msgs.msg import PointField
 
 from srt3d_ros.core.sensor import GateWords
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import gates, photons, sketch
+from srt3d_ros.messages import gates, histograms, photons, sketch
 
 
 def field(which: str, **changes):
@@ -60,10 +60,10 @@ def cut(count: int):
     return change
 
 
-def first_word(word: int):
-    """Overwrite the first word of an image."""
+def first_word(word: float, kind: str = "<H"):
+    """Overwrite the first number of an image."""
     def change(message):
-        message.data = struct.pack("<H", word) + bytes(message.data)[2:]
+        message.data = struct.pack(kind, word) + bytes(message.data)[struct.calcsize(kind):]
     return change
 
 
@@ -111,6 +111,24 @@ MALFORMED = [
     ("gates", "data cut", cut(2), "data"),
     ("gates", "word below first_word", first_word(9), "gates word"),
     ("gates", "word above the last bin", first_word(110), "gates word"),
+    ("histograms_16UC5", "a camera's encoding", put(encoding="rgb8"), "encoding"),
+    ("histograms_16UC5", "signed, but too narrow", put(encoding="16SC5"), "encoding"),
+    ("histograms_16UC5", "too many bins", put(encoding="16UC6"), "encoding"),
+    ("histograms_16UC5", "too few bins", put(encoding="16UC4"), "encoding"),
+    ("histograms_16UC5", "no number of bins", put(encoding="16UC"), "encoding"),
+    ("histograms_16UC5", "wider than said", put(encoding="8UC5", step=20), "data"),
+    ("histograms_16UC5", "height not the sensor's", put(height=2), "height"),
+    ("histograms_16UC5", "no rows", put(height=0, data=b""), "height"),
+    ("histograms_16UC5", "width not the sensor's", put(width=5), "width"),
+    ("histograms_16UC5", "width of 4 GB", put(width=2**32 - 1), "width"),
+    ("histograms_16UC5", "step too small", put(step=39), "step"),
+    ("histograms_16UC5", "step of 4 GB", put(step=2**32 - 1), "data"),
+    ("histograms_16UC5", "data cut", cut(1), "data"),
+    ("histograms_16UC5", "no data", put(data=b""), "data"),
+    ("histograms_32FC5", "count NaN", first_word(NAN, "<f"), "histograms count"),
+    ("histograms_32FC5", "count infinite", first_word(-INF, "<f"), "histograms count"),
+    ("histograms_32FC5", "count that no sum can hold", first_word(1e12, "<f"), "histograms count"),
+    ("histograms_32SC5", "count that no sum can hold", first_word(-2**30, "<i"), "histograms count"),
     ("sketch_float32", "photons missing", drop("photons"), "photons"),
     ("sketch_float32", "photons as float32", field("photons", datatype=PointField.FLOAT32), "photons datatype"),
     ("sketch_float32", "sketch missing", drop("sketch"), "sketch"),
@@ -212,6 +230,8 @@ def test_content_that_breaks_the_contract_is_not_written(codecs, small_sensor):
         gates.encode_cdr(codecs["gates"].content, small_sensor.replace(rows=6), "lidar")
     with pytest.raises(InvalidInput, match="^gates word is 33"):
         gates.encode_cdr(codecs["gates"].content, small_sensor.replace(num_bins=23), "lidar")
+    with pytest.raises(InvalidInput, match="^histograms shape"):
+        histograms.encode_cdr(codecs["histograms_8UC5"].content, small_sensor.replace(histograms=None), "lidar")
     whole = codecs["sketch_float32"].content
     with pytest.raises(InvalidInput, match="^sketch is nan"):
         sketch.encode_cdr(type(whole)(whole.frequencies, whole.sums * np.float32(NAN), whole.photons), "lidar")

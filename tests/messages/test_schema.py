@@ -12,7 +12,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.messages import photons, schema
 from tools import schema_tables
 
-NAMES = ["gates", "images", "photons", "points", "sensor", "sketch", "sketch_sensor"]
+NAMES = ["gates", "histograms", "images", "photons", "points", "sensor", "sketch", "sketch_sensor"]
 
 
 def test_every_topic_has_a_schema_with_a_version(repository):

@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as arrays
 from std_msgs.msg import String
 
 from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
@@ -41,7 +42,9 @@ def refused(content) -> InvalidInput:
 
 @pytest.mark.parametrize(("name", "content"), [
     ("sensor", FULL), ("sensor_edge", FULL.replace(toa_reference="bin_edge")),
-    ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01))))])
+    ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01)))),
+    ("sensor_histograms", FULL.replace(gates=None, histograms=HistogramBins(
+        4, np.arange(6, dtype=np.float32).reshape(2, 3) / 2, 1.5, np.array([3, 1.5, 0, 0], np.float32))))])
 def test_text_is_the_golden_one(name, content):
     golden = (GOLDEN / f"{name}.json").read_text()
     assert sensor.to_json(content) == golden.strip()

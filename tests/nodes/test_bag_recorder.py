@@ -19,6 +19,7 @@ from srt3d_ros.datasets.bag import Bag, Message
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.nodes.bag_recorder import TOPICS
 from srt3d_ros.nodes.topics import LATCHED
 
 START_NS, APART_NS = 1_500_000_000_000_000_000, 500_000_000
@@ -134,14 +135,14 @@ def test_before_simulated_time_frames_are_dropped_and_the_description_is_recorde
 
 def test_frames_that_nobody_describes_are_recorded_and_topics_without_messages_are_named(graph, frames, tmp_path):
     recorders = {topics: graph.start("bag_recorder", "-r", f"__node:={name}", path=tmp_path / name, topics=topics)
-                 for name, topics in (("by_default", "photons, gates, sensor"), ("chosen", "photons, gates, points"))}
+                 for name, topics in (("by_default", TOPICS), ("chosen", "photons, gates, points"))}
     for recorder in recorders.values():
         recorder.ready()
     graph.matched(graph.publisher(PointCloud2, "photons"), 2).publish(frames[0])
     for name, recorder, missing in zip(("by_default", "chosen"), recorders.values(), (["sensor"], ["gates", "points"])):
         graph.reports(name, "frames_out", 1)
         assert recorder.end(signal.SIGTERM) == 0
-        names = " and ".join(f"{graph.namespace}/{topic}" for topic in missing)     # by default gates need not come
+        names = " and ".join(f"{graph.namespace}/{topic}" for topic in missing)     # by default one form is enough
         assert recorder.lines[-1].endswith(f" MB, no message came on {names}") and "WARN" in recorder.lines[-1]
         assert ("no description on sensor yet: recording without" in recorder.text) == (name == "by_default")
         assert [message.raw for message in read(tmp_path / name)] == [on_the_wire(frames[0])]

@@ -14,8 +14,8 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
@@ -105,7 +105,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
     sketches, described_as = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
     node = graph.start("sketcher", frame_period_s=0.1, use_sim_time=True, sketch_size=20).ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    gates = graph.matched(graph.publisher(Image, "gates"))
+    images = {topic: graph.matched(graph.publisher(Image, topic)) for topic in ("gates", "histograms")}
     clock, seconds = graph.matched(graph.publisher(Clock, "/clock")), itertools.count(1)
 
     def send(*stamps_ms):
@@ -120,10 +120,9 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
         clock.publish(Clock(clock=Time(sec=next(seconds))))
         return True
 
-    def send_gates(*stamps_ms):
-        for stamp in stamps_ms:
-            cycles = PhotonGates.from_events(dataclasses.replace(events, stamp_ns=S + stamp * 1_000_000), sensor)
-            gates.publish(gates_message.encode_cdr(cycles, sensor, "spad"))
+    def send_image(topic, stamp_ms):
+        frame = dataclasses.replace(events, stamp_ns=S + stamp_ms * 1_000_000)
+        images[topic].publish(photon_frames.encode_cdr(frame, topic, sensor))
 
     send(0, 1)                                                  # nobody knows the sensor
     graph.reports("sketcher", "dropped.no_sensor", 2)
@@ -148,16 +147,18 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
         time.sleep(0.02)
     described.publish(sensor_message.encode(sensor))
     graph.wait(lambda: len(described_as) == 2, "the sketch of the sensor")
-    send_gates(1000)
-    graph.reports("sketcher", "packets_open", 1)
+    for number, topic in enumerate(images, 1):
+        send_image(topic, 1000)
+        graph.reports("sketcher", "packets_open", number)
     graph.wait(lambda: tick() and len(sketches) == 3, "the frame that silence ends")
-    send_gates(1000)                                            # late, and counted as it is read
-    graph.reports("sketcher", "dropped.late", 2)
+    for number, topic in enumerate(images, 2):                  # late, and counted as they are read
+        send_image(topic, 1000)
+        graph.reports("sketcher", "dropped.late", number)
     assert node.end(signal.SIGINT) == 0
     last = graph.reports("sketcher", "state", "finalized")
-    causes = {"no_sensor": (2, 2 * n), "duplicate": (1, n), "late": (2, 2 * n), "malformed": (2, 9),
+    causes = {"no_sensor": (2, 2 * n), "duplicate": (1, n), "late": (3, 3 * n), "malformed": (2, 9),
               "incomplete": (2, 2 * n)}
     assert {key: (int(last[f"dropped.{key}"]), int(last[f"photons_dropped.{key}"])) for key in causes} == causes
-    totals = {"frames_in": sent + 4, "packets": 4, "photons_in": (sent + 2) * n + 9, "photons": 4 * n, "frames_out": 3,
+    totals = {"frames_in": sent + 6, "packets": 5, "photons_in": (sent + 4) * n + 9, "photons": 5 * n, "frames_out": 3,
               "under_way": 0, "photons_under_way": 0, "errors": 1}       # one error: the description
     assert {key: int(last[key]) for key in totals} == totals

@@ -6,6 +6,7 @@ import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 
 from srt3d_ros.nodes.specs import SPECS
+from tests.devices import made
 from tools.policy import policy
 
 OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
@@ -16,7 +17,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
 EVERYTHING = {"player": {"lossless": True},       # parameters with which a node has all its topics
               "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json"},
               "bag_recorder": {"topics": ",".join(topic.name for topic in SPECS["bag_recorder"].inputs)}}
-NEVER_TOGETHER = {"player": {"gates", "/clock"}}
+NEVER_TOGETHER = {"player": {"gates", "histograms", "/clock"}}
 
 
 @pytest.fixture(params=SPECS)
@@ -24,7 +25,8 @@ def running(request, graph, photon_file, tmp_path):
     """A node that is ready, and its table."""
     name = request.param
     extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"},
-             "bag_recorder": {"path": tmp_path / "bag"}}.get(name, {})
+             "bag_recorder": {"path": tmp_path / "bag"}, "device": {"log": tmp_path / "log.json"}}.get(name, {})
+    made.tmf8829_log(tmp_path / "log.json", [made.zones_16(1.0)])
     graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
     return name, SPECS[name]
 

@@ -14,12 +14,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.messages import gates as gates_message
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.processes import DEADLINE_S
 from tests.nodes.conftest import check_outdated
@@ -45,13 +46,13 @@ def photons_at(events, sensor):
     return lambda stamp_ns: photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=stamp_ns), sensor, "spad")
 
 
-def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_events_and_gates(graph, sensor, events, start, photons_at):
+def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_all_forms(graph, sensor, events, start):
     _, sketches, photons = start(layout="float32")
-    photons.publish(photons_at(STAMP_NS))
-    graph.wait(lambda: len(sketches) == 1, "the sketch of the events")
-    cycles = PhotonGates.from_events(dataclasses.replace(events, stamp_ns=STAMP_NS + 1), sensor)
-    graph.matched(graph.publisher(Image, "gates")).publish(gates_message.encode_cdr(cycles, sensor, "spad"))
-    graph.wait(lambda: len(sketches) == 2, "the sketch of the gates")
+    for k, topic in enumerate(CODECS):
+        raw = photon_frames.encode_cdr(dataclasses.replace(events, stamp_ns=STAMP_NS + k), topic, sensor)
+        publisher = photons if topic == "photons" else graph.matched(graph.publisher(Image, topic))
+        publisher.publish(raw)
+        graph.wait(lambda: len(sketches) == k + 1, f"the sketch of the {topic}")
 
     frequencies = choose("auto", sensor, 10)
     expected = sketch_photons(events, sensor, frequencies)

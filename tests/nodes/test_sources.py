@@ -10,8 +10,9 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, gates, photons
+from srt3d_ros.messages import cdr, photons
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
 from srt3d_ros.nodes.sources import open_source
 
@@ -76,12 +77,13 @@ def same_photons(one: PhotonEvents, other: PhotonEvents) -> bool:
     return sorted(zip(one.pixel, one.toa)) == sorted(zip(other.pixel, other.toa))
 
 
-def test_without_loop_a_file_is_one_frame_also_as_gates(source, photon_file, events):
-    played = source(input=photon_file, loop=False, output="gates")
+@pytest.mark.parametrize("output", ["gates", "histograms"])
+def test_without_loop_a_file_is_one_frame_also_in_other_forms(source, photon_file, events, output):
+    played = source(input=photon_file, loop=False, output=output)
     frame, = played.items()
     described = sensor_message.decode_cdr(played.sensor)
-    assert (frame.topic, frame.photons) == ("gates", events.photons)
-    assert same_photons(gates.decode_cdr(frame.raw, described)[1].to_events(described), events)
+    assert (frame.topic, frame.photons) == (output, events.photons)
+    assert same_photons(CODECS[output].decode_cdr(frame.raw, described)[1].to_events(described), events)
 
 
 def test_the_simulator_has_no_end_and_is_played_with_its_parameters(source):

@@ -73,3 +73,25 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
         transport.remove_leaked_segments(tmp_path)
     kept = {alive.name, new.name}
     assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}
+
+
+LARGE_BUFFERS = """
+import resource, threading
+from srt3d_ros.nodes import transport
+def make_and_drop():
+    for _ in range(4):
+        bytes(bytearray(100_000_000))
+        faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+transport._keep_freed_memory()
+faults = []
+make_and_drop()
+thread = threading.Thread(target=make_and_drop)
+thread.start()
+thread.join()
+print(max(after - before for before, after in zip(faults[1:], faults[2:])))
+"""
+
+
+def test_freed_buffers_of_large_messages_are_used_again_in_every_thread(repository):
+    done = subprocess.run([sys.executable, "-c", LARGE_BUFFERS], cwd=repository, capture_output=True, text=True)
+    assert int(done.stdout) < 1_000, done.stderr        # page faults; each such message would take 48,000
