@@ -121,7 +121,7 @@ class Marks(NamedTuple):
     """What the first marks of a recording say.
 
     Args:
-        lines: how many lines were seen, up to the first FRAME mark or the length of a frame.
+        lines: how many lines were seen.
         line_ticks: median length of a line, up to the next mark.
         within_frame: the recording begins within a frame, whose rows cannot be told.
         frames, pixels: whether frames and pixels are marked.
@@ -135,7 +135,7 @@ class Marks(NamedTuple):
 
 
 def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
-    """Look at the first marks of a recording: up to the second frame."""
+    """Look at the first marks of a recording: of a frame and the beginning of the next."""
     times, kinds = [], []
     lines, framed = 0, False
     for part in records:
@@ -144,7 +144,7 @@ def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
         kinds.append(part.marks[at])
         framed = framed or bool((kinds[-1] & FRAME).any())
         lines += int(np.count_nonzero(kinds[-1] & LINE))
-        if framed or lines > rows:
+        if lines > rows:
             break
     time, kind = np.concatenate(times or [np.zeros(0)]), np.concatenate(kinds or [np.zeros(0, np.uint8)])
     pixels = bool((kind & PIXEL).any())

@@ -134,7 +134,7 @@ def test_a_file_of_too_many_photons_to_keep_is_sketched_in_parts(srt3d, wall, tm
              toa_offset_bins=1_000)
     clouds = []
     for kept in (2**24, 8_000):
-        monkeypatch.setattr("srt3d_ros.datasets.stream.MAX_KEPT", kept)
+        monkeypatch.setattr("srt3d_ros.datasets.survey.MAX_KEPT", kept)
         code, printed, _ = srt3d("reconstruct", tmp_path / "cube.npz", "-o", tmp_path / "cloud.npz", "--gate", gate,
                                  "--frequencies", "consecutive", "--json")
         assert code == 0
