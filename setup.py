@@ -20,17 +20,25 @@ VERSION = re.search(r'__version__ = "(.+)"', Path(__file__).with_name(NAME).join
 RERUN = "rerun-sdk>=0.41,<0.42"
 PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.4,<3"
+PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
 # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
 TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
+# Readers of laboratories' files. `lab` is all of them.
+LAB = {"ptu": ["ptufile>=2026.2"], "sdt": ["sdtfile>=2026.2"], "spc": ["phconvert>=0.10,<0.11"],
+       "hdf5": ["h5py>=3.10,<4"]}
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
     "record": [RERUN],
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
+    "devices": [PYZMQ],
     "gpu": [TORCH, TRITON],
-    "test": [ROSBAGS, "pytest>=8,<10", "pytest-xdist>=3.6,<4", "hypothesis>=6.100,<7", "psutil>=5.9,<8",
+    **LAB,
+    "lab": [package for packages in LAB.values() for package in packages],
+    "test": [ROSBAGS, PYZMQ, *LAB["ptu"], *LAB["sdt"], *LAB["hdf5"], "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+             "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH, TRITON],
 }
 
@@ -48,7 +56,7 @@ setup(
     maintainer="srt3d_ros maintainers",
     maintainer_email="maintainers@srt3d-ros.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.review": ["report.html"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
     python_requires=">=3.11",
     install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5"],
     extras_require=EXTRAS,

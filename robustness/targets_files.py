@@ -15,7 +15,8 @@ import numpy as np
 from robustness.targets import Made, Target
 from robustness.targets_messages import SENSOR, SENSOR_TEXTS
 from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.datasets import npz, open_photons, open_sensor
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.datasets import npz, open_photons, open_sensor, sketch_file
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene import read_scene
@@ -76,6 +77,13 @@ def _npz_member() -> Made:
         open_photons(path)
 
     return read, [bytes([k]) + content for k, content in enumerate(members.values())]
+
+
+def _sketch_file() -> bytes:
+    path, photons_seen = own_folder() / "s.npz", np.arange(12, dtype=np.uint32).reshape(3, 4)
+    sketch_file.save(path, Sketch((1, 5), (photons_seen[..., None] * [1j, 0.5]).astype(np.complex64), photons_seen,
+                                  STAMP_NS), SENSOR)
+    return path.read_bytes()
 
 
 def _mat_files() -> list[bytes]:
@@ -147,6 +155,7 @@ TARGETS = (
     _target("irf_text", "b.csv", _irf, lambda: [b"1\n2.5\n1e-1\n# three\n"], 30_000),
     _target("scene", "scene.npz", read_scene, lambda: [_saved(
         np.savez, depth_m=np.linspace(2, 2.5, 12).reshape(3, 4), valid=np.ones((3, 4), bool))], 30_000),
+    _target("sketch_file", "s.npz", sketch_file.read, lambda: [_sketch_file()], 40_000),
     _target("sensor_file", "b.json", open_sensor, lambda: SENSOR_TEXTS, 40_000),
     _target("mat", "b.mat", partial(open_photons, irf=[1, 3, 1]), _mat_files, 2_000),
     Target("bag_mcap", partial(_bag, "mcap", "*.mcap"), 20_000),

@@ -1,6 +1,11 @@
 """Sketched real-time 3D reconstruction from single-photon lidar, as ROS 2 nodes and a library."""
 
 import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from srt3d_ros.api import Cloud, InvalidInput, Photons, Sensor, Sketch, open, photons, reconstruct, sketch
 
 # OpenMP's threads spin for milliseconds, by default, while they wait for their next kernel, on cores that other nodes
 # need. Sleeping at once is not right either: to be woken for each of a frame's 70 kernels takes half as long as the
@@ -13,3 +18,16 @@ if "OMP_WAIT_POLICY" not in os.environ:
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 __version__ = "0.1.0"
+
+__all__ = ["Cloud", "InvalidInput", "Photons", "Sensor", "Sketch", "open", "photons", "reconstruct", "sketch"]
+
+
+def __getattr__(name: str) -> Any:
+    """What srt3d_ros.api has, imported when it is first asked for: nodes and commands do not need it."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.api"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

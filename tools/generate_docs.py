@@ -1,4 +1,4 @@
-"""Write what is made from the nodes' specs and the message schemas: docs, default parameters, the SROS 2 policy.
+"""Write what is made from specs, schemas and docstrings: docs, default parameters, the SROS 2 policy.
 
     python -m tools.generate_docs           # in the source tree, after every change of a spec or a schema
 """
@@ -6,6 +6,7 @@
 from pathlib import Path
 
 from srt3d_ros.nodes.specs import SPECS
+from tools import api_page
 from tools.graph import draw
 from tools.node_reference import as_yaml, page
 from tools.policy import policy
@@ -24,6 +25,7 @@ def generated() -> dict[str, str]:
     specs = SPECS.values()
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
             "config/srt3d.policy.xml": policy(specs),
+            "docs/api.md": api_page.page(),
             "docs/nodes.md": page(specs),
             "docs/images/graph.svg": draw(specs),
             "msg_schemas/README.md": readme()}

@@ -12,13 +12,14 @@ from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.topics import Topic
 
 PILL, GAP = (158, 46), 10           # width and height of a topic; space between two
-NODE = (300, 56)
+NODE, SOURCE = (300, 56), (240, 56)
 SIDE, MARGIN, LANE = 150, 20, 94    # width of the boxes at the sides; margin; space between these boxes and topics
 STEP = 52                           # between two rows
 FONT = "font-family='DejaVu Sans, Verdana, sans-serif'"
 MONO = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace'"
 INK, DIM = "#1d2733", "#5c6b7a"
 NODE_FILL, PILL_FILL, OUTSIDE = "#1f5b8f", "#e8f1f9", "#f1efe9"
+DEVICE = "device"
 CHAIN = ("player", "sketcher", "reconstructor")      # from top to bottom; the other nodes only record
 ROBOT = "your robot: Nav2, RViz, octomap, …"
 LEGEND = ("dashed: only at times (docs/nodes.md says when)     latched: late subscribers get it too     "
@@ -31,14 +32,16 @@ def draw(specs: Iterable[NodeSpec]) -> str:
     chain = [by_name.pop(name) for name in CHAIN]
     rows = _rows(chain)
     middle = MARGIN + SIDE + LANE + (max(map(len, rows)) * (PILL[0] + GAP) - GAP) / 2
-    driver, player = middle - NODE[0] / 2 - GAP, middle + NODE[0] / 2 + GAP
-    parts = [_box(driver, MARGIN, NODE, "your driver", OUTSIDE), _box(player, MARGIN, NODE, chain[0].name)]
+    sources = {spec.name: spec.outputs for spec in (by_name.pop(DEVICE), chain[0])}
+    places = dict(zip(("your driver", *sources), (middle + k * (SOURCE[0] + GAP) for k in (-1, 0, 1))))
+    parts = [_box(x, MARGIN, SOURCE, name, *() if name in sources else (OUTSIDE,)) for name, x in places.items()]
     y, bands = MARGIN + NODE[1], []
     for row, reader in zip(rows, (*chain[1:], None)):
         pills_y, reader_y = y + STEP, y + 2 * STEP + PILL[1]
         xs = [middle + (k - (len(row) - 1) / 2) * (PILL[0] + GAP) for k in range(len(row))]
         for x, topic in zip(xs, row):
-            starts = (middle,) if bands else (driver, player) if topic in chain[0].outputs else (driver,)
+            starts = (middle,) if bands else [place for name, place in places.items() if name not in sources
+                                              or topic.name in {one.name for one in sources[name]}]
             parts += [_curve(start, y, x, pills_y) for start in starts]
             parts += [_curve(x, pills_y + PILL[1], middle, reader_y, arrow=True), _pill(x, pills_y, topic)]
         parts.append(_box(middle, reader_y, NODE, reader.name) if reader else

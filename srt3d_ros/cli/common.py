@@ -5,6 +5,8 @@ import json
 import sys
 from collections.abc import Callable, Iterable
 
+from srt3d_ros.errors import require
+
 
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     """The options of these names that were given, by name."""
@@ -27,6 +29,47 @@ def comma_list(kind: Callable, expected: str, count: int | None = None) -> Calla
 def add_device(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"),
                         help="where to compute (auto: the GPU if there is one)")
+
+
+SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "channel")
+
+
+def add_photon_file(parser: argparse.ArgumentParser) -> None:
+    """INPUT, which frame of it, and options for what it does not say."""
+    parser.add_argument("input", metavar="INPUT",
+                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .sdt, .spc, .phu, .h5, .dat, "
+                             ".npy; docs/photon-file.md), or a bag (docs/bags.md)")
+    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
+    parser.add_argument("--photons-topic", default="", metavar="TOPIC",
+                        help="where a bag's photons are, if it has several topics of them")
+    sensor = parser.add_argument_group("what the file does not say")
+    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
+    sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
+    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
+    sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
+    sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
+    sensor.add_argument("--rows", type=int, metavar="N", help="of a scan, or of histograms without a shape")
+    sensor.add_argument("--cols", type=int, metavar="N", help="the same")
+    sensor.add_argument("--channel", type=int, metavar="C",
+                        help="whose photons to take, of several detectors or data sets (that with the most)")
+
+
+def add_gate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--gate", default="off", metavar="FIRST:LAST",
+                        help="keep the photons of bins FIRST to LAST only (off)")
+
+
+def overrides(args: argparse.Namespace) -> dict[str, object]:
+    """The options of `datasets.open_photons` that were given; `--gate auto` is none of them."""
+    from srt3d_ros.core.gate import AUTO, OFF, parse
+
+    bins = parse(args.gate)
+    found = given(args, SENSOR_OVERRIDES)
+    if bins in (OFF, AUTO):
+        return found
+    first, last = bins
+    require(0 <= first < last, "gate", args.gate, "a first bin of 0 or more and below the last")
+    return found | {"gate": (first, last - first + 1)}
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

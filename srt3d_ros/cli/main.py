@@ -13,12 +13,13 @@ from srt3d_ros.errors import InvalidInput, printable
 
 # Each is a module here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported:
 # a node needs nothing of the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "evaluate", "benchmark", "up", "play", "bag-record", "view", "review", "demo", "compile",
-            "node")
+COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "device", "devices", "bag-record",
+            "view", "review", "demo", "compile", "node")
 
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
-          "rosbags": "bags", "torch": "gpu", "triton": "gpu"}
+          "rosbags": "bags", "torch": "gpu", "triton": "gpu", "zmq": "devices", "ptufile": "ptu", "sdtfile": "sdt",
+          "phconvert": "spc", "tables": "spc", "h5py": "hdf5"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process

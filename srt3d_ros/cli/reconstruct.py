@@ -1,20 +1,18 @@
 """`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
 
 import argparse
-import time
-from dataclasses import replace
 
 from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.core.gate import AUTO, OFF, parse
+from srt3d_ros.core.gate import AUTO, OFF
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
-METHOD_OPTIONS = ("surfaces", "device", "false_alarm_rate", "background", "weighting", "upsampling")
-OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg")
+METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background",
+                  "weighting", "upsampling")
 
 
 def add_parser(subparsers) -> None:
@@ -24,11 +22,6 @@ def add_parser(subparsers) -> None:
                     "bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
-    parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published; "
-                                                       "or a bag (docs/bags.md)")
-    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
-    parser.add_argument("--photons-topic", default="", metavar="TOPIC",
-                        help="where a bag's photons are, if it has several topics of them")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
     parser.add_argument("--sketch-size", type=int, metavar="M",
@@ -56,72 +49,35 @@ def add_parser(subparsers) -> None:
                         help="keep the photons of bins FIRST to LAST only, or of those in which the histogram of all "
                              "photons shows a scene (auto); T becomes their number (off)")
     common.add_json(parser)
-    sensor = parser.add_argument_group("what the file does not say")
-    sensor.add_argument("--num-bins", type=int, metavar="T", help="bins of a laser period")
-    sensor.add_argument("--bin-width-s", type=float, metavar="S", help="width of a bin, seconds")
-    sensor.add_argument("--irf", metavar="FILE", help="impulse response: .npz, .npy, .csv or .txt")
-    sensor.add_argument("--irf-ref", type=int, metavar="INDEX", help="entry of the IRF that marks the depth (its peak)")
-    sensor.add_argument("--fov-deg", type=float, metavar="DEG", help="field of view across the larger side, degrees")
-    sensor.add_argument("--dark", metavar="FILE",
+    common.add_photon_file(parser)
+    parser.add_argument("--dark", metavar="FILE",
                         help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.core.sketch_design import design_for
-    from srt3d_ros.core.sketching import sketch_photons
-    from srt3d_ros.datasets import open_photons
+    from srt3d_ros import api
     from srt3d_ros.recording import cloud_files
 
-    method, frequencies = find(args.method), ()
+    method = find(args.method)
     cloud_files.check(args.output)
-    overrides = common.given(args, OVERRIDES) | _fixed_gate(args.gate)
-    photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
-    sensor, frame = photons.sensor, photons.frame
+    overrides = common.overrides(args)
+    photons = api.open(args.input, args.frame, args.photons_topic, **overrides)
+    sensor = photons.sensor
     if args.dark is not None:
         require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")
         require(args.background != "flat", "background", args.background, "auto or sensor, with a dark frame")
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
-        sensor = _with_dark_frame(sensor, open_photons(args.dark, **(known | overrides)))
-    spec = args.frequencies or method.frequencies
-    if args.gate == AUTO:
-        found = design_for(frame, sensor, AUTO, *((spec, args.sketch_size) if method.needs == "sketch" else ())).gate
-        if found is not None:
-            photons = replace(photons, sensor=sensor).gated(found)
-            sensor, frame = photons.sensor, photons.frame
-    if method.needs == "sketch":
-        frequencies = design_for(frame, sensor, frequencies=spec, sketch_size=args.sketch_size).frequencies
-    for name in ("sketch_size", "frequencies"):
-        given = getattr(args, name)
-        require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
-    reconstructor = method.build(sensor, frequencies, **common.given(args, METHOD_OPTIONS))
-    reconstructor.warm_up()
-    seen, sketch_ms = frame, None
-    if method.needs == "sketch":
-        seen, sketch_ms = _timed(sketch_photons, frame, sensor, frequencies)
-    cloud, reconstruct_ms = _timed(reconstructor, seen)
-    cloud = cloud.ordered(args.surface_order)
-    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
-    facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
-             "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,
-             "frequencies": list(frequencies), "surfaces": args.surfaces,
-             "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
-             "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
-    common.print_notes(photons.notes)       # only now: a mistake is one line
-    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if frequencies else ""
+        sensor = _with_dark_frame(sensor, api.open(args.dark, **(known | overrides)).read_whole())
+    cloud = api.reconstruct(photons, sensor=sensor, gate=args.gate if args.gate == AUTO else OFF,
+                            **common.given(args, METHOD_OPTIONS)).ordered(args.surface_order)
+    cloud.save(args.output)
+    facts = cloud.facts | {"output": str(args.output)}
+    common.print_notes(cloud.notes)     # only now: a mistake is one line
+    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if facts["frequencies"] else ""
     common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
                         + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
     return 0
-
-
-def _fixed_gate(spec: str) -> dict[str, tuple[int, int]]:
-    """The option `gate` of open_photons, first bin and number of bins, if the gate is fixed."""
-    bins = parse(spec)
-    if bins in (OFF, AUTO):
-        return {}
-    first, last = bins
-    require(0 <= first < last, "gate", spec, "a first bin of 0 or more and below the last")
-    return {"gate": (first, last - first + 1)}
 
 
 def _with_dark_frame(sensor, dark):
@@ -132,10 +88,3 @@ def _with_dark_frame(sensor, dark):
         found, wanted = getattr(dark.sensor, name), getattr(sensor, name)
         require(found == wanted, f"dark frame {name}", found, f"{wanted}, as in the input")
     return sensor.replace(background_shape=dark_shape(dark.frame, sensor))
-
-
-def _timed(function, *arguments):
-    """What function(*arguments) returns, and the milliseconds it took."""
-    started = time.perf_counter()
-    result = function(*arguments)
-    return result, round((time.perf_counter() - started) * 1e3, 3)

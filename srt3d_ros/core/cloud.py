@@ -1,6 +1,7 @@
 """PointCloud: what a reconstruction returns."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -81,7 +82,7 @@ class PointCloud:
         """
         return self._image(self.xyz[:, 2]) if isinstance(projection, Pinhole) else self.range_image()
 
-    def within(self, min_m: float = 0.0, max_m: float = np.inf) -> "PointCloud":
+    def within(self, min_m: float = 0.0, max_m: float = np.inf) -> Self:
         """Only the points whose range along the ray is from `min_m` to `max_m` metres; `surface` counts those left."""
         if min_m <= 0 and max_m == np.inf:
             return self
@@ -95,7 +96,7 @@ class PointCloud:
         return replace(self, row=row, col=col, depth_bins=self.depth_bins[kept], intensity=self.intensity[kept],
                        depth_std_bins=self.depth_std_bins[kept], xyz=self.xyz[kept], surface=rank.astype(np.uint8))
 
-    def ordered(self, surface_order: str) -> "PointCloud":
+    def ordered(self, surface_order: str) -> Self:
         """The cloud with the `strongest`, `nearest` or `farthest` point of each pixel first; ties keep their order."""
         require(surface_order in SURFACE_ORDERS, "surface_order", surface_order, " or ".join(SURFACE_ORDERS))
         field, sign = SURFACE_ORDERS[surface_order]

@@ -1,6 +1,6 @@
 """HistogramBins: where the bins of a histogramming sensor lie, and what is in them that the scene did not send."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,3 +70,12 @@ class HistogramBins:
             first, width = first[:1], width[:1]
         centers = first + (np.arange(self.num_bins) + 0.5) * width
         return centers if self.differ else centers[0]
+
+    def cropped(self, rows: slice, cols: slice, shape: tuple[int, int]) -> "HistogramBins":
+        """The bins of the pixels `rows`, `cols` of a sensor of this shape."""
+        first, width = (value[rows, cols] if np.ndim(value) == 2 else value
+                        for value in (self.first_bin, self.bin_width))
+        template = self.template
+        if np.ndim(template) == 2:
+            template = np.reshape(template, (*shape, -1))[rows, cols].reshape(-1, self.num_bins)
+        return replace(self, first_bin=first, bin_width=width, template=template)

@@ -63,6 +63,10 @@ class Pinhole:
         return replace(self, fx=self.fx * factor, fy=self.fy * factor, cx=(self.cx - first) * factor,
                        cy=(self.cy - first) * factor)
 
+    def cropped(self, first_row: int, first_col: int) -> "Pinhole":
+        """The same camera whose pixel (0, 0) is (first_row, first_col) of this one."""
+        return replace(self, cx=self.cx - first_col, cy=self.cy - first_row)
+
     def _places(self, rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
         """Where the pixels' centres are, in focal lengths from the principal point; float64 [rows, cols] each."""
         x = (np.arange(cols) - self.cx) / self.fx
@@ -102,6 +106,11 @@ class AngularScan:
         return AngularScan(self.azimuth_start_rad + first * self.azimuth_step_rad, self.azimuth_step_rad / factor,
                            self.elevation_start_rad + first * self.elevation_step_rad,
                            self.elevation_step_rad / factor)
+
+    def cropped(self, first_row: int, first_col: int) -> "AngularScan":
+        """The same scan whose pixel (0, 0) is (first_row, first_col) of this one."""
+        return replace(self, azimuth_start_rad=self.azimuth_start_rad + first_col * self.azimuth_step_rad,
+                       elevation_start_rad=self.elevation_start_rad + first_row * self.elevation_step_rad)
 
 
 Projection = Pinhole | AngularScan

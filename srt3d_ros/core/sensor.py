@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import Pinhole, Projection
@@ -28,7 +30,7 @@ class GateWords:
     first_word: int = 0
     no_detection: int = 65_535
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("first_word", "no_detection"):
             value = getattr(self, name)
             require(0 <= value <= 65_535, f"gates.{name}", value, "a 16-bit word, 0 … 65535")
@@ -86,7 +88,7 @@ class SensorModel:
     frame_id: str = "lidar"
     toa_reference: str = "bin_center"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, most in (("rows", MAX_SIDE), ("cols", MAX_SIDE), ("num_bins", MAX_BINS)):
             value = _integer(name, getattr(self, name))
             require((2 if name == "num_bins" else 1) <= value <= most, name, value,
@@ -181,7 +183,7 @@ class SensorModel:
             return toa
         return np.floor(toa + np.float32(0.5 - self.first_bin_center)).astype(np.int64) % self.num_bins
 
-    def range_m(self, depth_bins: np.ndarray) -> np.ndarray:
+    def range_m(self, depth_bins: ArrayLike) -> np.ndarray:
         """Range along the ray, metres, of depths in bins."""
         offset_bins = self.toa_offset_bins + np.asarray(depth_bins, dtype=np.float64)
         return offset_bins * self.bin_width_m + self.range_offset_m
@@ -190,7 +192,7 @@ class SensorModel:
         """Points in the sensor's frame, metres, float32 [N, 3]."""
         return (self.rays[row, col] * self.range_m(depth_bins)[:, None]).astype(np.float32)
 
-    def replace(self, **changes) -> "SensorModel":
+    def replace(self, **changes: Any) -> "SensorModel":
         """A copy with some fields changed and checked."""
         return replace(self, **changes)
 
@@ -211,10 +213,37 @@ class SensorModel:
                             delay_bins=finer(self.delay_bins), mask=finer(self.mask), histograms=None,
                             projection=self.projection.upsampled(factor))
 
+    def cropped(self, rows: slice, cols: slice = slice(None)) -> "SensorModel":
+        """The sensor of some pixels alone, which see the same: those of the rows and columns, such as slice(10, 40).
+
+        Raises:
+            InvalidInput: no pixel is left, or some between are left out.
+        """
+        shape = self.rows, self.cols
+        (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
+
+        def kept(values: np.ndarray | None) -> np.ndarray | None:
+            return None if values is None else values[rows, cols]
+
+        irf = self.irf
+        if irf.ndim == 2:
+            irf = kept(irf.reshape(*shape, -1)).reshape(-1, irf.shape[1])
+        return self.replace(rows=row_count, cols=col_count, irf=irf, gain=kept(self.gain), mask=kept(self.mask),
+                            delay_bins=kept(self.delay_bins),
+                            histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
+                            projection=self.projection.cropped(first_row, first_col))
+
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""
         return other is not None and all(np.array_equal(getattr(self, name), getattr(other, name))
                                          for name in self.__dataclass_fields__)
+
+
+def _span(name: str, part: slice, side: int) -> tuple[int, int]:
+    """The first of the pixels along a side that a slice keeps, and how many."""
+    first, end, step = part.indices(side) if isinstance(part, slice) else (0, 0, 1)
+    require(step == 1 and first < end, name, part, f"a slice with some of 0:{side} in it, in steps of 1")
+    return first, end - first
 
 
 def _normalised(name: str, density: np.ndarray, range_wanted: str, sum_wanted: str) -> np.ndarray:

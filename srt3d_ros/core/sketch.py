@@ -1,6 +1,8 @@
 """Sketch: what is kept of a frame's photons, and how sketches add."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -8,7 +10,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
 
 
-def check_frequencies(frequencies, num_bins: int) -> tuple[int, ...]:
+def check_frequencies(frequencies: Sequence[int] | np.ndarray, num_bins: int) -> tuple[int, ...]:
     """The frequencies k_l as a tuple of different integers in [1, (T − 1) / 2], or InvalidInput.
 
     k and T − k carry the same information (one is the other's conjugate), k = 0 none but the photon count.
@@ -42,7 +44,7 @@ class Sketch:
     photons: np.ndarray
     stamp_ns: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,
                 f"[rows, cols, {len(self.frequencies)}]")
         require(self.photons.shape == self.sums.shape[:2], "photons shape", self.photons.shape,
@@ -55,11 +57,15 @@ class Sketch:
         # as real numbers: complex ones take four times as long to divide
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
-    def on_host(self) -> "Sketch":
+    def on_host(self) -> Self:
         """The same with NumPy arrays, if these are tensors on a device."""
         return replace(self, sums=_numpy(self.sums), photons=_numpy(self.photons))
 
-    def __add__(self, other: "Sketch") -> "Sketch":
+    def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
+        """The sketch of a window of pixels, such as sketch[10:40, 20:50]; their sensor: `SensorModel.cropped`."""
+        return replace(self, sums=self.sums[pixels], photons=self.photons[pixels])
+
+    def __add__(self, other: "Sketch") -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and size agree."""
         require(self.frequencies == other.frequencies, "frequencies", other.frequencies,
                 f"the same as {self.frequencies}")
@@ -72,5 +78,5 @@ class Sketch:
                        stamp_ns=min(self.stamp_ns, other.stamp_ns))
 
 
-def _numpy(values) -> np.ndarray:
+def _numpy(values: Any) -> np.ndarray:
     return values if isinstance(values, np.ndarray) else values.cpu().numpy()

@@ -1,50 +1,104 @@
-"""Photon files (npz, published .mat), bags and the simulator: all give a SensorModel and the photons of frames."""
+"""Photon files, laboratory files, bags and the simulator: all give a SensorModel and the photons of frames."""
 
+import zipfile
+from importlib import import_module
 from pathlib import Path
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import bag_photons, mat, npz
+from srt3d_ros.datasets import bag_photons, hdf5, mat, npz
 from srt3d_ros.datasets.bag import is_bag
 from srt3d_ros.datasets.files import naming_file, read_text, require_file
 from srt3d_ros.datasets.photons import Photons, gather_options
+from srt3d_ros.datasets.stream import PhotonStream, Recording
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor as sensor_message
 
-__all__ = ["Photons", "open_photons", "open_sensor"]
+__all__ = ["PhotonStream", "Photons", "open_photons", "open_sensor", "open_stream"]
+
+# Laboratory files, which may be of any size: the function of a module here that reads them, by suffix.
+READERS = {".ptu": "ptu:read", ".phu": "phu:read", ".sdt": "sdt:read", ".spc": "spc:read", ".h5": "hdf5:read",
+           ".hdf5": "hdf5:read", ".dat": "linospad2:read", ".npy": "cubes:read_npy"}
+SUFFIXES = (".npz", ".mat", *READERS)
 
 
 def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **overrides) -> Photons:
-    """The photons, sensor and reference of a photon file (docs/photon-file.md), or of a frame of a bag (docs/bags.md).
+    """The photons, sensor and reference of a file (docs/photon-file.md), or of a frame of a bag (docs/bags.md).
 
     Args:
-        path: an .npz photon file, a .mat file as its authors published it, or a bag: its folder, .mcap or .db3 file.
+        path: an .npz photon file, a .mat file as its authors published it, a laboratory file (.ptu, .sdt, …), an array
+            of counts, or a bag: its folder, .mcap or .db3 file.
         frame: which message of a bag's photons, from 0; files have one frame.
         photons_topic: the topic of a bag's photons, if it has several.
         overrides: what the file does not say, or says wrongly: num_bins, bin_width_s, irf (array or path), irf_ref,
-            toa_offset_bins, range_offset_m, toa_reference, gate (first bin, number of bins), fov_deg, rows, cols. They
-            win over the sidecar FILE.json ("head.mat.json" for head.mat), which has the same names and wins over the
-            file.
+            toa_offset_bins, range_offset_m, toa_reference, gate (first bin, number of bins), fov_deg, rows, cols,
+            channel. They win over the sidecar FILE.json ("head.mat.json" for head.mat), which has the same names and
+            wins over the file.
 
     Raises:
         InvalidInput: one line that names the file and field that cannot be used.
     """
+    photons = open_stream(path, frame, photons_topic, **overrides)
+    return photons.read_whole() if isinstance(photons, PhotonStream) else photons
+
+
+def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess_irf: bool = False,
+                **overrides) -> Photons | PhotonStream:
+    """As open_photons; of a laboratory file that has too many photons to keep, or fractional counts, a PhotonStream.
+
+    Args:
+        guess_irf: as for PhotonStream.
+    """
     path = Path(path)
     try:
-        return _open(path, frame, photons_topic, overrides)
+        return _open(path, frame, photons_topic, guess_irf, overrides)
     except OSError as error:
         raise InvalidInput("photon file", str(path), f"a file that can be read ({error.strerror or error})") from None
 
 
-def _open(path: Path, frame: int, photons_topic: str, overrides: dict) -> Photons:
+def _open(path: Path, frame: int, photons_topic: str, guess_irf: bool, overrides: dict) -> Photons | PhotonStream:
     suffix = path.suffix.lower()
-    is_file = suffix in (".npz", ".mat")
-    require(is_file or is_bag(path), "photon file", str(path), "a file that ends in .npz or .mat, or a bag")
+    is_file = suffix in SUFFIXES
+    require(is_file or is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(SUFFIXES)}, or a bag")
     options = gather_options(path.absolute(), overrides)        # a bag may be the folder "."
     require(not is_file or frame == 0, "frame", frame, "0: a photon file has one frame")
+    if is_file:
+        require_file(path, "photon file")
+    reader = _laboratory_reader(path)
+    if reader is not None:
+        module, name = reader.split(":")
+        recording: Recording = getattr(import_module(f"srt3d_ros.datasets.{module}"), name)(path, options)
+        return _of_recording(recording, options, guess_irf)
+    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
     if suffix == ".mat":
-        return mat.read(path, options)
+        found = mat.read(path, options, guess_irf)
+        return _of_recording(found, options, guess_irf) if isinstance(found, Recording) else found
     photons = npz.read(path) if is_file else bag_photons.read_frame(path, frame, photons_topic)
     return photons.with_options(options)
+
+
+def _of_recording(recording: Recording, options: dict, guess_irf: bool) -> Photons | PhotonStream:
+    stream = PhotonStream(recording, options, guess_irf)
+    return stream if stream.whole is None else stream.whole
+
+
+def _laboratory_reader(path: Path) -> str | None:
+    """Module and function that read a laboratory file; None for the photon files that have a form of their own."""
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        return "cubes:read_npz" if _is_cube(path) else None
+    if suffix == ".mat":
+        return "hdf5:read" if hdf5.is_matlab(path) else None
+    return READERS.get(suffix)
+
+
+def _is_cube(path: Path) -> bool:
+    """Whether an .npz file has arrays, but none of a photon file's photons."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = set(archive.namelist())
+    except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError):     # npz says what is wrong
+        return False
+    return bool(names) and not names & {"pixel.npy", "toa.npy"}
 
 
 def open_sensor(path: str | Path) -> SensorModel:

@@ -1,5 +1,6 @@
 """Arrays and text of files that may be damaged or hostile: sizes are bounded before anything is loaded."""
 
+import logging
 import math
 import zipfile
 from collections.abc import Iterator
@@ -35,6 +36,32 @@ def naming_file(path: Path) -> Iterator[None]:
         yield
     except InvalidInput as error:
         raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
+
+
+@contextmanager
+def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
+    """Turn what a reader of others raises on a damaged file into one InvalidInput, and keep its log to itself.
+
+    Args:
+        expected: what the file should be, in words.
+        library: the name of the reader's logger.
+    """
+    log = logging.getLogger(library or __name__)
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    except InvalidInput as error:
+        if error.field.startswith(path.name):
+            raise
+        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
+    except ModuleNotFoundError:
+        raise
+    except Exception as error:      # each library has its own, and Python's where it trusts the file
+        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
+    finally:
+        log.setLevel(level)
 
 
 def read_text(path: Path) -> str:
@@ -74,8 +101,8 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[st
 def map_npy(path: Path, field: str) -> np.ndarray:
     """The array of an .npy file, mapped into memory; InvalidInput if it is none."""
     with path.open("rb") as stream:
-        size = _array_bytes(stream, path.stat().st_size, field)
-    require(size > 0, field, "empty", "an array with something in it")
+        shape, _, _ = npy_header(stream, path.stat().st_size, field)
+    require(math.prod(shape) > 0, field, "empty", "an array with something in it")
     return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
@@ -83,19 +110,24 @@ def _member_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo, field: str) -
     require(info.compress_type in COMPRESSIONS, field, f"packed by method {info.compress_type}",
             "an array stored or deflated, as NumPy writes it")
     with archive.open(info) as stream:
-        return _array_bytes(stream, info.file_size, field)
+        shape, _, dtype = npy_header(stream, info.file_size, field)
+    return math.prod(shape) * dtype.itemsize
 
 
-def _array_bytes(stream: BinaryIO, file_size: int, field: str) -> int:
-    """The size of the array after its header, on which header and file agree; InvalidInput if there is none."""
+def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, bool, np.dtype]:
+    """Shape, Fortran order and type of the array after a header with which the file's size agrees.
+
+    Raises:
+        InvalidInput: there is none, or one of Python objects or of more than `most` bytes.
+    """
     try:
-        shape, _, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
+        shape, fortran, dtype = FORMATS[np.lib.format.read_magic(stream)](stream)
     except Exception as error:      # a header is a Python literal, which can be wrong in many ways
         raise InvalidInput(field, f"unreadable ({error})", "an array as NumPy writes it") from None
     require(dtype.kind in "biufcSU", f"{field} dtype", str(dtype), "numbers or text, not Python objects")
     fits = len(shape) <= MAX_SIDES and all(0 <= side < 2**63 for side in shape)
     require(fits, f"{field} shape", shape, f"at most {MAX_SIDES} sizes from 0 to 2⁶³")
     size, stored = math.prod(shape) * dtype.itemsize, file_size - stream.tell()
-    require(size <= MAX_BYTES, f"{field} size", f"{size} bytes", f"at most {MAX_BYTES} bytes")
+    require(size <= most, f"{field} size", f"{size} bytes", f"at most {most} bytes")
     require(size == stored, f"{field} size", f"{stored} bytes", f"{size} bytes, as its header says")
-    return size
+    return shape, fortran, dtype

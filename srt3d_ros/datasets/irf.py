@@ -118,6 +118,17 @@ def estimate(events: PhotonEvents, num_bins: int) -> np.ndarray:
     return _cut_out(irf[middle - reach: middle + reach + 1])
 
 
+def estimated(events: PhotonEvents, num_bins: int, guess: bool) -> tuple[np.ndarray, str]:
+    """An IRF for a file without one, and a note; InvalidInput if none can be seen, unless `guess` allows one bin."""
+    try:
+        return estimate(events, num_bins), \
+            "IRF estimated from the photons, which makes it slightly broad: the file has none (--irf)"
+    except InvalidInput:
+        if not guess:
+            raise
+        return np.ones(1), "IRF taken to be one bin: the file has none, and none can be seen in its photons (--irf)"
+
+
 def _read_file(path: Path, key: str | None) -> np.ndarray:
     if path.suffix.lower() == ".npz":
         arrays = read_npz_arrays(path, None if key is None else (key,))
@@ -140,7 +151,10 @@ def _read_file(path: Path, key: str | None) -> np.ndarray:
 
 
 def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
-    """The photons of the pixels with the most, up to PHOTONS_USED, sorted by pixel and ToA; each int64."""
+    """The photons of the pixels with the most, sorted by pixel and ToA; each int64.
+
+    They are PHOTONS_USED, and a pixel's more; of many more, every n-th.
+    """
     counts = np.bincount(events.pixel)
     by_count = np.argsort(-counts, kind="stable")
     enough = np.searchsorted(np.cumsum(counts[by_count]), PHOTONS_USED) + 1
@@ -149,7 +163,7 @@ def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:
     use &= counts >= FEWEST_PHOTONS
     kept = use[events.pixel]
     pixel, toa = events.pixel[kept].astype(np.int64), events.toa[kept].astype(np.int64)
-    order = np.lexsort((toa, pixel))
+    order = np.lexsort((toa, pixel))[::max(len(pixel) // PHOTONS_USED, 1)]
     return pixel[order], toa[order]
 
 

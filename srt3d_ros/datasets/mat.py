@@ -1,11 +1,10 @@
 """The .mat files that single-photon lidar data are published in, read unmodified.
 
-A file is recognised by the name and shape of its variables. To read another published file, add its `Layout`.
+A file is recognised by the name and shape of its variables. To read another published file, add its `Layout` in
+mat_variables.py.
 scipy reads them in a child process: its reader trusts the file, and some files end the process that reads them.
 """
 
-import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,64 +14,20 @@ from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
 from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.cubes import cube, given_by, parts_of
 from srt3d_ros.datasets.files import naming_file, require_file
+from srt3d_ros.datasets.mat_variables import EXPECTED, LAYOUTS, Layout, variables_of
 from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, gate_events, number
+from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import InvalidInput, require
 
-EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 MAX_MEMORY_BYTES = 5 * 2**30     # the most photons in 8 bytes each, in their cells and joined; the rest for the reader
 MAX_SECONDS = 600.0             # fifteen times what files that fill this memory take
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
 
 
-@dataclass(frozen=True)
-class Layout:
-    """How one published kind of file holds its photons.
-
-    Args:
-        variable: name of the array of photons: a cell array [rows, cols] of ToA lists, or with `counts` a numeric
-            array [T, rows · cols] of photons per bin with pixels in MATLAB's column-major order.
-        bin_width_s: where the file does not say; what the authors say, or inferred from their description.
-        counts: see `variable`.
-        picoseconds: ToA are times in picoseconds, not bins.
-        window: scalars that hold the first and last ToA of the measured window.
-        reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
-    """
-
-    variable: str
-    bin_width_s: float
-    counts: bool = False
-    picoseconds: bool = False
-    window: tuple[str, ...] = ()
-    reference: str = ""
-
-    @property
-    def form(self) -> str:
-        """What the variable looks like, in words."""
-        return f"{self.variable} ({'[T, rows·cols] counts' if self.counts else '[rows, cols] cell'})"
-
-    @property
-    def variables(self) -> tuple[str, ...]:
-        """All that are read."""
-        return tuple(filter(None, (self.variable, *self.window, self.reference)))
-
-    def fits(self, photons: object) -> bool:
-        """Whether scipy may read this kind of file's variable as this."""
-        kinds = "iuf" if self.counts else "O"
-        return isinstance(photons, np.ndarray) and photons.ndim == 2 and photons.dtype.kind in kinds
-
-
-LAYOUTS = (
-    Layout("Y", 16e-12, counts=True, reference="DepthImage"),   # Heriot-Watt polystyrene head
-    Layout("photon_times", 8e-12),                              # MIT, two layers (Shin et al., Opt. Express 2016)
-    Layout("Ts", 8e-12),                                        # MIT, mannequin face (Shin et al., IEEE TCI 2015)
-    Layout("data_processed", 100e-12, picoseconds=True,         # USTC, tower at 9.8 km (Li et al., Optica 2021);
-           window=("mm", "MM")),                                # the bin width is our choice
-)
-
-
-def read(path: str | Path, options: dict) -> Photons:
-    """The photons of a published .mat file; `options` (see photons.gather_options) tell what it does not.
+def read(path: str | Path, options: dict, guess_irf: bool = False) -> Photons | Recording:
+    """The photons of a published .mat file, or an array of counts; `options` (photons.gather_options) tell the rest.
 
     `num_bins`, `gate`: T and the first bin that are kept. Without a gate, the file's own window; without that, bins
     0 to num_bins; without that, the smallest to the largest ToA. `toa_offset_bins` counts up to the file's own bin 0;
@@ -85,11 +40,14 @@ def read(path: str | Path, options: dict) -> Photons:
     require_file(path, "photon file")
     with naming_file(path):
         layout, variables = _load(path)
+    if layout is None:
+        counts = variables.pop("counts")
+        return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given_by(variables))
     width_s = number("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     notes = () if "bin_width_s" in options else (f"bin width taken to be {width_s * 1e12:g} ps: the file has none",)
     with naming_file(path):
-        unpack = _from_counts if layout.counts else _from_cells
+        unpack = _from_sparse if layout.sparse else _from_counts if layout.counts else _from_cells
         content = unpack(layout, variables, options)
         toa = _to_bins(layout, content.toa, width_s)
     first, bins, may_drop = _window(layout, variables, options, width_s, toa, content.bins)
@@ -97,8 +55,8 @@ def read(path: str | Path, options: dict) -> Photons:
     require(may_drop or not dropped, "num_bins", bins, f"above {toa.max(initial=0)}, the largest ToA; or give a gate")
     irf = options.get("irf")
     if irf is None:
-        irf = irfs.estimate(events, bins)
-        dropped += ("IRF estimated from the photons, which makes it slightly broad: the file has none",)
+        irf, note = irfs.estimated(events, bins, guess_irf)
+        dropped += (note,)
     sensor = SensorModel(content.rows, content.cols, bins, width_s, irf)
     sensor = apply_options(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
@@ -118,64 +76,14 @@ class _Content(NamedTuple):
     bins: int | None
 
 
-def _load(path: Path) -> tuple[Layout, dict[str, np.ndarray]]:
-    """The layout of a file and its variables, as `variables_of` gives them."""
+def _load(path: Path) -> tuple[Layout | None, dict[str, np.ndarray]]:
+    """The layout of a file, None for other counts, and its variables, as `variables_of` gives them."""
     try:
         variables = call(variables_of, str(path), memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
     except ChildFailed as error:
         raise InvalidInput("", f"unreadable (its reader {error})", EXPECTED) from None
-    return LAYOUTS[variables.pop("layout").item()], variables
-
-
-def variables_of(path: str) -> dict[str, np.ndarray]:
-    """The variables that a layout names; `layout`, its index; of cells the content, and their `lengths` [rows, cols].
-
-    Raises:
-        InvalidInput: no layout fits, the file is MATLAB 7.3, or the cells are too many or hold no numbers.
-    """
-    from scipy.io import loadmat
-
-    warnings.simplefilter("ignore")
-    names = {name for layout in LAYOUTS for name in layout.variables}
-    try:
-        content = {name: value for name, value in loadmat(path, variable_names=names).items() if name in names}
-    except NotImplementedError:
-        raise InvalidInput("", "a MATLAB 7.3 (HDF5) file", f"{EXPECTED}: load it in MATLAB, save it with -v7") from None
-    layout = next((one for one in LAYOUTS if one.fits(content.get(one.variable))), None)
-    if layout is None:
-        raise InvalidInput("variables", _listed(path), f"one of {'; '.join(one.form for one in LAYOUTS)}")
-    variables = {name: content[name] for name in layout.variables if name in content}
-    if not layout.counts:
-        variables[layout.variable], variables["lengths"] = _joined(layout, variables[layout.variable])
-    for name, values in variables.items():
-        require(isinstance(values, np.ndarray) and values.dtype.kind in "iuf", name, type(values).__name__, "numbers")
-        require(values.ndim == 2 or not layout.counts, f"{name} shape", values.shape, "[rows, columns]")
-        require(values.size == 1 or name not in layout.window, f"{name} shape", values.shape, "one number")
-    return variables | {"layout": np.array(LAYOUTS.index(layout))}
-
-
-def _joined(layout: Layout, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is in the cells, one after the other in row order, and how many values are in each."""
-    require(0 < cells.size <= MAX_PIXELS, f"{layout.variable} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
-    lengths = np.fromiter((cell.size for cell in cells.flat), np.int64, cells.size).reshape(cells.shape)
-    photons = int(lengths.sum())
-    require(photons <= MAX_PHOTONS, f"{layout.variable} photons", photons, f"at most {MAX_PHOTONS}")
-    seen = [cell for cell in cells.flat if cell.size]
-    odd = next((cell for cell in seen if not isinstance(cell, np.ndarray) or cell.dtype.kind not in "iuf"), None)
-    require(odd is None, f"{layout.variable} cells", f"{type(odd).__name__} of {getattr(odd, 'dtype', '')}",
-            "lists of numbers")
-    toa = np.concatenate([cell.ravel() for cell in seen]) if seen else np.zeros(0, np.int64)
-    return toa, lengths
-
-
-def _listed(path: str) -> str:
-    """Which variables a file has."""
-    from scipy.io import whosmat
-
-    try:
-        return ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, shape, kind in whosmat(path))
-    except TypeError:       # at objects of classes, which loadmat leaves out
-        return "others, some of them objects"
+    index = variables.pop("layout").item()
+    return LAYOUTS[index] if index >= 0 else None, variables
 
 
 def _from_counts(layout: Layout, variables: dict, options: dict) -> _Content:
@@ -191,6 +99,22 @@ def _from_counts(layout: Layout, variables: dict, options: dict) -> _Content:
     photons = by_pixel[at].astype(np.int64)
     pixel, toa = np.divmod(at, bins)
     return _Content(rows, cols, np.repeat(pixel.astype(np.uint32), photons), np.repeat(toa, photons), bins)
+
+
+def _from_sparse(layout: Layout, variables: dict, options: dict) -> _Content:
+    pixels, bins = variables["size"][0].tolist()
+    require(pixels <= MAX_PIXELS, f"{layout.variable} pixels", pixels, f"at most {MAX_PIXELS}")
+    rows, cols = _counted_shape(layout, variables, options, pixels)
+    pixel, toa, photons = variables[layout.variable]
+    require(bool((photons >= 0).all() and (photons == np.floor(photons)).all()), layout.variable,
+            "negative or fractional in places", "photons per bin")
+    require(photons.sum() <= MAX_PHOTONS, f"{layout.variable} photons", float(photons.sum()), f"at most {MAX_PHOTONS}")
+    col, row = np.divmod(pixel.astype(np.int64), rows)
+    pixel = row * cols + col
+    order = np.lexsort((toa, pixel))
+    photons = photons[order].astype(np.int64)
+    return _Content(rows, cols, pixel[order].astype(np.uint32).repeat(photons),
+                    toa[order].astype(np.int64).repeat(photons), bins)
 
 
 def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) -> tuple[int, int]:

@@ -9,6 +9,8 @@ from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
 from srt3d_ros.errors import InvalidInput, quoted, require
@@ -17,7 +19,7 @@ from srt3d_ros.messages import json_text
 MAX_PHOTONS = 2**28
 MAX_GATE_BIN = 2**31
 SENSOR_OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
-OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols")
+OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols", "channel")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,29 @@ class Photons:
         """The photons one by one; InvalidInput for histograms of negative or fractional counts."""
         return self.frame if isinstance(self.frame, PhotonEvents) else self.frame.to_events(self.sensor)
 
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return self.frame.photons
+
+    @property
+    def sample(self) -> "Photons":
+        """What gate and frequencies are chosen by: all of them. Of a PhotonStream, some."""
+        return self
+
+    def read_whole(self) -> "Photons":
+        """All photons in memory, which they are."""
+        return self
+
+    def with_sensor(self, sensor: SensorModel) -> "Photons":
+        """The same photons, of this sensor; InvalidInput if they do not fit it."""
+        self.frame.check(sensor)
+        return replace(self, sensor=sensor)
+
+    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
+        """The sketch of all photons, of those inside a gate if there is one."""
+        return sketch_photons(self.frame, self.sensor, frequencies, gate)
+
     def with_options(self, options: dict) -> "Photons":
         """The photons of a file that describes its sensor, with `options` in place of what it says."""
         for name in ("rows", "cols"):
@@ -67,7 +92,7 @@ class Photons:
         if reference is not None:
             moved = reference - np.float32(gate.first)
             reference = np.where((moved >= 0) & (moved <= gate.last - gate.first), moved, np.float32(np.nan))
-        note = _outside(whole.photons - events.photons, whole.photons, gate.first, gate.last)
+        note = outside_note(whole.photons - events.photons, whole.photons, gate.first, gate.last)
         # The words in which these photons may be sent still count from their own bin 0.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
@@ -78,10 +103,10 @@ def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEven
     inside = (events.toa >= first) & (events.toa < first + bins)
     toa = (events.toa[inside] - events.toa.dtype.type(first)).astype(np.uint16)
     gated = PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
-    return gated, _outside(events.photons - gated.photons, events.photons, first, first + bins - 1)
+    return gated, outside_note(events.photons - gated.photons, events.photons, first, first + bins - 1)
 
 
-def _outside(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
     """The note on photons that a gate drops, if there are any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
@@ -135,6 +160,13 @@ def number(field: str, value: object, expected: str) -> float:
         raise InvalidInput(field, quoted(value), expected) from None
     require(np.isfinite(result), field, quoted(value), expected)
     return result
+
+
+def positive_integer(field: str, value: object) -> int:
+    """`value` as an integer of 1 or more, or InvalidInput."""
+    result = number(field, value, "an integer, 1 or more")
+    require(result == int(result) >= 1, field, value, "an integer, 1 or more")
+    return int(result)
 
 
 def _check_names(options: dict, where: str) -> None:

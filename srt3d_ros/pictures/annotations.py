@@ -14,6 +14,7 @@ BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as m
 DPI = 100
 _BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
 _RANGE_BAR = 0.16, 0.012                # width and height, of the picture's
+_RANGE_BAR_PX = 120                     # least width, for the numbers at its ends
 _TITLE_PX, _FIGURES_PX = 84, 56         # heights of the bands above and below the cloud
 
 
@@ -51,7 +52,9 @@ def scale_bar(axes: Axes, eye: Viewpoint, size: float = 13) -> None:
 
 def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     """Draw the colours of the range at the lower left, with the metres at their ends."""
-    bar = axes.inset_axes((0.02, 0.03, *_RANGE_BAR))
+    share, height = _RANGE_BAR
+    share = max(share, _RANGE_BAR_PX / axes.images[0].get_array().shape[1])
+    bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
     bar.imshow(RANGE_MAP[None], aspect="auto")
     for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):

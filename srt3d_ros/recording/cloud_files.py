@@ -49,7 +49,7 @@ def check(path) -> Path:
 
 
 def _save_npz(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
-    fields = {name: getattr(cloud, name) for name in cloud.__dataclass_fields__}
+    fields = {name: getattr(cloud, name) for name in PointCloud.__dataclass_fields__}
     facts = {name: getattr(sensor, name) for name in _SENSOR_FACTS}
     with open(path, "wb") as file:
         np.savez(file, **fields, frequencies=np.array(frequencies, np.int64), **facts)

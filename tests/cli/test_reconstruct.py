@@ -126,6 +126,24 @@ def test_weighting_reaches_the_method(reconstruct, wall):
     assert not np.array_equal(*depths)
 
 
+@pytest.mark.parametrize("gate", ["off", "auto", "40:250"])
+def test_a_file_of_too_many_photons_to_keep_is_sketched_in_parts(srt3d, wall, tmp_path, monkeypatch, gate):
+    photons = open_photons(wall)
+    counts = np.zeros((240, 300), np.uint16)
+    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
+    np.savez(tmp_path / "cube.npz", counts=counts.reshape(12, 20, 300), bin_width_s=5e-11, irf=SENSOR.irf,
+             toa_offset_bins=1_000)
+    clouds = []
+    for kept in (2**24, 8_000):
+        monkeypatch.setattr("srt3d_ros.datasets.stream.MAX_KEPT", kept)
+        code, printed, _ = srt3d("reconstruct", tmp_path / "cube.npz", "-o", tmp_path / "cloud.npz", "--gate", gate,
+                                 "--frequencies", "consecutive", "--json")
+        assert code == 0
+        with np.load(tmp_path / "cloud.npz") as cloud:
+            clouds.append((json.loads(printed)["points"], np.median(cloud["xyz"][:, 2])))
+    assert clouds[0][0] == clouds[1][0] == 240 and clouds[0][1] == pytest.approx(clouds[1][1], abs=1e-3)
+
+
 @pytest.fixture
 def pooled_options(monkeypatch):
     """The options with which the method is built."""

@@ -171,6 +171,36 @@ def test_finer_pixels_have_the_calibration_of_theirs():
         SensorModel(2048, 2048, 50, 1e-10, [1.0]).upsampled(4)
 
 
+# ---- Some of the pixels
+
+@pytest.mark.parametrize("projection", [Pinhole(9, 8, 2.5, 1, PlumbBob(k1=-0.01)), AngularScan(0.2, -0.1, 0.3, -0.2)])
+def test_a_cropped_sensor_sees_with_each_pixel_what_it_saw(projection):
+    maps = np.arange(1, 25, dtype=np.float32).reshape(4, 6)
+    bins = HistogramBins(5, first_bin=maps, bin_width=2.0, template=np.arange(120.0).reshape(24, 5))
+    sensor = SensorModel(4, 6, 50, 1e-10, np.eye(24, 30) + 0.1, gain=maps, delay_bins=maps, mask=maps > 8,
+                         projection=projection, histograms=bins, background_shape=np.arange(50))
+    part = sensor.cropped(slice(1, -1), slice(3, None))
+    assert (part.rows, part.cols) == (2, 3)
+    np.testing.assert_allclose(part.rays, sensor.rays[1:-1, 3:], atol=1e-6)
+    for name in ("gain", "delay_bins", "mask"):
+        assert np.array_equal(getattr(part, name), getattr(sensor, name)[1:-1, 3:]), name
+    assert np.array_equal(part.histograms.first_bin, maps[1:-1, 3:]) and part.histograms.bin_width == 2
+    for name, values in (("irf", part.irf), ("template", part.histograms.template)):
+        whole = sensor.irf if name == "irf" else bins.template
+        assert np.array_equal(values, whole[[9, 10, 11, 15, 16, 17]]), name
+    assert np.array_equal(part.background_shape, sensor.background_shape) and part.irf_ref == sensor.irf_ref
+    assert sensor.cropped(slice(None)).same_as(sensor)
+
+
+@pytest.mark.parametrize(("rows", "cols", "named"), [
+    (slice(4, 9), slice(None), r"rows is slice\(4, 9, None\): expected a slice with some of 0:4 in it"),
+    (slice(None), slice(3, 3), "cols is slice"), (slice(None, None, 2), slice(None), "rows is slice"),
+    (2, 3, "rows is 2")])
+def test_no_pixels_and_pixels_apart_are_refused(rows, cols, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        SensorModel(4, 6, 50, 1e-10, [1.0]).cropped(rows, cols)
+
+
 # ---- In which key two descriptions differ
 
 SEEN = SensorModel(rows=3, cols=4, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], projection=Pinhole(9, 9, 1.5, 1))

@@ -67,6 +67,13 @@ def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
     np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
 
 
+def test_a_window_of_a_sketch():
+    sketch = make(rows=4, cols=5, stamp_ns=7)
+    part = sketch[1:3, 2:]
+    assert np.array_equal(part.sums, sketch.sums[1:3, 2:]) and np.array_equal(part.photons, sketch.photons[1:3, 2:])
+    assert (part.frequencies, part.stamp_ns) == (sketch.frequencies, 7)
+
+
 @pytest.mark.parametrize(("sums", "photons", "named"), [
     ((2, 3, 3), (2, 3), "sketch shape"), ((6, 2), (2, 3), "sketch shape"), ((2, 3, 2), (3, 2), "photons shape"),
     ((2, 3, 2), (6,), "photons shape")])

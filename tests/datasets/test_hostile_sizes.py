@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,11 @@ for path in sys.argv[1:]:
 """
 BEGINNINGS = {"a.json": b"[", "b.npz": b"PK\3\4", "c.mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
               "d.mcap": b"\x89MCAP0\r\n", "e.db3": b"SQLite format 3\0", "f.npz": b"", "f.npz.json": b"{"}
+# Of laboratory files: what begins the file, and the library that reads it.
+LABORATORY = {"g.npy": (b"", ""), "h.dat": (b"\xff", ""), "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "ptufile"),
+              "j.phu": (b"PQHISTO\0001.0.00\0\0", "ptufile"), "k.sdt": (b"\x8f\x02", "sdtfile"),
+              "l.h5": (b"\x89HDF\r\n\x1a\n", "h5py"), "m.mat": (b"MATLAB 7.3 MAT-file", "h5py")}
+BEGINNINGS |= {name: begin for name, (begin, library) in LABORATORY.items() if not library or find_spec(library)}
 SENSORS = {"pixels": '{"schema_version":1,"rows":65535,"cols":65535,"num_bins":50,"bin_width_s":1e-9,"irf":[1]}',
            "array": '{"schema_version":1,"rows":2,"cols":2,"num_bins":50,"bin_width_s":1e-9,"irf":{"dtype":"float32",'
                     '"shape":[4294967295,4294967295],"base64":""}}'}
@@ -56,3 +62,13 @@ def refusals(tmp_path_factory) -> dict[str, str]:
 def test_a_process_of_little_memory_refuses_it_in_one_line(refusals, name, said):
     assert refusals[name].startswith(said)
     assert "Unable to allocate" not in refusals[name] and "MemoryError" not in refusals[name]
+
+
+@pytest.mark.parametrize(("name", "said"), [
+    ("g.npy", "g.npy counts is unreadable"), ("h.dat", "num_bins is missing"), ("i.ptu", "i.ptu is unreadable"),
+    ("j.phu", "j.phu is unreadable"), ("k.sdt", "k.sdt is unreadable"), ("l.h5", "l.h5 is unreadable"),
+    ("m.mat", "m.mat is unreadable")])
+def test_so_it_does_laboratory_files(refusals, name, said):
+    if name not in refusals:
+        pytest.skip(f"{LABORATORY[name][1]} is not installed")
+    assert refusals[name].startswith(said) and "Unable to allocate" not in refusals[name]

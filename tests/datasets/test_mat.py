@@ -165,3 +165,23 @@ def test_other_variables_are_no_obstacle(tmp_path):
     for compressed in (True, False):
         savemat(tmp_path / "a.mat", variables, do_compression=compressed)
         assert open_photons(tmp_path / "a.mat", irf=IRF).frame.photons == 7
+
+
+def test_sparse_counts_are_read_with_their_depths(tmp_path):
+    counts = np.zeros((6, 40))
+    counts[1, 7], counts[4, 9], counts[4, 39] = 2, 1, 1         # pixels 1 and 4, column-major: (1, 0) and (0, 2)
+    depth = np.array([[1, 2, 3], [4, 5, 0]])
+    photons = open_photons(write(tmp_path, spad=csc_matrix(counts), bin=depth), irf=IRF)
+    assert sorted(zip(photons.frame.pixel.tolist(), photons.frame.toa.tolist())) == [(2, 9), (2, 39), (3, 7), (3, 7)]
+    assert photons.sensor.num_bins == 40 and photons.sensor.bin_width_s == 80e-12
+    np.testing.assert_array_equal(photons.reference_depth_bins[0], [[0, 1, 2], [3, 4, np.nan]])
+
+
+def test_any_other_cube_is_read_by_its_dimensions(tmp_path):
+    counts = np.random.default_rng(0).poisson(0.3, (2, 3, 40)).astype(np.uint8)
+    photons = open_photons(write(tmp_path, h=counts, bin_width_s=1e-11, other=np.ones((2, 3))), irf=IRF)
+    found = np.zeros((6, 40), int)
+    np.add.at(found, (photons.frame.pixel, photons.frame.toa), 1)
+    assert np.array_equal(found.reshape(2, 3, 40), counts) and photons.sensor.bin_width_s == 1e-11
+    with pytest.raises(InvalidInput, match="variables is a .*, b .*: expected one of .*any other numeric array"):
+        open_photons(write(tmp_path, a=counts, b=counts), irf=IRF)

@@ -230,7 +230,8 @@ def test_damaged_files_are_refused(tmp_path, damage):
 
 
 @pytest.mark.parametrize(("name", "expected"), [
-    ("photons.txt", "ends in .npz or .mat"), ("photons.npz.gz", "ends in .npz or .mat"), ("absent.npz", "exists"),
+    ("photons.txt", "ends in .npz, .mat, .ptu"), ("photons.npz.gz", "ends in .npz, .mat, .ptu"),
+    ("absent.npz", "exists"),
     ("absent.mat", "exists"), ("folder.npz", "exists"), ("a" * 300 + ".npz", "can be read"),
     ("a" * 300 + ".mcap", "can be read")])
 def test_what_is_no_photon_file_is_named(tmp_path, name, expected):

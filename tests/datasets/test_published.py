@@ -10,6 +10,7 @@ PAIRS = {
     "two layers": ("two_layer.mat", "two_layer_100.npz", {}),
     "mannequin": ("data_face.mat", "mannequin_face_340.npz", {"gate": (3000, 3000)}),
     "tower": ("tower.mat", "tower_9p8km.npz", {}),
+    "room": ("spad_0161_p1.mat", "room_64_10_50.npz", {}),
 }
 
 

@@ -6,6 +6,7 @@ import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 
 from srt3d_ros.nodes.specs import SPECS
+from tests.devices import made
 from tools.policy import policy
 
 OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
@@ -24,7 +25,8 @@ def running(request, graph, photon_file, tmp_path):
     """A node that is ready, and its table."""
     name = request.param
     extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"},
-             "bag_recorder": {"path": tmp_path / "bag"}}.get(name, {})
+             "bag_recorder": {"path": tmp_path / "bag"}, "device": {"log": tmp_path / "log.json"}}.get(name, {})
+    made.tmf8829_log(tmp_path / "log.json", [made.zones_16(1.0)])
     graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
     return name, SPECS[name]
 

@@ -1,0 +1,53 @@
+"""`srt3d info`: what is in a photon file, in figures and as a picture."""
+
+import argparse
+from pathlib import Path
+
+from srt3d_ros.cli import common
+from srt3d_ros.errors import require
+
+WORDS = """\
+{rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m
+{photons:,} photons, {photons_per_pixel:.4g} a pixel, at most {most_photons_in_a_pixel:,}; {empty_pixels:,} pixels empty
+SBR {sbr_words}; IRF {irf_width_bins:.3g} bins wide ({irf_ps:.3g} ps, full width at half maximum)
+suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch_bytes:,} bytes"""
+
+
+def add_parser(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "info", help="print what is in a photon file: size, light, IRF, suggested gate and frequencies",
+        description="Print size, photons per pixel, SBR, T, range, IRF width and notes of a file, and the gate and "
+                    "frequencies that suit its photons.")
+    common.add_photon_file(parser)
+    common.add_gate(parser)
+    parser.add_argument("-o", "--output", metavar="INFO.png", type=Path,
+                        help="draw the histogram of the photons, their number in each pixel, and the IRF")
+    common.add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from srt3d_ros.core.gate import in_ranges
+    from srt3d_ros.datasets.description import describe
+    from srt3d_ros.devices import open_stream
+
+    if args.output is not None:
+        require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
+    photons = open_stream(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
+    found = describe(photons)
+    facts, gate = found.facts, found.design.gate
+    if args.output is not None:
+        from srt3d_ros.pictures.photon_histogram import draw_histogram
+
+        draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(args.input).name)
+        facts["output"] = str(args.output)
+    sbr = "infinite" if facts["sbr"] is None else f"{facts['sbr']:.3g}" if facts["sbr"] else "too low to be seen"
+    words = {"bin_ps": facts["bin_width_s"] * 1e12, "irf_ps": facts["irf_width_s"] * 1e12, "sbr_words": sbr,
+             "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
+             "frequency_words": ",".join(map(str, facts["frequencies"]))}
+    if args.json:
+        common.print_facts(args, facts, "")
+        return 0
+    common.print_notes(photons.notes)
+    print(WORDS.format(**facts, **words))
+    return 0

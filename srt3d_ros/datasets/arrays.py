@@ -1,0 +1,218 @@
+"""Arrays in memory → Photons: row, col and ToA of each photon, or counts of photons [rows, cols, bins]."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Projection
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.photons import Photons, pinhole
+from srt3d_ros.datasets.stream import PhotonStream
+from srt3d_ros.errors import InvalidInput, require
+
+NAME = "arrays"
+FIELDS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols", "gates"))
+OPTIONS = ("shape", "fov_deg", *FIELDS)
+ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg or "
+               "projection")
+ESTIMATED_IRF = "IRF estimated from the photons, which makes it slightly broad: give irf"
+NO_BIN_WIDTH = "seconds in a bin (where bins alone matter 2 / 299792458: x, y and z then count bins, not metres)"
+
+
+class SensorOptions(TypedDict, total=False):
+    """What the photons do not say: `shape` is (rows, cols), `fov_deg` makes a pinhole, the rest are of SensorModel."""
+
+    shape: tuple[int, int]
+    num_bins: int
+    bin_width_s: float
+    irf: ArrayLike | str | Path
+    irf_ref: int
+    fov_deg: float
+    projection: Projection
+    toa_offset_bins: float
+    range_offset_m: float
+    toa_reference: str
+    gain: ArrayLike
+    delay_bins: ArrayLike
+    mask: ArrayLike
+    background_shape: ArrayLike
+    histograms: HistogramBins
+    frame_id: str
+
+
+def from_events(row: Any, col: Any, toa: Any, sensor: SensorModel | None, stamp_ns: int, options: SensorOptions
+                ) -> Photons:
+    """The photons of one entry each; arguments as of `srt3d_ros.photons`."""
+    arrays = {"row": row, "col": col, "toa": toa}
+    for name, values in arrays.items():
+        require(values is not None, name, "missing", "row, col and toa, one entry a photon; or counts")
+    row, col, toa = (_array(name, values) for name, values in arrays.items())
+    fits = row.ndim == 1 and row.shape == col.shape == toa.shape
+    require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "the same [N], one a photon")
+
+    def frame(sensor: SensorModel) -> PhotonEvents:
+        pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
+        return PhotonEvents(pixel, _times(toa, sensor), stamp_ns)
+
+    return _photons(frame, None, sensor, options)
+
+
+def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options: SensorOptions) -> Photons:
+    """The photons of histograms [rows, cols, bins]; arguments as of `srt3d_ros.photons`."""
+    counts = _array("counts", counts)
+    require(counts.ndim == 3 and counts.dtype.kind in "buif", "counts", f"{counts.dtype} {counts.shape}",
+            "numbers [rows, cols, bins]")
+    histograms = PhotonHistograms(_small(counts), stamp_ns)
+
+    def frame(sensor: SensorModel) -> PhotonHistograms:
+        try:
+            histograms.check(sensor)
+        except InvalidInput as error:
+            field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
+            raise InvalidInput(field, error.value, error.expected) from None
+        return histograms
+
+    return _photons(frame, counts.shape, sensor, options)
+
+
+def completed(source: Photons | PhotonStream | PhotonFrame, sensor: SensorModel | None, options: SensorOptions
+              ) -> Photons | PhotonStream:
+    """Photons of a file, or a frame of photons, with the sensor and the options instead of their own."""
+    if isinstance(source, Photons | PhotonStream):
+        return source.with_sensor(described(sensor or source.sensor, options))
+
+    def frame(sensor: SensorModel) -> PhotonEvents | PhotonHistograms:
+        source.check(sensor)
+        return source.to_events(sensor) if isinstance(source, PhotonGates) else source
+
+    return _photons(frame, None, sensor, options)
+
+
+def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
+    """The sensor with the options in place of its own values.
+
+    Raises:
+        InvalidInput: an unknown option, or a value that cannot be used.
+    """
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    for name in given:
+        require(name in OPTIONS, "option", name, f"one of {', '.join(OPTIONS)}")
+    require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
+    own = sensor.rows, sensor.cols
+    require(_shape(given.pop("shape", own)) == own, "shape", options.get("shape"), f"{own}, as the sensor has")
+    fov_deg = given.pop("fov_deg", None)
+    if fov_deg is not None:
+        require("projection" not in given, "fov_deg", fov_deg, "fov_deg or projection, not both")
+        given["projection"] = pinhole(*own, fov_deg)
+    for name in ("gain", "delay_bins", "mask", "background_shape", "irf"):
+        if name in given and not isinstance(given[name], (str, Path)):
+            given[name] = _array(name, given[name])
+    if "irf" in given:      # irf_ref belongs to the one that is replaced
+        given = {"irf_ref": None} | given | {"irf": irfs.read(given["irf"])}
+    return sensor.replace(**given) if given else sensor
+
+
+def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms], counted: tuple[int, ...] | None,
+             sensor: SensorModel | None, options: SensorOptions) -> Photons:
+    """The photons with the sensor that is given or described, and notes on what was assumed about it.
+
+    Args:
+        frame_of: makes the photons of a sensor, or refuses them.
+        counted: rows, cols and bins of counts.
+    """
+    if sensor is not None:
+        sensor = described(sensor, options)
+        return Photons(sensor, frame_of(sensor), None, NAME)
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    if counted is not None:
+        given = {"shape": counted[:2]} | ({} if "histograms" in given else {"num_bins": counted[2]}) | given
+    for name, expected in (("shape", "(rows, cols), or sensor"), ("num_bins", "T, bins of a laser period, or sensor"),
+                           ("bin_width_s", NO_BIN_WIDTH)):
+        require(name in given, name, "missing", expected)
+    require("irf" in given or "irf_ref" not in given, "irf_ref", given.get("irf_ref"), "irf beside it")
+    plain = SensorModel(*_shape(given["shape"]), given["num_bins"], given["bin_width_s"], np.ones(1))
+    sensor = described(plain, given)
+    frame, notes = frame_of(sensor), []
+    if "irf" not in given:
+        sensor = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None)
+        notes.append(ESTIMATED_IRF)
+    if not {"fov_deg", "projection"} & set(given):
+        notes.append(ASSUMED_FOV)
+    return Photons(sensor, frame, None, NAME, tuple(notes))
+
+
+def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
+    """The IRF that the photons show, see `irf.estimate`; of histograms those of the pixels with the most photons."""
+    if isinstance(frame, PhotonHistograms):
+        require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
+        counts = frame.counts.reshape(sensor.pixels, -1)
+        whole = counts.dtype.kind != "f" or bool((counts == np.floor(counts)).all())
+        require(whole and bool((counts >= 0).all()), "irf", "missing",
+                "the impulse response: it can be estimated from whole photons only")
+        totals = counts.sum(axis=1, dtype=np.float64)
+        fullest = np.argsort(-totals)
+        fullest = fullest[:np.searchsorted(np.cumsum(totals[fullest]), irfs.PHOTONS_USED) + 1]
+        few = SensorModel(1, len(fullest), sensor.num_bins, sensor.bin_width_s, np.ones(1))
+        frame = PhotonHistograms(counts[fullest][None]).to_events(few)
+    return irfs.estimate(frame, sensor.num_bins)
+
+
+def _array(name: str, values: Any) -> np.ndarray:
+    """Values as a NumPy array; a tensor is copied from its device."""
+    try:
+        array = np.asarray(values.detach().cpu() if hasattr(values, "detach") else values)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(name, f"{type(values).__name__} ({error})", "an array of numbers") from None
+    require(array.dtype.kind in "biuf", f"{name} dtype", str(array.dtype), "numbers")
+    return array
+
+
+def _shape(shape: Any) -> tuple[int, int]:
+    try:
+        rows, cols = shape
+    except (TypeError, ValueError):
+        raise InvalidInput("shape", shape, "(rows, cols)") from None
+    return rows, cols
+
+
+def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
+    """Whole numbers from 0 to below `end`, as uint32."""
+    _check_within(name, values, end)
+    whole = values.astype(np.uint32)
+    odd = np.flatnonzero(whole != values)
+    require(len(odd) == 0, name, values[odd[:1]].tolist(), "whole numbers")
+    return whole
+
+
+def _check_within(name: str, values: np.ndarray, end: int) -> None:
+    if values.size:
+        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
+        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
+
+
+def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
+    """ToA in bins, uint16 or float32."""
+    _check_within("toa", toa, sensor.num_bins)
+    if toa.dtype.kind != "f":
+        return toa.astype(np.uint16)
+    if sensor.first_bin_center == 0 and (toa == np.floor(toa)).all():       # means the same, and is faster to sketch
+        return toa.astype(np.uint16)
+    return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
+
+
+def _small(counts: np.ndarray) -> np.ndarray:
+    """Counts in a type that histograms may have: the smallest that holds integers."""
+    if counts.dtype in COUNT_DTYPES:
+        return counts
+    if counts.dtype.kind == "f":
+        return counts.astype(np.float32)
+    low, high = (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
+    kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
+    require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
+    return counts.astype(kind)

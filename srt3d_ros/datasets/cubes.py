@@ -1,0 +1,133 @@
+"""Arrays of counts [rows, cols, bins] in .npy and .npz files, streamed by rows."""
+
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from srt3d_ros.core.sensor import MAX_BINS
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.files import COMPRESSIONS, npy_header, one_error, read_npz_arrays
+from srt3d_ros.datasets.photons import number, positive_integer
+from srt3d_ros.datasets.stream import Recording, Rows
+from srt3d_ros.errors import require
+
+CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more
+MAX_ROW_BYTES = 2**29
+MAX_CUBE_BYTES = 2**46
+NAMES = ("counts", "cube", "histograms", "data")        # of the array that is meant, if there are several
+GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "fov_deg")
+
+
+def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[int], Iterator[np.ndarray]],
+         options: dict, given: dict | None = None, notes: tuple[str, ...] = ()) -> Recording:
+    """The recording that an array of counts is.
+
+    Args:
+        shape: [rows, cols, bins], or [pixels, bins], whose rows and cols `options` tell; else all are in one row.
+        read: gives the array, so many rows (or pixels) at a time.
+        given: what the file itself says, see Recording.
+    """
+    field, given = f"{path.name} counts", given or {}
+    require(dtype.kind in "iufb" and len(shape) in (2, 3) and min(shape) > 0, field, f"{dtype} {shape}",
+            "numbers [rows, cols, bins] or [pixels, bins]")
+    own = shape[:2] if len(shape) == 3 else (1, shape[0])
+    rows, cols = (positive_integer(name, options.get(name, size)) for name, size in zip(("rows", "cols"), own))
+    require(rows * cols == own[0] * own[1] and (len(shape) == 2 or rows == own[0]), "rows, cols", f"{rows}, {cols}",
+            f"those of the file's array, {' × '.join(map(str, shape[:-1]))}")
+    bins = shape[-1]
+    require(bins <= MAX_BINS or "gate" in options, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
+    width = (given | options).get("bin_width_s")
+    require(width is not None, f"{path.name} bin_width_s", "missing", "seconds, by the option or in a sidecar")
+    row_bytes = cols * bins * dtype.itemsize
+    require(row_bytes <= MAX_ROW_BYTES, f"{field} row", f"{row_bytes} bytes", f"at most {MAX_ROW_BYTES}")
+    at_once = max(CHUNK_BYTES // row_bytes, 1)
+
+    def chunks() -> Iterator[Rows]:
+        first = 0
+        with one_error(path, "a whole file of counts"):
+            for part in read(at_once * (1 if len(shape) == 3 else cols)):
+                counts = np.ascontiguousarray(part).reshape(-1, cols, bins)
+                finite = dtype.kind != "f" or bool(np.isfinite(counts).all())
+                require(finite, "counts", "not finite in places", "numbers")
+                yield Rows(first, counts, (first + len(counts)) / rows)
+                first += len(counts)
+    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given)
+
+
+def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
+    """What gives an array that is in memory so many rows at a time."""
+    return lambda rows: (counts[first:first + rows] for first in range(0, len(counts), rows))
+
+
+def read_npy(path: Path, options: dict) -> Recording:
+    """An .npy file of counts."""
+    return _from_stream(path, lambda: path.open("rb"), path.stat().st_size, options, {})
+
+
+def read_npz(path: Path, options: dict) -> Recording:
+    """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
+    with one_error(path, "a complete .npz file (a zip of arrays)"):
+        with zipfile.ZipFile(path) as archive:
+            sizes = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
+            shapes = {}
+            for name, info in sizes.items():
+                require(info.compress_type in COMPRESSIONS, name, f"packed by method {info.compress_type}",
+                        "an array stored or deflated, as NumPy writes it")
+                with archive.open(info) as stream:
+                    shapes[name] = npy_header(stream, info.file_size, name, MAX_CUBE_BYTES)[0]
+        name = the_cube(path, shapes)
+
+    @contextmanager
+    def member() -> Iterator[BinaryIO]:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
+            yield stream
+    given = given_by({key: value for key, value in read_npz_arrays(path, GIVEN).items()})
+    return _from_stream(path, member, sizes[name].file_size, options, given)
+
+
+def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:
+    """Which of a file's arrays, given by their shapes, has the counts."""
+    found = [name for name, shape in shapes.items() if len(shape) == 3] or \
+        [name for name, shape in shapes.items() if len(shape) == 2 and name in NAMES]
+    named = [name for name in found if name.rsplit("/", 1)[-1] in NAMES]
+    listed = ", ".join(f"{name} {'×'.join(map(str, shape)) or 'one number'}" for name, shape in shapes.items())
+    chosen = named if len(found) > 1 else found
+    require(len(chosen) == 1, f"{path.name} arrays", listed or "none",
+            f"one of three dimensions [rows, cols, bins], or of several one named {' or '.join(NAMES)}")
+    return chosen[0]
+
+
+def given_by(arrays: dict[str, np.ndarray]) -> dict:
+    """The options that arrays of a file give, by name."""
+    given = {}
+    for name, value in arrays.items():
+        value = np.asarray(value)
+        require(name == "irf" or value.size == 1, f"{name} shape", value.shape, "one value")
+        given[name] = irfs.read(value) if name == "irf" else value.reshape(-1)[0].item()
+    return given
+
+
+def _from_stream(path: Path, opened: Callable, size: int, options: dict, given: dict) -> Recording:
+    """Counts as NumPy writes them; `opened` is a context that gives the stream from its beginning."""
+    with opened() as stream:
+        shape, fortran, dtype = npy_header(stream, size, f"{path.name} counts", MAX_CUBE_BYTES)
+
+    def read(rows: int) -> Iterator[np.ndarray]:
+        with opened() as stream:
+            npy_header(stream, size, f"{path.name} counts", MAX_CUBE_BYTES)
+            if fortran:     # all rows lie in all parts of the file
+                whole = np.lib.format.open_memmap(path, "r") if path.suffix == ".npy" else \
+                    np.frombuffer(stream.read(), dtype).reshape(shape, order="F")
+                yield from parts_of(whole)(rows)
+                return
+            one = int(np.prod(shape[1:])) * dtype.itemsize
+            for first in range(0, shape[0], rows):
+                wanted = min(rows, shape[0] - first)
+                raw = stream.read(wanted * one)
+                require(len(raw) == wanted * one, "size", "cut off", f"{wanted * one} bytes more")
+                yield np.frombuffer(raw, dtype).reshape(wanted, *shape[1:])
+    return cube(path, shape, dtype, read, options, given)

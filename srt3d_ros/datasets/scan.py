@@ -1,0 +1,177 @@
+"""LineScan: which pixel of a raster scan each photon of a time-tagged stream is in, by the marks of the scanner."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from srt3d_ros.datasets.photons import number
+from srt3d_ros.datasets.stream import Events
+from srt3d_ros.errors import require
+
+# Bits of a mark: a line begins, a line ends, a new frame begins with the next line, a pixel begins.
+LINE, STOP, FRAME, PIXEL = 1, 2, 4, 8
+
+
+class Records(NamedTuple):
+    """Photons and marks of a recording in the order of their times.
+
+    Attributes:
+        time: int64 [N], ticks since the beginning.
+        toa: int64 [N], bins, of photons.
+        channel: int64 [N], of photons; -1 else.
+        marks: uint8 [N], bits LINE, STOP, FRAME, PIXEL; 0 of photons.
+        done: the part of the file that has been read, 0 … 1.
+    """
+
+    time: np.ndarray
+    toa: np.ndarray
+    channel: np.ndarray
+    marks: np.ndarray
+    done: float
+
+
+@dataclass
+class LineScan:
+    """Follows a stream from chunk to chunk; times and marks in the order of their recording.
+
+    Args:
+        rows, cols: pixels of a frame. All frames add up.
+        pixel_ticks: time of a pixel, in ticks of the stream's clock.
+        frames_marked: FRAME marks say where row 0 is; without, a frame has `rows` lines.
+        bidirectional: odd rows are scanned from right to left.
+        column_at: column for each tick of a line, where the speed is not even; replaces `pixel_ticks`.
+        skipping: leave out what comes before the first FRAME mark.
+        pixels_marked: PIXEL marks say where pixels begin; replaces `pixel_ticks`.
+    """
+
+    rows: int
+    cols: int
+    pixel_ticks: float
+    frames_marked: bool = True
+    bidirectional: bool = False
+    column_at: np.ndarray | None = None
+    skipping: bool = False
+    pixels_marked: bool = False
+    _row: int = field(default=-1, init=False)           # of the newest line
+    _begun: int = field(default=-1, init=False)         # when that line began; -1: no line is open
+    _col: int = field(default=-1, init=False)           # of the newest pixel, if pixels are marked
+
+    def pixels(self, time: np.ndarray, marks: np.ndarray) -> np.ndarray:
+        """The pixel of each event, int64 [N]; -1 for marks and for photons outside the lines.
+
+        Args:
+            time: int64 [N], ticks.
+            marks: uint8 [N], 0 for a photon, else bits LINE, STOP, FRAME.
+        """
+        if self.rows * self.cols == 1:
+            return np.where(marks == 0, 0, -1)
+        is_mark = marks & (LINE | STOP | FRAME) != 0
+        at = np.flatnonzero(is_mark)
+        mark = marks[at]
+        begins, new_frame = mark & LINE != 0, mark & FRAME != 0
+        lines = np.cumsum(begins)
+        # Lines before the newest frame; one that begins with the frame's own mark is its first.
+        before = np.maximum.accumulate(np.where(new_frame, lines - begins, -(self._row + 1)))
+        begun = np.where(begins, time[at], -1)
+        if self.skipping:
+            first = int(np.argmax(new_frame)) if new_frame.any() else len(at)
+            begun[:first], self.skipping = -1, not new_frame.any()
+        rows, begun = np.append(self._row, lines - before - 1), np.append(self._begun, begun)
+        newest = np.cumsum(is_mark)
+        if self.pixels_marked:
+            col = self._cols_by_marks(marks, at[begins], np.append(0, lines)[newest])
+        else:
+            col = self._cols_by_time(rows[newest], time - begun[newest])
+        row, begun = rows[newest], begun[newest]
+        self._row, self._begun = (int(rows[-1]), int(begun[-1])) if len(begun) else (self._row, self._begun)
+        row = row if self.frames_marked else row % self.rows
+        inside = (marks == 0) & (begun >= 0) & (row >= 0) & (row < self.rows) & (col >= 0) & (col < self.cols)
+        return np.where(inside, row * self.cols + col, -1)
+
+    def _cols_by_marks(self, marks: np.ndarray, begins: np.ndarray, line: np.ndarray) -> np.ndarray:
+        """Pixels begun in the line of each event, less one; `begins`: where lines do, `line`: how many did."""
+        pixels = np.cumsum(marks & PIXEL != 0)
+        before = np.append(-(self._col + 1), pixels[begins] - (marks[begins] & PIXEL != 0))
+        col = pixels - before[line] - 1
+        self._col = int(col[-1]) if len(col) else self._col
+        return col
+
+    def _cols_by_time(self, row: np.ndarray, ticks: np.ndarray) -> np.ndarray:
+        """The column at so many ticks since a line of this row began; -1 outside."""
+        line_ticks = self.cols * self.pixel_ticks if self.column_at is None else len(self.column_at)
+        inside = (ticks >= 0) & (ticks < line_ticks)
+        if self.bidirectional:
+            ticks = np.where(row % 2 == 1, int(line_ticks) - 1 - ticks, ticks)
+        ticks = np.where(inside, ticks, 0)
+        col = (ticks / self.pixel_ticks).astype(np.int64) if self.column_at is None else self.column_at[ticks]
+        return np.where(inside, col, -1)
+
+
+def photons_of(records: Iterable[Records], scan: LineScan, channel: int) -> Iterator[Events]:
+    """The photons of a channel in their pixels."""
+    for part in records:
+        pixel = scan.pixels(part.time, part.marks)
+        photon = np.flatnonzero(part.channel == channel)
+        yield Events(pixel[photon], part.toa[photon], part.done)
+
+
+class Marks(NamedTuple):
+    """What the first marks of a recording say.
+
+    Args:
+        lines: how many lines were seen, up to the first FRAME mark or the length of a frame.
+        line_ticks: median length of a line, up to the next mark.
+        within_frame: the recording begins within a frame, whose rows cannot be told.
+        frames, pixels: whether frames and pixels are marked.
+    """
+
+    lines: int
+    line_ticks: float
+    within_frame: bool
+    frames: bool
+    pixels: bool
+
+
+def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
+    """Look at the first marks of a recording: up to the second frame."""
+    times, kinds = [], []
+    lines, framed = 0, False
+    for part in records:
+        at = np.flatnonzero(part.marks)
+        times.append(part.time[at])
+        kinds.append(part.marks[at])
+        framed = framed or bool((kinds[-1] & FRAME).any())
+        lines += int(np.count_nonzero(kinds[-1] & LINE))
+        if framed or lines > rows:
+            break
+    time, kind = np.concatenate(times or [np.zeros(0)]), np.concatenate(kinds or [np.zeros(0, np.uint8)])
+    pixels = bool((kind & PIXEL).any())
+    of_lines = kind & (LINE | STOP | FRAME) != 0
+    time, kind = time[of_lines], kind[of_lines]
+    lengths = np.diff(time)[kind[:-1] & LINE != 0]
+    first = int(np.argmax(kind & FRAME != 0)) if framed else 0
+    before = int(np.count_nonzero(kind[:first] & LINE))
+    # One line may be missing: scanners' first and last marks get lost.
+    return Marks(lines, float(np.median(lengths)) if len(lengths) else 0.0, 0 < before < rows - 1, framed, pixels)
+
+
+def chosen_channel(records: Iterable[Records], options: dict) -> tuple[int, tuple[str, ...]]:
+    """The channel whose photons are taken, and a note if there are others.
+
+    Args:
+        options: `channel`; else the one with the most photons in the first chunk that has any.
+    """
+    seen, photons = np.zeros(0, np.int64), None
+    for part in records:
+        seen, photons = np.unique(part.channel[part.channel >= 0], return_counts=True)
+        if len(seen):
+            break
+    require(len(seen) > 0, "photons", 0, "some")
+    if "channel" in options:
+        return int(number("channel", options["channel"], "a channel's number")), ()
+    chosen = int(seen[np.argmax(photons)])
+    others = ", ".join(str(one) for one in seen)
+    return chosen, () if len(seen) == 1 else (f"photons of channel {chosen}, which has the most, of channels {others} "
+                                              "(--channel)",)

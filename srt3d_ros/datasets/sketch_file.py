@@ -1,0 +1,66 @@
+"""The sketch file: a Sketch and its sensor in one .npz (docs/photon-file.md)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.datasets.files import naming_file, read_npz_arrays, require_file
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.new_files import appearing_whole
+
+# Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
+FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0), "sensor": ("u", 1)}
+
+
+def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
+    """Write a sketch file; it appears whole, or not at all.
+
+    Raises:
+        InvalidInput: another suffix than .npz, a sensor of other pixels, or a path that cannot be written.
+    """
+    path, sketch = Path(path), sketch.on_host()
+    require(path.suffix.lower() == ".npz", "sketch file", path.name, "a name that ends in .npz")
+    _check(sketch, sensor)
+    text = np.frombuffer(sensor_message.to_json(sensor).encode(), np.uint8)
+    try:
+        with appearing_whole(path) as part:
+            np.savez(part, frequencies=np.array(sketch.frequencies), sums=sketch.sums, photons=sketch.photons,
+                     stamp_ns=np.int64(sketch.stamp_ns), sensor=text)
+    except OSError as error:
+        raise InvalidInput("sketch file", str(path), f"a file that can be written ({error.strerror})") from None
+
+
+def read(path: str | Path) -> tuple[Sketch, SensorModel]:
+    """The sketch of a sketch file, and the sensor of its photons.
+
+    Raises:
+        InvalidInput: naming the file and the array that cannot be used.
+    """
+    path = Path(path)
+    require_file(path, "sketch file")
+    arrays = read_npz_arrays(path, tuple(FORM))
+    with naming_file(path):
+        for name, (kinds, sides) in FORM.items():
+            require(name in arrays, name, "missing", f"the arrays {', '.join(FORM)} of a sketch file")
+            found = arrays[name]
+            require(found.dtype.kind in kinds and found.ndim == sides, name, f"{found.dtype} {found.shape}",
+                    "what Sketch.save writes")
+        try:
+            text = arrays["sensor"].astype(np.uint8).tobytes().decode()
+        except UnicodeDecodeError as error:
+            raise InvalidInput("sensor", f"broken text ({error})", "JSON in UTF-8") from None
+        sensor = sensor_message.from_json(text)
+        sums, photons = arrays["sums"].astype(np.complex64), arrays["photons"].astype(np.uint32)
+        require(bool(np.isfinite(sums).all()), "sums", "not finite in places", "sums of unit vectors")
+        frequencies = check_frequencies(arrays["frequencies"].tolist(), sensor.num_bins)
+        sketch = Sketch(frequencies, sums, photons, int(arrays["stamp_ns"]))
+        _check(sketch, sensor)
+    return sketch, sensor
+
+
+def _check(sketch: Sketch, sensor: SensorModel) -> None:
+    pixels = sensor.rows, sensor.cols
+    require(sketch.photons.shape == pixels, "sketch size", sketch.photons.shape, f"{pixels}, the sensor's pixels")

@@ -1,0 +1,247 @@
+"""Files of any size: a `Recording` gives photons or histograms chunk by chunk, a `PhotonStream` knows their sensor."""
+
+from collections.abc import Callable, Iterator
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros.core.gate import Gate
+from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, number, outside_note
+from srt3d_ros.errors import require
+
+MAX_KEPT = 2**24            # photons kept of the first pass: 100 MB. Files with fewer are read once and kept whole
+BAR_DELAY_S = 2.0           # a progress bar appears after this long
+
+
+class Events(NamedTuple):
+    """Some photons: pixel, -1 outside, and ToA in bins, integers [N]; the part of the file read so far, 0 … 1."""
+
+    pixel: np.ndarray
+    toa: np.ndarray
+    done: float
+
+
+class Rows(NamedTuple):
+    """Histograms of some rows: the index of the first; counts [r, cols, n], numbers; the part of the file read."""
+
+    first_row: int
+    counts: np.ndarray
+    done: float
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a reader finds in a file.
+
+    Args:
+        rows, cols, num_bins: size of the frame; num_bins: of a laser period, or of all that the file can hold.
+        bin_width_s: seconds.
+        chunks: begins to read the file anew, in bounded memory, as often as it is called; gives either Events or Rows.
+        name: the file's name without its suffix.
+        notes: one line each for what was assumed.
+        given: what the file says of its sensor: irf, fov_deg, … by their names in `photons.OPTIONS`.
+    """
+
+    rows: int
+    cols: int
+    num_bins: int
+    bin_width_s: float
+    chunks: Callable[[], Iterator[Events | Rows]]
+    name: str
+    notes: tuple[str, ...] = ()
+    given: dict = field(default_factory=dict)
+
+
+class PhotonStream:
+    """The photons of a recording and their sensor. Opening it reads the file once, in bounded memory.
+
+    Args:
+        recording: of a reader.
+        options: as from `photons.gather_options`; they win over what the file says.
+        guess_irf: take an IRF of one bin where none can be estimated, and say so, instead of refusing.
+
+    Attributes:
+        sensor: SensorModel.
+        notes: one line each for what was assumed, estimated or left out.
+        photons: number of photons inside pixels and gate; of fractional counts, their sum.
+        histogram, counts: float64 [T] and [rows, cols], photons of all pixels in each bin, and in each pixel.
+        sample: Photons of some pixels, all that its sensor does not mask, to choose frequencies by.
+        whole: all Photons if there are at most MAX_KEPT, else None.
+
+    Raises:
+        InvalidInput: naming the option or the part of the file that cannot be used.
+    """
+
+    def __init__(self, recording: Recording, options: dict, guess_irf: bool = False):
+        self._recording, self.name = recording, recording.name
+        options = recording.given | options
+        self._first, self._bins = options.get("gate", (0, self._num_bins(options)))
+        # Checked before anything is read.
+        plain = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, np.ones(1))
+        events, step, outside, self._countable = self._survey()
+        notes, irf = list(recording.notes), options.get("irf")
+        if irf is None:
+            irf, note = irfs.estimated(events, self._bins, guess_irf)
+            notes.append(note)
+        if "fov_deg" not in options:
+            notes.append("field of view taken to be 30° across the larger side: the file has none (--fov-deg)")
+        known = {name: value for name, value in options.items() if name not in ("num_bins", "irf", "irf_ref")}
+        sensor = apply_options(plain.replace(irf=irf, irf_ref=options.get("irf_ref")), known)
+        self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
+        last = self._first + self._bins - 1
+        self.notes = (*notes, *outside_note(outside, round(self.photons + outside), self._first, last))
+        sampled = np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) % step == 0
+        sample_sensor = self.sensor if step == 1 else self.sensor.replace(mask=sampled)
+        self.sample = Photons(sample_sensor, events, None, self.name, self.notes)
+        self.whole = self.sample if step == 1 and self._countable else None
+
+    def with_sensor(self, sensor: SensorModel) -> "PhotonStream":
+        """The same photons, of a sensor with as many pixels and bins."""
+        for name in ("rows", "cols", "num_bins"):
+            own = getattr(self.sensor, name)
+            require(getattr(sensor, name) == own, name, getattr(sensor, name), f"{own}, as in {self.name}")
+        changed = copy(self)
+        seen = self.sample.sensor.mask
+        changed.sensor = sensor
+        changed.sample = replace(self.sample, sensor=sensor if seen is None else sensor.replace(
+            mask=seen if sensor.mask is None else seen & sensor.mask))
+        changed.whole = None if self.whole is None else changed.sample
+        return changed
+
+    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
+        """The sketch of all photons; reads the file a second time, in bounded memory."""
+        sketcher = sums = photons = None
+        for chunk in self._chunks():
+            if isinstance(chunk, Rows):
+                strip = self._sketch_of_rows(chunk.counts, frequencies, gate)
+                if sums is None:
+                    sums, photons = (np.zeros((self.sensor.rows, *part.shape[1:]), part.dtype)
+                                     for part in (strip.sums, strip.photons))
+                rows = np.s_[chunk.first_row:chunk.first_row + len(strip.sums)]
+                sums[rows], photons[rows] = strip.sums, strip.photons
+            else:
+                sketcher = sketcher or Sketcher(self.sensor, frequencies, gate=gate)
+                sketcher.add(self._inside(chunk))
+        return Sketch(tuple(frequencies), sums, photons) if sketcher is None else sketcher.sketch()
+
+    def read_whole(self) -> Photons:
+        """All photons in memory; InvalidInput if they are more than MAX_PHOTONS, or fractional counts."""
+        if self.whole is not None:
+            return self.whole
+        require(self._countable, f"{self.name} counts", "negative or fractional in places",
+                "whole photons: only methods on sketches take others")
+        require(self.photons <= MAX_PHOTONS, f"{self.name} photons", round(self.photons), f"at most {MAX_PHOTONS} in "
+                "memory; `srt3d reconstruct` reads any number, by a method on sketches")
+        parts = [self._inside(chunk) for chunk in self._chunks()]
+        events = PhotonEvents(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "toa")))
+        return Photons(self.sensor, events, None, self.name, self.notes)
+
+    def _chunks(self) -> Iterator[Events | Rows]:
+        """The file from its beginning; a progress bar on a terminal if it takes long."""
+        with tqdm(desc=f"reading {self.name}", total=100, delay=BAR_DELAY_S, disable=None, leave=False,
+                  bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
+            for chunk in self._recording.chunks():
+                bar.update(100 * chunk.done - bar.n)
+                yield chunk
+
+    def _num_bins(self, options: dict) -> int:
+        """T: given or the recording's."""
+        bins = int(number("num_bins", options.get("num_bins", self._recording.num_bins), "a number of bins"))
+        require(2 <= bins <= MAX_BINS, "num_bins", bins, f"2 to {MAX_BINS} bins: give num_bins, gate or bin_width_s")
+        return bins
+
+    def _survey(self) -> tuple[PhotonEvents, int, int, bool]:
+        """Read the file once: count photons, keep a sample of whole pixels.
+
+        Returns:
+            The sample; the step from one of its pixels to the next; photons outside the gate; whether all counts are
+            whole photons.
+        """
+        self.photons, outside, countable, step, parts = 0, 0, True, 1, []
+        most_steps = self._recording.rows * self._recording.cols
+        self.histogram, by_pixel = np.zeros(self._bins), np.zeros(most_steps)
+        for chunk in self._chunks():
+            if isinstance(chunk, Rows):
+                counts = self._gated(chunk.counts)
+                inside = counts.sum(dtype=np.float64)
+                outside += round(chunk.counts.sum(dtype=np.float64) - inside)
+                whole = counts.dtype.kind in "ub" or bool((counts >= 0).all() and (counts == np.floor(counts)).all())
+                countable &= whole
+                first, pixels = chunk.first_row * counts.shape[1], counts.reshape(-1, counts.shape[2])
+                self.histogram[:counts.shape[2]] += pixels.sum(axis=0, dtype=np.float64)
+                by_pixel[first:first + len(pixels)] += pixels.sum(axis=1, dtype=np.float64)
+                sampled = pixels[-first % step::step]
+                while sampled.sum(dtype=np.float64) > MAX_KEPT and step < most_steps:
+                    step *= 2
+                    sampled = pixels[-first % step::step]
+                part = _events_of(sampled, first + -first % step, step)
+            else:
+                events = self._inside(chunk)
+                inside = events.photons
+                outside += int(np.count_nonzero(chunk.pixel >= 0)) - inside
+                part = _every(events, step)
+                self.histogram += np.bincount(events.toa, minlength=self._bins)
+                low = int(events.pixel.min(initial=most_steps))     # a chunk has the photons of few rows
+                here = np.bincount(events.pixel - np.uint32(low))
+                by_pixel[low:low + len(here)] += here
+            self.photons += inside
+            parts.append(part)
+            while sum(part.photons for part in parts) > MAX_KEPT and step < most_steps:
+                step *= 2
+                parts = [_every(part, step) for part in parts]
+        self.counts = by_pixel.reshape(self._recording.rows, self._recording.cols)
+        pixel = np.concatenate([part.pixel for part in parts] or [np.zeros(0, np.uint32)])
+        toa = np.concatenate([part.toa for part in parts] or [np.zeros(0, np.uint16)])
+        return PhotonEvents(pixel, toa), step, outside, countable
+
+    def _inside(self, chunk: Events | Rows) -> PhotonEvents:
+        """The photons of a chunk that are in a pixel and inside the gate."""
+        if isinstance(chunk, Rows):
+            counts = self._gated(chunk.counts)
+            return _events_of(counts.reshape(-1, counts.shape[2]), chunk.first_row * counts.shape[1], 1)
+        kept = (chunk.pixel >= 0) & (chunk.toa >= self._first) & (chunk.toa < self._first + self._bins)
+        return PhotonEvents(chunk.pixel[kept].astype(np.uint32), (chunk.toa[kept] - self._first).astype(np.uint16))
+
+    def _gated(self, counts: np.ndarray) -> np.ndarray:
+        return counts[..., self._first:self._first + self._bins]
+
+    def _sketch_of_rows(self, counts: np.ndarray, frequencies, gate: Gate | None) -> Sketch:
+        """The sketch of histograms of some rows: fewer bins than T are its first ones."""
+        counts = _in_a_known_type(self._gated(counts))
+        missing = self._bins - counts.shape[2]
+        counts = np.pad(counts, ((0, 0), (0, 0), (0, missing))) if missing else counts
+        strip = SensorModel(*counts.shape, self.sensor.bin_width_s, np.ones(1), toa_reference=self.sensor.toa_reference)
+        sketcher = Sketcher(strip, frequencies, gate=None if gate is None else Gate(strip, gate.first, gate.last))
+        sketcher.add(PhotonHistograms(np.ascontiguousarray(counts)))
+        return sketcher.sketch()
+
+
+def _every(events: PhotonEvents, step: int) -> PhotonEvents:
+    """The photons of every step-th pixel, a power of two."""
+    if step == 1:
+        return events
+    kept = events.pixel & np.uint32(step - 1) == 0
+    return PhotonEvents(events.pixel[kept], events.toa[kept])
+
+
+def _events_of(counts: np.ndarray, first: int, step: int) -> PhotonEvents:
+    """Counts [pixels, bins] of the pixels `first`, `first` + `step`, … as photons; negative ones are none."""
+    at = np.flatnonzero(counts)
+    photons = np.rint(np.maximum(counts.reshape(-1)[at], 0)).astype(np.int64)
+    pixel, toa = np.divmod(at, max(counts.shape[1], 1))
+    return PhotonEvents((first + step * pixel).astype(np.uint32).repeat(photons), toa.astype(np.uint16).repeat(photons))
+
+
+def _in_a_known_type(counts: np.ndarray) -> np.ndarray:
+    """Counts in a type that histograms may have."""
+    if counts.dtype in (np.uint8, np.uint16, np.int32, np.float32):
+        return counts.astype(counts.dtype.newbyteorder("="), copy=False)
+    return counts.astype(np.int32 if counts.dtype.kind in "bi" and counts.dtype.itemsize < 4 else np.float32)

@@ -1,0 +1,69 @@
+"""ams TMF882x (TMF8820, 8821, 8828 in its 3 × 3 modes): histograms as JSON, one object a capture.
+
+    [{"hists": [9][128], "reference_hist": [128], "distances": [{"tick": …, …}], …}, …]
+
+as the tools around https://github.com/uwgraphics/tmf882x write it. Verified on 80 captures of a TMF8820 before a plane
+moved by a robot arm (docs/devices.md): the width of a bin, the shots, the ranges of the centre zone but for a constant.
+Not verified, for want of a device: where the other zones look, delays between zones, other SPAD maps, ticks of 0.2 µs.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.devices import pile_up
+from srt3d_ros.devices.reading import Reading, counts, json_log
+from srt3d_ros.errors import require
+
+SENSOR = "ams TMF8820, TMF8821: 3 × 3 zones of 128 bins"
+READS = "JSON logs of histograms"
+ZONES, BINS = 9, 128
+AS_SEEN = (2, 1, 0, 5, 4, 3, 8, 7, 6)       # the zones row by row, as a camera in the sensor's place sees them
+BIN_WIDTH_S = 93.5e-12      # 14.02 mm, as measured on that plane from 30 mm on; the data sheet has 100 ps nominally
+FOV_DEG = 41.0, 52.0        # across and down, of the wide 3 × 3 SPAD map
+LEAD = 4                    # bins before the reference pulse's peak in which its light has not begun
+TICK_NS = 200
+
+
+def recognises(head: str) -> bool:
+    """Whether a log begins like one of these."""
+    return '"reference_hist"' in head
+
+
+def read(path: Path) -> Iterator[Reading]:
+    """The captures of a log; InvalidInput where one is broken."""
+    log = json_log(path)
+    require(isinstance(log, list) and log, path.name, type(log).__name__, "a list of captures")
+    for k, capture in enumerate(log):
+        yield reading(capture, f"{path.name} capture {k}")
+
+
+def reading(capture: dict, name: str) -> Reading:
+    """One capture: counts without pile-up, and its own reference pulse as IRF, so that a drift of time zero drops out.
+
+    The zones' converters keep the first photon of a shot. How many shots there were is not in the log, but in the
+    background (pile_up.shots): with the plane at 100 mm it is half as bright behind the pulse as before.
+    """
+    require(isinstance(capture, dict), name, type(capture).__name__, "an object with hists and reference_hist")
+    zones = counts(f"{name} hists", capture.get("hists"), (ZONES, BINS))[list(AS_SEEN)]
+    reference = counts(f"{name} reference_hist", capture.get("reference_hist"), (BINS,))
+    peak = int(reference.argmax())
+    require(bool((reference >= 0).all()) and LEAD < peak, f"{name} reference_hist", f"with its peak in bin {peak}",
+            f"counts of a pulse behind bin {LEAD}")
+    shots = pile_up.shots(zones, peak - LEAD)
+    sensor = SensorModel(
+        3, 3, BINS, BIN_WIDTH_S, pile_up.corrected(reference, shots), peak, toa_offset_bins=-peak,
+        projection=Pinhole(*(1.5 / np.tan(np.radians(fov) / 2) for fov in FOV_DEG), 1, 1), frame_id="tmf882x")
+    frame = PhotonHistograms(pile_up.corrected(zones, shots).reshape(3, 3, BINS), _stamp_ns(capture))
+    return Reading(sensor, frame, ("ranges count from the reference pulse",))
+
+
+def _stamp_ns(capture: dict) -> int:
+    try:
+        return int(capture["distances"][0]["tick"]) * TICK_NS
+    except (LookupError, TypeError, ValueError):
+        return 0

@@ -1,0 +1,61 @@
+"""The picture of `srt3d info`: when a file's photons came, in which pixels, and the IRF."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from srt3d_ros.core.gate import Gate
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.pictures.png import save_png
+
+DPI = 100
+_MOST_STEPS = 1200              # of the drawn histogram: its panel is about as many picture elements wide
+_PHOTONS, _GATE, _IRF = "#0072b2", "#f3d9a4", "#d55e00"
+_COUNTS_MAP = "viridis"
+_IRF_SHOWN = 2e-3                # of its peak, from which on the IRF is shown: its tails may span the period
+
+
+def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor: SensorModel, gate: Gate | None,
+                   title: str) -> None:
+    """Draw the histogram of all photons with the suggested gate, photons per pixel, and the IRF.
+
+    Args:
+        path: of a .png.
+        histogram, counts: [T] and [rows, cols].
+
+    Raises:
+        InvalidInput: the picture cannot be written there.
+    """
+    figure = Figure((13, 4.6), dpi=DPI, layout="constrained")
+    figure.suptitle(title, size=13, parse_math=False)
+    times, pixels, response = figure.subplots(1, 3, width_ratios=(2.4, 1.3, 1))
+    width = -(-len(histogram) // _MOST_STEPS)       # bins that are drawn as one
+    starts = np.arange(0, len(histogram), width)
+    heights = np.add.reduceat(histogram, starts) / np.diff(starts, append=len(histogram))
+    edges = np.append(starts, len(histogram)) - 0.5 + sensor.first_bin_center
+    times.stairs(heights, edges, fill=True, color=_PHOTONS)
+    if gate is not None:
+        times.axvspan(gate.first, gate.last, color=_GATE, zorder=0, label=f"gate {gate}")
+        times.legend(loc="upper right")
+    times.set(xlim=(edges[0], edges[-1]), xlabel="time of arrival, bins", ylabel="photons in a bin, all pixels")
+    if (heights > 0).any():
+        times.set(yscale="log", ylim=(max(heights[heights > 0].min() / 2, 1e-3), None))
+    ranges = times.secondary_xaxis("top", functions=(
+        sensor.range_m, lambda metres: (metres - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins))
+    ranges.set_xlabel("range, m")
+    image = pixels.imshow(counts, cmap=_COUNTS_MAP, interpolation="nearest", vmin=0,
+                          vmax=max(float(np.quantile(counts, 0.995)), 1))
+    pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")
+    figure.colorbar(image, ax=pixels, shrink=0.8, extend="max")
+    irf = np.atleast_2d(sensor.irf).mean(axis=0)
+    response.stairs(irf, np.arange(len(irf) + 1) - sensor.irf_ref - 0.5, fill=True, color=_IRF)
+    shown = np.flatnonzero(irf > _IRF_SHOWN * irf.max())
+    response.set_xlim(shown[0] - sensor.irf_ref - 1.5, shown[-1] - sensor.irf_ref + 1.5)
+    response.set(title="IRF" if sensor.irf.ndim == 1 else "IRF, mean of all pixels", xlabel="bins from the depth",
+                 ylabel="share of the photons")
+    try:
+        save_png(figure, path)
+    except OSError as error:
+        raise InvalidInput("picture", str(path), f"a file that can be written ({error.strerror or error})") from None

@@ -1,0 +1,89 @@
+"""`srt3d info` and `srt3d convert`: any photon file in figures, and as an npz photon file."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+
+SENSOR = SensorModel(12, 20, 600, 5e-11, np.exp(-np.linspace(-2, 2, 21)**2), toa_offset_bins=1_000)
+FWHM_BINS = 2 * np.sqrt(np.log(2)) / 0.2        # of exp(−x²) with steps of 0.2
+
+
+@pytest.fixture(scope="module")
+def wall(tmp_path_factory):
+    """A photon file of a wall at bin 80, SBR 4, 50 photons a pixel."""
+    path = tmp_path_factory.mktemp("info") / "wall.npz"
+    scene = StaticScene(SENSOR.range_m(np.full((12, 20), 80.0)))
+    npz.save(path, SENSOR, Simulator(scene, SENSOR, sbr=4, ppp=50).frame(0)[0])
+    return path
+
+
+@pytest.fixture
+def cube(wall, tmp_path):
+    """The same photons as an array of counts."""
+    photons = open_photons(wall)
+    counts = np.zeros((240, 600), np.uint16)
+    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
+    np.save(tmp_path / "wall.npy", counts.reshape(12, 20, 600))
+    return tmp_path / "wall.npy"
+
+
+def test_figures_are_those_of_the_photons(srt3d, wall):
+    code, printed, err = srt3d("info", wall, "--json")
+    facts, photons = json.loads(printed), open_photons(wall).frame.photons
+    assert (code, err, facts["rows"], facts["cols"], facts["num_bins"]) == (0, "", 12, 20, 600)
+    assert facts["photons"] == photons and facts["photons_per_pixel"] == pytest.approx(photons / 240)
+    assert facts["sbr"] == pytest.approx(4, rel=0.15)
+    assert facts["range_m"] == pytest.approx([7.4948, 11.9917], abs=1e-3)
+    assert facts["irf_width_bins"] == pytest.approx(FWHM_BINS, abs=0.2)
+    first, last = facts["gate"]
+    assert first < 70 and 90 < last < 200
+    assert facts["sketch_bytes"] == 240 * 4 * 21 and len(facts["frequencies"]) == 10
+
+
+def test_words_say_the_same_and_what_was_assumed(srt3d, cube):
+    code, words, err = srt3d("info", cube, "--bin-width-s", "5e-11")
+    assert code == 0 and words.count("\n") == 4 and "12 × 20 pixels, T = 600 bins of 50 ps" in words
+    assert "IRF estimated" in err and "field of view" in err
+    assert "SBR 4" in words or "SBR 3" in words
+
+
+def test_the_picture_is_drawn(srt3d, wall, tmp_path):
+    code, printed, _ = srt3d("info", wall, "-o", tmp_path / "info.png", "--json")
+    assert code == 0 and json.loads(printed)["output"] == str(tmp_path / "info.png")
+    with Image.open(tmp_path / "info.png") as picture:
+        assert picture.width > 1000 and len(picture.convert("RGB").getcolors(10**6)) > 20
+
+
+def test_an_empty_file_has_figures_too(srt3d, tmp_path):
+    np.save(tmp_path / "dark.npy", np.zeros((3, 4, 50), np.uint8))
+    code, printed, _ = srt3d("info", tmp_path / "dark.npy", "--bin-width-s", "1e-10", "--json", "-o",
+                             tmp_path / "a.png")
+    facts = json.loads(printed)
+    assert (code, facts["photons"], facts["empty_pixels"], facts["sbr"]) == (0, 0, 12, 0.0)
+
+
+def test_convert_keeps_photons_and_options(srt3d, wall, cube, tmp_path):
+    out = tmp_path / "out.npz"
+    code, printed, _ = srt3d("convert", cube, out, "--bin-width-s", "5e-11", "--fov-deg", "20", "--json")
+    assert code == 0 and json.loads(printed)["output"] == str(out)
+    before, after = open_photons(wall), open_photons(out)
+    assert np.array_equal(before.frame.pixel, after.frame.pixel)
+    assert after.sensor.bin_width_s == 5e-11 and after.notes == ()
+    assert after.sensor.projection.fx == pytest.approx(before.sensor.replace(
+        projection=type(before.sensor.projection).from_fov(12, 20, 20)).projection.fx)
+
+
+def test_convert_never_destroys_its_input(refusal, wall, tmp_path):
+    before = wall.read_bytes()
+    assert refusal("convert", wall, wall).startswith("output is ")
+    assert refusal("convert", tmp_path / "none.npz", tmp_path / "b.npz").startswith("photon file is ")
+    assert refusal("convert", wall, tmp_path / "b.ply").startswith("output is b.ply: expected a name that ends in .npz")
+    assert wall.read_bytes() == before and not (tmp_path / "b.npz").exists()
+    assert refusal("info", wall, "-o", "a.jpg").startswith("output is a.jpg")

@@ -1,0 +1,80 @@
+"""Small laboratory files of known photons, for the tests of their readers."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+T3, T2 = 0x00010307, 0x00010207         # record types of a MultiHarp
+_TAG_INT, _TAG_FLOAT, _TAG_BOOL, _TAG_EMPTY = 0x10000008, 0x20000008, 0x00000008, 0xFFFF0008
+
+
+def pulse_cube(rows: int = 6, cols: int = 8, bins: int = 120, photons: int = 30) -> np.ndarray:
+    """Counts uint16 [rows, cols, bins]: a tilted surface, and some background."""
+    rng = np.random.default_rng(3)
+    counts = rng.poisson(0.02, (rows, cols, bins)).astype(np.uint16)
+    row, col = np.mgrid[:rows, :cols]
+    for shift, share in zip(range(-2, 3), (0.1, 0.25, 0.3, 0.25, 0.1)):
+        counts[row, col, 40 + row * 2 + col + shift] += rng.poisson(photons * share, (rows, cols)).astype(np.uint16)
+    return counts
+
+
+def ptu(path: Path, records: list[int], record_type: int, tags: dict | None = None) -> Path:
+    """A .ptu file of these records."""
+    header = {"MeasDesc_GlobalResolution": 12e-9 if record_type == T3 else 1e-12, "MeasDesc_Resolution": 100e-12,
+              "Measurement_Mode": 3 if record_type == T3 else 2, "Measurement_SubMode": 3,
+              "TTResultFormat_TTTRRecType": record_type, "TTResultFormat_BitsPerRecord": 32,
+              "TTResult_NumberOfRecords": len(records)} | (tags or {})
+    content = b"PQTTTR\0\0001.0.00\0\0"
+    for name, value in header.items():
+        kind, form = (_TAG_BOOL, "<q") if isinstance(value, bool) else (_TAG_FLOAT, "<d") if isinstance(value, float) \
+            else (_TAG_INT, "<q")
+        content += struct.pack("<32siI", name.encode(), -1, kind) + struct.pack(form, value)
+    content += struct.pack("<32siIq", b"Header_End", -1, _TAG_EMPTY, 0)
+    path.write_bytes(content + np.array(records, "<u4").tobytes())
+    return path
+
+
+def phu(path: Path, curves: np.ndarray, bin_width_s: float) -> Path:
+    """A .phu file of these histograms, [curves, bins]."""
+    def tag(name: str, index: int, value: float | int) -> bytes:
+        kind, form = (_TAG_FLOAT, "<d") if isinstance(value, float) else (_TAG_INT, "<q")
+        return struct.pack("<32siI", name.encode(), index, kind) + struct.pack(form, value)
+
+    size = 16 + 48 * (3 * len(curves) + 2)
+    content = b"PQHISTO\0001.0.00\0\0" + tag("HistoResult_NumberOfCurves", -1, len(curves))
+    for k in range(len(curves)):
+        content += tag("HistResDscr_DataOffset", k, size + 4 * curves.shape[1] * k)
+        content += tag("HistResDscr_HistogramBins", k, curves.shape[1])
+        content += tag("HistResDscr_MDescResolution", k, float(bin_width_s))
+    content += struct.pack("<32siIq", b"Header_End", -1, _TAG_EMPTY, 0)
+    path.write_bytes(content + curves.astype("<u4").tobytes())
+    return path
+
+
+def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
+    """An .sdt file of these images uint16 [rows, cols, bins], one data block each."""
+    from sdtfile import sdtfile
+
+    header = np.zeros(1, np.dtype(sdtfile.FILE_HEADER).newbyteorder("<"))
+    measure = np.zeros(1, sdtfile.record_dtype(sdtfile.MEASURE_INFO, 4096).newbyteorder("<"))
+    rows, cols, bins = blocks[0].shape
+    measure["scan_x"], measure["scan_y"], measure["adc_re"] = cols, rows, bins
+    measure["tac_r"], measure["tac_g"] = tac_range_s, 1
+    info = b"*IDENTIFICATION\r\nID : SPC Setup & Data File\r\n*END\r\n"
+    block_type = np.dtype(sdtfile.BLOCK_HEADER).newbyteorder("<")
+    header["revision"], header["header_valid"], header["chksum"] = 0x28F, 0x5555, 0x55AA
+    header["info_offs"], header["info_length"] = header.nbytes, len(info)
+    header["meas_desc_block_offs"] = header.nbytes + len(info)
+    header["no_of_meas_desc_blocks"], header["meas_desc_block_length"] = 1, measure.nbytes
+    offset = header.nbytes + len(info) + measure.nbytes
+    header["data_block_offs"], header["no_of_data_blocks"] = offset, len(blocks)
+    content = b""
+    for k, counts in enumerate(blocks):
+        block = np.zeros(1, block_type)
+        block["data_offs"] = offset + block.nbytes
+        offset += block.nbytes + counts.nbytes
+        block["next_block_offs"], block["block_type"], block["block_length"] = offset, 0x11, counts.nbytes
+        content += block.tobytes() + counts.astype("<u2").tobytes()
+    path.write_bytes(header.tobytes() + info + measure.tobytes() + content)
+    return path

@@ -1,0 +1,186 @@
+"""Photons in memory: every type of array, what is assumed, and what is refused in one line."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import arrays
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+
+IRF = np.array([0.2, 0.5, 0.3])
+KNOWN = {"shape": (3, 4), "num_bins": 50, "bin_width_s": 1e-10, "irf": IRF, "fov_deg": 20}
+ROW, COL, TOA = [0, 2, 1, 2], [3, 0, 1, 3], [49, 0, 7, 20]
+PIXEL = [3, 8, 5, 11]
+
+
+def events(row=ROW, col=COL, toa=TOA, sensor=None, **changes):
+    return arrays.from_events(row, col, toa, sensor, 0, KNOWN | changes if sensor is None else changes)
+
+
+def counts(cube, sensor=None, **changes):
+    given = {name: KNOWN[name] for name in ("bin_width_s", "irf", "fov_deg")} if sensor is None else {}
+    return arrays.from_counts(cube, sensor, 0, given | changes)
+
+
+def cube(dtype=np.uint16):
+    values = np.zeros((3, 4, 50), dtype)
+    np.add.at(values, (ROW, COL, TOA), 1)
+    return values
+
+
+@pytest.mark.parametrize("dtype", [bool, np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64,
+                                   np.uint64, np.float16, np.float32, np.float64, ">u2", ">f8"])
+def test_every_type_of_number_gives_the_same_photons(dtype):
+    if dtype is bool:       # holds 0 and 1 only
+        found = events(np.array([0, 1], bool), np.array([1, 0], bool), np.array([1, 1], bool))
+        assert found.frame.pixel.tolist() == [1, 4] and found.frame.toa.tolist() == [1, 1]
+    else:
+        found = events(*(np.array(values, dtype) for values in (ROW, COL, TOA)))
+        assert found.frame.pixel.tolist() == PIXEL and found.frame.toa.tolist() == TOA
+    assert found.frame.pixel.dtype == np.uint32 and found.frame.toa.dtype == np.uint16
+    histograms = counts(cube(dtype))
+    assert np.array_equal(histograms.frame.counts, cube()) and histograms.frame.photons == 4
+
+
+def test_lists_tensors_and_strided_arrays():
+    torch = pytest.importorskip("torch")
+    for convert in (list, torch.tensor, lambda values: torch.tensor(values, dtype=torch.float32, requires_grad=True),
+                    lambda values: np.repeat(values, 2)[::2]):
+        found = events(*map(convert, (ROW, COL, TOA)), irf=torch.tensor(IRF))
+        assert found.frame.pixel.tolist() == PIXEL and found.frame.toa.tolist() == TOA
+        assert found.sensor.irf == pytest.approx(IRF)
+    assert np.array_equal(counts(torch.tensor(cube(np.int32))).frame.counts, cube())
+
+
+def test_times_between_bins_stay_and_one_below_t_stays_below_it():
+    found = events(toa=[0.25, 1.0, 2.5, np.nextafter(50, 0)]).frame.toa
+    assert found.dtype == np.float32 and found[:3].tolist() == [0.25, 1, 2.5] and 49.9 < found[3] < 50
+    # a whole float is the beginning of a bin there, an integer the whole bin
+    assert events(toa=[1.0, 2, 3, 4], toa_reference="bin_edge").frame.toa.dtype == np.float32
+    assert events(toa=[1, 2, 3, 4], toa_reference="bin_edge").frame.toa.dtype == np.uint16
+
+
+def test_the_options_describe_the_sensor():
+    found = events(gain=np.full((3, 4), 2), toa_offset_bins=7, irf_ref=0, frame_id="mast").sensor
+    assert (found.rows, found.cols, found.num_bins, found.bin_width_s) == (3, 4, 50, 1e-10)
+    assert (found.irf_ref, found.toa_offset_bins, found.frame_id) == (0, 7, "mast") and (found.gain == 2).all()
+    assert found.projection == Pinhole.from_fov(3, 4, 20)
+    scan = AngularScan(0, 0.1, 0, 0.1)
+    assert events(fov_deg=None, projection=scan).sensor.projection == scan
+
+
+def test_a_sensor_says_all_and_options_win_over_it():
+    sensor = events(irf_ref=0).sensor
+    assert events(sensor=sensor).sensor is sensor and events(sensor=sensor).notes == ()
+    assert events(sensor=sensor, toa_offset_bins=9).sensor.same_as(sensor.replace(toa_offset_bins=9))
+    assert events(sensor=sensor, irf=[1, 3, 1]).sensor.irf_ref == 1     # the old one's mark does not stay
+    assert counts(cube(), sensor=sensor).sensor is sensor
+
+
+@pytest.mark.parametrize(("values", "dtype"), [
+    ((0, 255), np.uint8), ((0, 256), np.uint16), ((-1, 9), np.int32), ((0, 70_000), np.int32)])
+def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
+    large = np.zeros((3, 4, 50), np.int64)
+    large[0, 0, :2] = values
+    assert counts(large).frame.counts.dtype == dtype
+    assert counts(large.astype(np.float64)).frame.counts.dtype == np.float32
+
+
+def test_counts_of_wider_bins():
+    bins = HistogramBins(10, first_bin=3, bin_width=4)
+    found = counts(np.ones((3, 4, 10)), num_bins=50, histograms=bins)
+    assert (found.sensor.num_bins, found.sensor.histograms, found.frame.photons) == (50, bins, 120)
+
+
+def test_photons_that_are_there_already_get_the_options():
+    read = events(toa=[1, 2, 3, 4])
+    assert arrays.completed(read, None, {}).sensor is read.sensor
+    assert arrays.completed(read, None, {"fov_deg": 5}).sensor.projection == Pinhole.from_fov(3, 4, 5)
+    frame = PhotonEvents(np.array([11], np.uint32), np.array([49], np.uint16), 5)
+    assert arrays.completed(frame, read.sensor, {}).frame is frame
+    with pytest.raises(InvalidInput, match="^toa is 49: expected bins in "):
+        arrays.completed(frame, read.sensor, {"num_bins": 40})
+
+
+# ---- What is assumed
+
+@pytest.fixture(scope="module")
+def wall():
+    sensor = SensorModel(30, 30, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
+    depth = 100 + 4 * np.arange(30.0) + np.zeros((30, 1))
+    return sensor, Simulator(StaticScene(sensor.range_m(depth)), sensor, ppp=30, sbr=5).frame(0)[0]
+
+
+def test_an_irf_that_is_not_given_is_that_of_the_photons(wall):
+    sensor, frame = wall
+    row, col = np.divmod(frame.pixel, 30)
+    given = {"shape": (30, 30), "num_bins": 400, "bin_width_s": 1e-10}
+    by_events = arrays.from_events(row, col, frame.toa, None, 0, given)
+    assert by_events.notes == (arrays.ESTIMATED_IRF, arrays.ASSUMED_FOV)
+    position = np.arange(len(by_events.sensor.irf)) - by_events.sensor.irf_ref
+    assert np.sqrt((by_events.sensor.irf * position**2).sum()) == pytest.approx(3, abs=1)
+    cube = np.zeros((30, 30, 400), np.float64)
+    np.add.at(cube, (row, col, frame.toa), 1)
+    by_counts = arrays.from_counts(cube, None, 0, {"bin_width_s": 1e-10})
+    assert np.array_equal(by_counts.sensor.irf, by_events.sensor.irf) and by_counts.notes == by_events.notes
+
+
+@pytest.mark.parametrize(("values", "options", "expected"), [
+    (np.full((3, 4, 50), 0.5), {}, "it can be estimated from whole photons only"),
+    (np.full((3, 4, 50), -1), {}, "it can be estimated from whole photons only"),
+    (np.ones((3, 4, 10)), {"num_bins": 50, "histograms": HistogramBins(10, 3, 4)}, "as wide as these bins make it")])
+def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
+    with pytest.raises(InvalidInput, match=f"^irf is missing: expected the impulse response.*{expected}"):
+        counts(values, irf=None, **options)
+
+
+# ---- What is refused
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"row": None}, "row is missing: expected row, col and toa, one entry a photon; or counts"),
+    ({"toa": TOA[:3]}, r"row, col and toa shapes is \(4,\), \(4,\), \(3,\): expected the same \[N\], one a photon"),
+    ({"row": 2, "col": 1, "toa": 1}, r"row, col and toa shapes is \(\), "),
+    ({"row": [0, 1, 2, 3]}, "row is 3: expected 0 to below 3"), ({"col": [0, 1, 2, -1]}, "col is -1: expected 0 to"),
+    ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"row": [0, 1, 2, np.nan]}, "row is nan: "),
+    ({"col": [0, 1, 2, 2**32]}, "col is 4294967296: "), ({"row": list("0120")}, "row dtype is <U1: expected numbers"),
+    ({"col": [[0], [1, 2]]}, r"col is list \(setting an array element"), ({"toa": [1j] * 4}, "toa dtype is complex128"),
+    ({"toa": [0, 1, 2, 50]}, "toa is 50: expected 0 to below 50"), ({"toa": [0, 1, 2, -0.5]}, "toa is -0.5: "),
+    ({"toa": [0, 1, 2, np.inf]}, "toa is inf: "), ({"toa": [0, 1, 2, np.nan]}, "toa is nan: "),
+    ({"shape": None}, r"shape is missing: expected \(rows, cols\), or sensor"), ({"shape": 12}, "shape is 12: "),
+    ({"shape": (3, 0)}, "cols is 0"), ({"num_bins": None}, "num_bins is missing: expected T, bins of a laser period"),
+    ({"bin_width_s": None}, "bin_width_s is missing: expected seconds in a bin .where bins alone matter 2 / 299792458"),
+    ({"irf": None, "irf_ref": 2}, "irf_ref is 2: expected irf beside it"), ({"irf": "absent.npy"}, "irf is absent.npy"),
+    ({"irf": "cloud.png"}, "irf is cloud.png: expected a file .npy"), ({"irf_ref": 3}, "irf_ref is 3: expected an"),
+    ({"fov_deg": 200}, "fov_deg is 200"), ({"fov_deg": "wide"}, 'fov_deg is "wide"'),
+    ({"projection": AngularScan(0, 1, 0, 1)}, "fov_deg is 20: expected fov_deg or projection, not both"),
+    ({"irff": [1]}, "option is irff: expected one of shape, fov_deg, num_bins, "),
+    ({"gain": np.ones((4, 3))}, r"gain shape is \(4, 3\): expected \[rows, cols\] = \(3, 4\)"),
+    ({"sensor": SensorModel(3, 4, 50, 1e-10, IRF), "shape": (4, 3)}, r"shape is \(4, 3\): expected \(3, 4\), as the s"),
+])
+def test_a_mistake_is_one_line_that_names_it(changes, said):
+    with pytest.raises(InvalidInput, match=f"^{said}") as refused:
+        events(**changes)
+    assert str(refused.value).isprintable() and isinstance(refused.value, ValueError)
+
+
+@pytest.mark.parametrize(("values", "changes", "said"), [
+    (np.ones((3, 4)), {}, r"counts is float64 \(3, 4\): expected numbers \[rows, cols, bins\]"),
+    (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
+    (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
+    (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
+    (np.ones((3, 4, 50)), {"shape": (4, 3)}, r"counts shape is \(3, 4, 50\)"),
+    (np.ones((3, 4, 10)), {"histograms": HistogramBins(10)}, "num_bins is missing: ")])
+def test_counts_that_cannot_be_are_refused(values, changes, said):
+    with pytest.raises(InvalidInput, match=f"^{said}"):
+        counts(values, **changes)
+
+
+def test_counts_keep_an_array_that_fits_without_a_copy():
+    values = cube()
+    frame = counts(values).frame
+    assert isinstance(frame, PhotonHistograms) and frame.counts is values

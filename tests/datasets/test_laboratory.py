@@ -1,0 +1,196 @@
+"""Laboratory files give the photons that were written into them; each is skipped where its library is missing."""
+
+import io
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.datasets import open_photons, open_stream, ptu
+from srt3d_ros.errors import InvalidInput
+from tests.datasets import laboratory_files as files
+
+CUBE = files.pulse_cube()
+IRF = [0.1, 0.25, 0.3, 0.25, 0.1]
+LINE, STOP, FRAME = (1 << 31 | bit << 25 for bit in (1, 2, 4))
+OVERFLOW, SYNC = 1 << 31 | 0x3F << 25, 1 << 31
+SCAN = {"ImgHdr_PixX": 2, "ImgHdr_PixY": 2, "ImgHdr_LineStart": 1, "ImgHdr_LineStop": 2, "ImgHdr_Frame": 3,
+        "ImgHdr_TimePerPixel": 0.12e-3}         # ms: ten laser periods
+
+
+def counts_of(photons) -> np.ndarray:
+    sensor, counts = photons.sensor, np.zeros((photons.sensor.pixels, photons.sensor.num_bins), int)
+    np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
+    return counts.reshape(sensor.rows, sensor.cols, -1)
+
+
+def t3(tick: int, toa: int, channel: int = 0) -> int:
+    return channel << 25 | toa << 10 | tick
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """A .ptu file of three frames written by ptufile, in bins of 100 ps."""
+    ptufile = pytest.importorskip("ptufile")
+
+    def write(**options):
+        counts = np.stack([CUBE, CUBE[::-1], CUBE[:, ::-1]])
+        ptufile.imwrite(tmp_path / "scan.ptu", counts, 120 * 1e-10, 1e-10, has_frames=True, **options)
+        return tmp_path / "scan.ptu", counts.sum(axis=0)
+    return write
+
+
+@pytest.mark.parametrize("record_type", [0x00010303, 0x00010307])
+@pytest.mark.parametrize("at_once", [2**20, 101])
+def test_a_frame_written_as_ptu_gives_the_identical_sketch(frames, monkeypatch, record_type, at_once):
+    monkeypatch.setattr(ptu, "RECORDS", at_once)
+    path, counts = frames(record_type=record_type)
+    photons = open_photons(path, irf=IRF)
+    assert (photons.sensor.num_bins, photons.sensor.bin_width_s) == (120, pytest.approx(1e-10))
+    assert np.array_equal(counts_of(photons), counts)
+    np.save(path.with_suffix(".npy"), counts.astype(np.uint16))
+    cube = open_photons(path.with_suffix(".npy"), irf=IRF, bin_width_s=1e-10)
+    ours, theirs = (sketch_photons(one.frame, one.sensor, (1, 3, 7)) for one in (photons, cube))
+    assert np.array_equal(ours.sums, theirs.sums) and np.array_equal(ours.photons, theirs.photons)
+
+
+def test_ptu_agrees_with_ptufile_on_a_sinusoidal_and_bidirectional_scan(frames):
+    ptufile = pytest.importorskip("ptufile")
+    path, _ = frames()
+    raw = path.read_bytes()
+    for name, value in (("ImgHdr_BiDirect", 1), ("ImgHdr_SinCorrection", 80)):
+        at = raw.index(name.encode()) + 40
+        kind = b"\x08\x00\x00\x00" if name == "ImgHdr_BiDirect" else b"\x08\x00\x00\x10"
+        raw = raw[:at - 4] + kind + value.to_bytes(8, "little") + raw[at + 8:]
+    path.write_bytes(raw)
+    file = ptufile.PtuFile(io.BytesIO(raw))
+    expected = file.decode_image(frame=-1, channel=0, dtime=0, dtype=np.uint32, keepdims=False)
+    assert np.array_equal(counts_of(open_photons(path, irf=IRF)), expected)
+
+
+def test_channels_and_incomplete_frames(tmp_path):
+    pytest.importorskip("ptufile")
+    body = [FRAME | 30, LINE | 40, t3(45, 7, 1), t3(51, 8, 1), t3(52, 9), STOP | 60,
+            LINE | 70, t3(79, 10, 1), STOP | 90]
+    path = files.ptu(tmp_path / "a.ptu", body, files.T3, SCAN)
+    photons = open_photons(path, irf=[1])
+    assert photons.frame.pixel.tolist() == [0, 1, 2] and photons.frame.toa.tolist() == [7, 8, 10]
+    assert "channel 1, which has the most, of channels 0, 1" in photons.notes[0]
+    assert open_photons(path, irf=[1], channel=0).frame.toa.tolist() == [9]
+    early = files.ptu(tmp_path / "b.ptu", [LINE, t3(3, 5), STOP | 20, *body], files.T3, SCAN | {"ImgHdr_PixY": 4})
+    photons = open_photons(early, irf=[1], channel=1)
+    assert photons.frame.toa.tolist() == [7, 8, 10] and "before the first frame" in photons.notes[0]
+
+
+def test_t2_counts_from_the_sync_channel(tmp_path):
+    pytest.importorskip("ptufile")
+    pulses = [k * 10_000 for k in range(8)]                     # a laser of 100 MHz, ticks of 1 ps
+    photons = [(500, 1), (12_345, 1), (71_999, 1)]
+    marks = [(100, LINE), (40_000, STOP), (50_000, LINE)]
+    events = sorted([(time, SYNC | time) for time in pulses] + [(time, mark | time) for time, mark in marks]
+                    + [(time, channel << 25 | time) for time, channel in photons])
+    tags = SCAN | {"ImgHdr_TimePerPixel": 0.012e-3}             # 12 ns
+    path = files.ptu(tmp_path / "t2.ptu", [record for _, record in events], files.T2, tags)
+    found = open_photons(path, irf=[1], bin_width_s=1e-10)
+    assert found.sensor.num_bins == 100 and "10 ns" in found.notes[0]
+    assert found.frame.pixel.tolist() == [0, 1, 3] and found.frame.toa.tolist() == [5, 23, 19]
+    none = files.ptu(tmp_path / "none.ptu", [1 << 25 | 5], files.T2, tags)
+    with pytest.raises(InvalidInput, match="sync channel"):
+        open_photons(none, irf=[1])
+
+
+def test_a_file_without_a_scan_is_one_pixel_and_a_cut_one_is_said_to_be(tmp_path):
+    pytest.importorskip("ptufile")
+    path = files.ptu(tmp_path / "point.ptu", [t3(1, 5), t3(2, 6)], files.T3, {"TTResult_NumberOfRecords": 5})
+    photons = open_photons(path, irf=[1])
+    assert photons.sensor.pixels == 1 and photons.frame.toa.tolist() == [5, 6]
+    assert "one pixel" in photons.notes[0] and photons.notes[1] == "cut off: 2 of 5 records are there"
+
+
+def test_phu_curves_are_pixels(tmp_path):
+    pytest.importorskip("ptufile")
+    path = files.phu(tmp_path / "a.phu", np.pad(CUBE.reshape(48, 120), ((0, 0), (0, 80))), 1e-10)
+    photons = open_photons(path, irf=IRF, rows=6, cols=8)
+    assert np.array_equal(counts_of(photons), CUBE[..., :photons.sensor.num_bins])
+    assert photons.sensor.num_bins == np.flatnonzero(CUBE.sum(axis=(0, 1)))[-1] + 1
+    assert open_photons(path, irf=IRF).sensor.cols == 48
+
+
+def test_sdt_images(tmp_path):
+    pytest.importorskip("sdtfile")
+    path = files.sdt(tmp_path / "a.sdt", [CUBE, CUBE * 2], 120e-10)
+    photons = open_photons(path, irf=IRF)
+    assert np.array_equal(counts_of(photons), CUBE * 2) and "data set 1" in photons.notes[0]
+    assert photons.sensor.bin_width_s == pytest.approx(1e-10)
+    assert np.array_equal(counts_of(open_photons(path, irf=IRF, channel=0)), CUBE)
+    with pytest.raises(InvalidInput, match="channel is 2: expected 0 to 1"):
+        open_photons(path, irf=IRF, channel=2)
+
+
+def test_photon_hdf5_detectors_are_pixels(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    pixel, toa = np.nonzero(CUBE.reshape(48, 120))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for spot in range(2):
+            here = pixel // 24 == spot
+            group = file.create_group(f"photon_data{spot}")
+            group["nanotimes"], group["detectors"] = toa[here].astype(np.uint16), pixel[here].astype(np.uint8) % 24 + 5
+            group["nanotimes_specs/tcspc_num_bins"], group["nanotimes_specs/tcspc_unit"] = 120, 1e-10
+    photons = open_photons(tmp_path / "a.h5", irf=IRF, rows=6, cols=8)
+    assert np.array_equal(counts_of(photons), CUBE > 0) and photons.sensor.bin_width_s == 1e-10
+    assert "48 detectors" in photons.notes[0]
+
+
+def test_hdf5_and_matlab_cubes(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["run/counts"], file["mean"], file["irf"] = CUBE, CUBE.mean(axis=2), np.array(IRF)
+        file.attrs["bin_width_s"] = 1e-10
+    photons = open_photons(tmp_path / "a.h5")
+    assert np.array_equal(counts_of(photons), CUBE) and photons.sensor.bin_width_s == 1e-10
+    assert np.allclose(photons.sensor.irf, IRF)
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file["hist"] = CUBE.T
+    with (tmp_path / "b.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    assert np.array_equal(counts_of(open_photons(tmp_path / "b.mat", irf=IRF, bin_width_s=1e-10)), CUBE)
+
+
+def test_linospad2_words(tmp_path):
+    words = np.zeros((3, 65, 20), np.uint32)
+    words[0, 2, :2] = 1 << 31 | 3 << 28 | 1405, 1 << 31 | 1 << 28 | 2_000
+    words[2, 63, 0] = 1 << 31 | 2 << 28 | 999
+    words.tofile(tmp_path / "a.dat")
+    photons = open_photons(tmp_path / "a.dat", irf=[1], num_bins=1400)
+    assert photons.frame.pixel.tolist() == [11, 9, 254] and photons.frame.toa.tolist() == [5, 600, 999]
+    assert photons.sensor.bin_width_s == pytest.approx(17.857e-12, rel=1e-3)
+    with pytest.raises(InvalidInput, match="num_bins is missing"):
+        open_photons(tmp_path / "a.dat", irf=[1])
+
+
+@pytest.mark.parametrize("name", ["counts", "anything"])
+def test_npz_cubes_may_describe_their_sensor(tmp_path, name):
+    described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
+    np.savez_compressed(tmp_path / "a.npz", **{name: CUBE}, mean=CUBE.mean(axis=2), **described)
+    photons = open_photons(tmp_path / "a.npz")
+    assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
+    assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
+
+
+@pytest.mark.parametrize("array", [CUBE.reshape(48, 120), np.asfortranarray(CUBE), CUBE.astype(">u2"),
+                                   CUBE.astype(np.int64)])
+def test_npy_cubes_of_any_type_and_order(tmp_path, array):
+    np.save(tmp_path / "a.npy", array)
+    photons = open_photons(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10, rows=6, cols=8)
+    assert np.array_equal(counts_of(photons), CUBE)
+
+
+@pytest.mark.parametrize(("array", "options", "said"), [
+    (CUBE, {}, "a.npy bin_width_s is missing"), (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
+    (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows, cols is 5, 8"),
+    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy counts is not finite")])
+def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(InvalidInput) as refused:
+        open_stream(tmp_path / "a.npy", **options)
+    assert str(refused.value).startswith(said)

@@ -1,0 +1,126 @@
+"""PhotonStream: files that are read chunk by chunk give what they give as a whole."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.gate import Gate
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch_design import design_for
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.datasets import PhotonStream, open_photons, open_stream, stream
+from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = SensorModel(16, 24, 200, 5e-11, np.exp(-np.linspace(-2, 3, 11)**2))
+FREQUENCIES = (1, 2, 5, 9)
+GIVEN = {"bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20}
+
+
+@pytest.fixture(scope="module")
+def events():
+    return Simulator(StaticScene(SENSOR.range_m(np.full((16, 24), 80.0))), SENSOR, sbr=5, ppp=40).frame(0)[0]
+
+
+@pytest.fixture(scope="module")
+def cube(events):
+    counts = np.zeros((SENSOR.pixels, 200), np.uint16)
+    np.add.at(counts, (events.pixel, events.toa), 1)
+    return counts.reshape(16, 24, 200)
+
+
+@pytest.fixture
+def few_kept(monkeypatch):
+    """Files of more than 2000 photons are streams, read in several chunks."""
+    monkeypatch.setattr(stream, "MAX_KEPT", 2000)
+    monkeypatch.setattr("srt3d_ros.datasets.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
+
+
+@pytest.fixture
+def npy(cube, tmp_path):
+    np.save(tmp_path / "cube.npy", cube)
+    return tmp_path / "cube.npy"
+
+
+def same(sketch, expected) -> None:
+    np.testing.assert_array_equal(sketch.photons, expected.photons)
+    np.testing.assert_allclose(sketch.sums, expected.sums, atol=2e-3)
+
+
+def test_few_photons_are_kept_whole(npy, events):
+    photons = open_stream(npy, **GIVEN)
+    assert isinstance(photons, Photons) and photons.notes == ()
+    assert np.array_equal(photons.frame.pixel, events.pixel)
+    assert np.array_equal(np.sort(photons.frame.toa), np.sort(events.toa))
+
+
+def test_the_sketch_of_many_is_that_of_all_photons(npy, events, few_kept):
+    found = open_stream(npy, **GIVEN)
+    assert isinstance(found, PhotonStream) and found.whole is None and found.photons == events.photons
+    same(found.sketch(FREQUENCIES), sketch_photons(events, SENSOR, FREQUENCIES))
+    gate = Gate(found.sensor, 60, 120)
+    same(found.sketch(FREQUENCIES, gate), sketch_photons(events, SENSOR, FREQUENCIES, Gate(SENSOR, 60, 120)))
+
+
+def test_the_sample_has_all_photons_of_some_pixels(npy, events, few_kept):
+    found = open_stream(npy, **GIVEN)
+    sample, mask = found.sample.frame, found.sample.sensor.mask
+    counts = np.bincount(events.pixel, minlength=SENSOR.pixels)
+    assert 0 < sample.photons <= 2000
+    assert np.array_equal(np.bincount(sample.pixel, minlength=SENSOR.pixels), counts * mask.ravel())
+    light, whole = (design_for(frame, sensor).light for frame, sensor in
+                    ((sample, found.sample.sensor), (events, SENSOR)))
+    assert light.photons_per_pixel == pytest.approx(whole.photons_per_pixel, rel=0.1)
+    assert light.sbr == pytest.approx(whole.sbr, rel=0.3)
+    assert np.array_equal(found.counts.ravel(), counts)
+    assert np.array_equal(found.histogram, np.bincount(events.toa, minlength=200))
+
+
+def test_all_photons_can_be_had_up_to_a_number(npy, events, few_kept, monkeypatch):
+    assert open_photons(npy, **GIVEN).frame.photons == events.photons
+    monkeypatch.setattr(stream, "MAX_PHOTONS", 3000)
+    with pytest.raises(InvalidInput, match="cube photons is .*at most 3000 in memory"):
+        open_photons(npy, **GIVEN)
+
+
+def test_a_gate_drops_and_says_so(npy, events):
+    photons = open_stream(npy, gate=(60, 100), **GIVEN)
+    inside = (events.toa >= 60) & (events.toa < 160)
+    assert photons.frame.photons == np.count_nonzero(inside) and photons.sensor.toa_offset_bins == 60
+    assert photons.notes == (f"{np.count_nonzero(~inside)} of {events.photons} photons lie outside the gate "
+                             "(bins 60 to 159): dropped",)
+
+
+def test_what_is_not_said_is_assumed_and_noted(npy):
+    photons = open_stream(npy, bin_width_s=5e-11)
+    assert [note.split()[0] for note in photons.notes] == ["IRF", "field"]
+    assert np.abs(np.argmax(photons.sensor.irf) - photons.sensor.irf_ref) == 0
+
+
+def test_an_irf_that_cannot_be_seen_is_refused_or_guessed(tmp_path):
+    np.save(tmp_path / "even.npy", np.ones((4, 5, 300), np.uint8))
+    with pytest.raises(InvalidInput, match="give irf"):
+        open_stream(tmp_path / "even.npy", bin_width_s=1e-10)
+    guessed = open_stream(tmp_path / "even.npy", bin_width_s=1e-10, guess_irf=True)
+    assert guessed.sensor.irf.tolist() == [1] and "one bin" in guessed.notes[0]
+
+
+def test_negative_and_fractional_counts_are_sketched(cube, tmp_path):
+    counts = cube.astype(np.float64) - 0.25
+    np.save(tmp_path / "less.npy", counts)
+    found = open_stream(tmp_path / "less.npy", **GIVEN)
+    assert isinstance(found, PhotonStream)
+    expected = counts.reshape(-1, 200) @ np.exp(2j * np.pi * np.outer(np.arange(200), FREQUENCIES) / 200)
+    np.testing.assert_allclose(found.sketch(FREQUENCIES).sums.reshape(expected.shape), expected, atol=0.02)
+    with pytest.raises(InvalidInput, match="counts"):
+        open_photons(tmp_path / "less.npy", **GIVEN)
+
+
+def test_events_outside_are_left_out():
+    recording = stream.Recording(2, 2, 10, 1e-10, lambda: iter([stream.Events(
+        np.array([0, -1, 3, 2]), np.array([0, 1, 12, 9]), 1.0)]), "a")
+    found = PhotonStream(recording, {"irf": np.ones(1)})
+    assert found.whole.frame.pixel.tolist() == [0, 2] and found.whole.frame.toa.tolist() == [0, 9]
+    assert isinstance(found.whole.frame, PhotonEvents) and "1 of 3 photons" in found.notes[-1]

@@ -1,0 +1,95 @@
+"""TMF8829: messages and logs become histograms in their places, and these ranges; what is broken is refused."""
+
+import numpy as np
+import pytest
+
+from benchmarks import devices as benchmark
+from srt3d_ros.core.sketch_design import design_for
+from srt3d_ros.devices import tmf8829
+from srt3d_ros.errors import InvalidInput
+from tests.devices import made
+
+SLANTED = np.linspace(1.0, 2.0, 16)
+
+
+def ranges_mm(reading) -> np.ndarray:
+    return benchmark.found_mm(reading, design_for(reading.frame, reading.sensor).frequencies)
+
+
+@pytest.mark.parametrize("mode", made.SIZES)
+def test_every_zone_of_a_message_comes_to_its_place(mode):
+    rows, cols, bins = made.SIZES[mode]
+    zones = np.zeros((rows, cols, bins), int)
+    zones[..., 20] = 70_000 + np.arange(rows * cols).reshape(rows, cols)       # more than 16 bits
+    sensor, frame, _ = tmf8829.decode(made.message(zones, mode), stamp_ns=5)
+    assert (sensor.rows, sensor.cols, frame.stamp_ns) == (rows, cols, 5)
+    assert (frame.counts == zones[..., :frame.counts.shape[-1]]).all()
+    assert frame.counts.shape[-1] == sensor.num_bins == {256: 218, 64: 54}[bins]
+    assert sensor.bin_width_s == pytest.approx({256: 0.2e-9, 64: 0.8e-9}[bins])
+
+
+def test_ranges_of_a_message():
+    truth = np.linspace(0.6, 3.5, 16)[:, None] + np.linspace(0, 0.3, 16)
+    found = ranges_mm(tmf8829.decode(made.message(made.zones_16(truth)), 0))
+    assert np.nanmax(np.abs(found - truth * 1e3)) < 15 and not np.isnan(found).any()
+
+
+def test_rays_are_the_drivers():
+    sensor = tmf8829.decode(made.message(made.zones_16(1.0)), 0).sensor
+    x, y, z = sensor.rays[0, 0] * 1018.0            # a zone of the vendor's log: distance 1018 mm
+    assert (x, y, z) == pytest.approx((-501.4, -376.0, 802.2), abs=0.1)
+
+
+def test_a_message_without_histograms_is_none():
+    assert tmf8829.decode(made.message(made.zones_16(1.0), parts=()), 0) is None
+
+
+@pytest.mark.parametrize("broken", [
+    pytest.param(lambda whole: b"", id="empty"),
+    pytest.param(lambda whole: whole[:50], id="header cut off"),
+    pytest.param(lambda whole: b"\0" + whole[1:], id="another magic number"),
+    pytest.param(lambda whole: whole[:84 + 3], id="frame's header cut off"),
+    pytest.param(lambda whole: whole[:-20_000], id="frame cut off"),
+    pytest.param(lambda _: made.message(made.zones_16(1.0), parts=(0,)), id="half of the zones"),
+    pytest.param(lambda whole: whole.replace(b"\x22\x01", b"\x2f\x01"), id="unknown mode"),
+    pytest.param(lambda whole: whole.replace(b"\x22\x01", b"\x22\x07"), id="unknown part"),
+])
+def test_broken_messages_are_refused(broken):
+    with pytest.raises(InvalidInput, match="message"):
+        tmf8829.decode(broken(made.message(made.zones_16(1.0), results=False)), 0)
+
+
+def test_a_log(tmp_path):
+    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
+    readings = list(tmf8829.read(path))
+    assert [np.nanmedian(ranges_mm(one)) for one in readings] == pytest.approx([1500, 2500], abs=5)
+    assert [one.frame.stamp_ns for one in readings] == [53_283_768_000, 53_316_768_000]
+
+
+def test_a_log_with_the_loggers_fault_is_read_as_row_0(tmp_path):
+    """Histogram [y][…] is that of zone y of row 0: seen in the vendor's log, whose results say so."""
+    truth = np.linspace(1.0, 3.0, 16)
+    faulty = made.zones_16(truth[:, None])
+    sensor, frame, notes = reading = next(tmf8829.read(made.tmf8829_log(tmp_path / "log.json", [faulty])))
+    assert (sensor.rows, sensor.cols) == (1, 16) and any("row 0" in note for note in notes)
+    assert ranges_mm(reading)[0] == pytest.approx(truth * 1e3, abs=15)
+    assert sensor.rays[0, 0, 1] < -0.3              # the top row still looks up
+
+
+@pytest.mark.parametrize("content", ["", "[", "[]", '{"Result_Set": []}', '{"Result_Set": [{}]}',
+                                     '{"Result_Set": [{"mp_histo": [[{"bin": [1]}]], "ref_histo": [{"bin": [1]}]}]}',
+                                     '{"Result_Set": [{"mp_histo": 3, "ref_histo": []}]}'])
+def test_broken_logs_are_refused(tmp_path, content):
+    path = tmp_path / "log.json"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match="log.json"):
+        list(tmf8829.read(path))
+
+
+def test_the_vendors_log_agrees_with_its_own_results(shared_data):
+    path = shared_data / "histograms" / "tmf8829_log.json.gz"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    figures = benchmark.tmf8829_errors(path)
+    assert (figures["zones"], figures["missing"]) == (375, 0)
+    assert figures["median_abs_mm"] <= 20

@@ -1,0 +1,47 @@
+"""TMF882x: logs of histograms become ranges; with the reference pulse as IRF, without pile-up."""
+
+import json
+
+import pytest
+
+from benchmarks import devices as benchmark
+from srt3d_ros.devices import tmf882x
+from srt3d_ros.errors import InvalidInput
+from tests.devices import made
+
+
+def test_ranges_count_from_the_reference_pulse(tmp_path):
+    readings = list(tmf882x.read(made.tmf882x_log(tmp_path / "log.json", [5.0, 12.3, 40.0])))
+    depths = [benchmark.centre_mm(one, benchmark.passed(one.sensor)) / one.sensor.bin_width_m / 1e3 for one in readings]
+    assert depths == pytest.approx([5.0, 12.3, 40.0], abs=0.02)
+    assert [one.frame.stamp_ns for one in readings] == [0, 10**9, 2 * 10**9]
+
+
+def test_zones_lie_as_seen(tmp_path):
+    path = made.tmf882x_log(tmp_path / "log.json", [10.0])
+    log = json.loads(path.read_text())
+    log[0]["hists"] = [[0] * 40 + [zone] + [0] * 87 for zone in range(9)]
+    path.write_text(json.dumps(log))
+    counts = next(tmf882x.read(path)).frame.counts[..., 40]
+    assert counts.tolist() == [[2, 1, 0], [5, 4, 3], [8, 7, 6]]
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", "[3]", '[{"hists": [[1]], "reference_hist": [1]}]', "[",
+                                     json.dumps([{"hists": [[0] * 128] * 9, "reference_hist": [1] + [0] * 127}]),
+                                     json.dumps([{"hists": [[0] * 128] * 9, "reference_hist": ["x"] * 128}])])
+def test_broken_logs_are_refused(tmp_path, content):
+    path = tmp_path / "log.json"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match="log.json"):
+        list(tmf882x.read(path))
+
+
+def test_a_plane_moved_by_a_robot(shared_data):
+    """The figures of docs/devices.md, and their goals: either half of the captures fits the line, the other tests."""
+    path = shared_data / "histograms" / "tmf8820_plane_distances.json"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    for half in benchmark.tmf882x_errors(path):
+        median, p95, worst = half["errors_mm"]
+        assert median <= 1.0 and p95 <= 2.0 and worst <= 6.0
+        assert half["valid_errors_mm"][1] < half["vendor_valid_mm"][1]

@@ -1,0 +1,263 @@
+"""`import srt3d_ros`: three lines from arrays, counts, files or sketches to a cloud that is drawn and saved."""
+
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import srt3d_ros
+from srt3d_ros import api
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.pooled import Pooled
+from srt3d_ros.core.sensor import GateWords
+from srt3d_ros.core.sketch_design import design_for
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from tools import api_page
+
+SENSOR = srt3d_ros.Sensor(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
+DEPTH = 80 + np.arange(20.0) + np.zeros((12, 1))
+FRAME = Simulator(StaticScene(SENSOR.range_m(DEPTH)), SENSOR, sbr=10, ppp=60).frame(0)[0]
+ROW, COL = np.divmod(FRAME.pixel, 20)
+COUNTS = np.zeros((12, 20, 300), np.int64)
+np.add.at(COUNTS, (ROW, COL, FRAME.toa), 1)
+FREQUENCIES = design_for(FRAME, SENSOR).frequencies
+ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20,
+          "projection": None}
+
+
+def same(one: PointCloud, other: PointCloud, fields=("row", "col", "depth_bins", "intensity", "xyz", "background")):
+    for name in fields:
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-4, atol=1e-5, err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return srt3d_ros.reconstruct(ROW, COL, FRAME.toa, sensor=SENSOR)
+
+
+def test_it_is_the_reconstruction_of_the_library(cloud):
+    expected = Pooled(SENSOR, FREQUENCIES)(sketch_photons(FRAME, SENSOR, FREQUENCIES))
+    same(cloud, expected)
+    assert isinstance(cloud, srt3d_ros.Cloud) and len(cloud) == 240 and cloud.sensor is SENSOR and cloud.notes == ()
+    assert cloud.facts["frequencies"] == list(FREQUENCIES) and cloud.facts["photons"] == FRAME.photons
+    assert abs(np.median(cloud.depth_bins - DEPTH[cloud.row, cloud.col])) < 0.2
+
+
+def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
+    npz.save(tmp_path / "photons.npz", SENSOR, FRAME)
+    for photons in (srt3d_ros.open(tmp_path / "photons.npz"), str(tmp_path / "photons.npz"),
+                    srt3d_ros.photons(ROW, COL, FRAME.toa, sensor=SENSOR),
+                    srt3d_ros.sketch(ROW, COL, FRAME.toa, sensor=SENSOR)):
+        same(srt3d_ros.reconstruct(photons), cloud)
+    for photons in (FRAME, sketch_photons(FRAME, SENSOR, FREQUENCIES)):
+        same(srt3d_ros.reconstruct(photons, sensor=SENSOR), cloud)
+    same(srt3d_ros.reconstruct(counts=COUNTS, sensor=SENSOR), cloud)
+    same(srt3d_ros.reconstruct(row=ROW.tolist(), col=COL, toa=FRAME.toa.astype(float), sensor=SENSOR), cloud)
+    words = SENSOR.replace(gates=GateWords())
+    same(srt3d_ros.reconstruct(PhotonGates.from_events(FRAME, words), sensor=words), cloud)
+
+
+def test_a_file_is_read_with_the_options(tmp_path):
+    npz.save(tmp_path / "photons.npz", SENSOR.replace(num_bins=299), PhotonEvents(FRAME.pixel, FRAME.toa % 299))
+    gain = np.full((12, 20), 2)
+    read = srt3d_ros.photons(tmp_path / "photons.npz", num_bins=300, irf=[1, 2], gain=gain)
+    assert (read.sensor.num_bins, read.sensor.irf_ref) == (300, 1) and (read.sensor.gain == gain).all()
+
+
+def test_the_sensor_may_be_said_by_options():
+    cloud = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, **ARRAYS)
+    expected = SENSOR.replace(toa_offset_bins=0, projection=srt3d_ros.photons(ROW, COL, FRAME.toa, **ARRAYS)
+                              .sensor.projection)
+    assert cloud.sensor.same_as(expected) and len(cloud) == 240
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_takes_events_and_counts(name):
+    by_events = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, sensor=SENSOR, method=name, device="cpu")
+    by_counts = srt3d_ros.reconstruct(counts=COUNTS, sensor=SENSOR, method=name)
+    same(by_counts, by_events)
+    assert by_events.facts["method"] == name and len(by_events) > 230
+    assert (by_events.facts["sketch_ms"] is None) == (METHODS[name].needs == "photons")
+
+
+def test_options_reach_sketch_and_method(cloud):
+    given = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, sensor=SENSOR, frequencies=np.array([1, 5, 2]), upsampling=2,
+                                  surfaces=2, background="flat", false_alarm_rate=0.01)
+    assert given.facts["frequencies"] == [1, 5, 2] and given.facts["sketch_size"] == 3 and given.facts["surfaces"] == 2
+    assert (given.sensor.rows, given.sensor.cols) == (24, 40) and len(given) > 3 * len(cloud)
+    assert srt3d_ros.sketch(FRAME, sensor=SENSOR, frequencies="consecutive", sketch_size=4).frequencies == (1, 2, 3, 4)
+    smle = [srt3d_ros.reconstruct(FRAME, sensor=SENSOR, method="smle", weighting=name) for name in ("identity",
+                                                                                                    "precision")]
+    assert not np.array_equal(smle[0].depth_bins, smle[1].depth_bins)
+
+
+@pytest.mark.parametrize("method", ["pooled", "xcorr"])
+@pytest.mark.parametrize("photons", [{"row": ROW, "col": COL, "toa": FRAME.toa}, {"counts": COUNTS}])
+def test_a_gate_drops_what_lies_outside_and_says_so(cloud, method, photons):
+    gated = srt3d_ros.reconstruct(**photons, sensor=SENSOR, gate=(60, 130), method=method)
+    assert gated.facts["num_bins"] == 71 and gated.sensor.toa_offset_bins == 1060
+    inside = np.count_nonzero((FRAME.toa >= 60) & (FRAME.toa <= 130))
+    assert gated.facts["photons"] == inside
+    assert gated.notes == (f"{FRAME.photons - inside} of {FRAME.photons} photons lie outside the gate "
+                           "(bins 60 to 130): dropped",)
+    assert np.median(gated.xyz[:, 2]) == pytest.approx(np.median(cloud.xyz[:, 2]), abs=SENSOR.bin_width_m)
+
+
+def test_what_is_assumed_is_noted_and_shown():
+    cloud = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, **ARRAYS | {"irf": None, "fov_deg": None})
+    assert [note.split()[0] for note in cloud.notes] == ["IRF", "geometry"]
+    shown = repr(cloud).splitlines()
+    assert shown[0].startswith("Cloud of 240 points at 0.") and shown[1:] == list(cloud.notes)
+    assert "14," in shown[0] and "12 × 20 pixels" in shown[0]
+
+
+# ---- Sketches
+
+def test_a_sketch_is_saved_and_read_whole(tmp_path):
+    sketch = srt3d_ros.sketch(FRAME, sensor=SENSOR, gate="60:130")
+    sketch.save(tmp_path / "sketch.npz")
+    read = srt3d_ros.Sketch.load(tmp_path / "sketch.npz")
+    assert read.sensor.same_as(sketch.sensor) and read.sensor.num_bins == 71
+    same(srt3d_ros.reconstruct(read), srt3d_ros.reconstruct(sketch))
+    assert repr(read) == f"Sketch of {read.photons.sum():,} photons, 10 numbers in each of 12 × 20 pixels"
+
+
+def test_sketches_of_parts_add_to_that_of_all():
+    half = FRAME.photons // 2
+    parts = [srt3d_ros.sketch(ROW[part], COL[part], FRAME.toa[part], sensor=SENSOR, frequencies=FREQUENCIES)
+             for part in (slice(half), slice(half, None))]
+    whole = srt3d_ros.sketch(FRAME, sensor=SENSOR, frequencies=FREQUENCIES)
+    total = parts[0] + parts[1]
+    assert isinstance(total, srt3d_ros.Sketch) and np.array_equal(total.photons, whole.photons)
+    np.testing.assert_allclose(total.sums, whole.sums, atol=1e-3)
+    with pytest.raises(srt3d_ros.InvalidInput, match="^sensor is another"):
+        parts[0] + srt3d_ros.sketch(FRAME, sensor=SENSOR.replace(toa_offset_bins=0), frequencies=FREQUENCIES)
+
+
+def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
+    part = srt3d_ros.reconstruct(srt3d_ros.sketch(FRAME, sensor=SENSOR)[3:9, 5:])
+    assert (part.sensor.rows, part.sensor.cols) == (6, 15) and len(part) == 90
+    chosen = (cloud.row >= 3) & (cloud.row < 9) & (cloud.col >= 5)
+    np.testing.assert_allclose(part.xyz, cloud.xyz[chosen], atol=2 * SENSOR.bin_width_m)
+    assert len(srt3d_ros.reconstruct(srt3d_ros.sketch(FRAME, sensor=SENSOR)[2:4])) == 40
+
+
+# ---- What a cloud can do
+
+def test_a_cloud_is_saved_in_every_format(cloud, tmp_path):
+    for suffix in ("npz", "ply", "pcd", "rrd"):
+        cloud.save(tmp_path / f"cloud.{suffix}")
+        assert (tmp_path / f"cloud.{suffix}").stat().st_size > 2000
+    with np.load(tmp_path / "cloud.npz") as file:
+        assert np.array_equal(file["xyz"], cloud.xyz) and file["frequencies"].tolist() == list(FREQUENCIES)
+        assert not {"facts", "notes", "sensor"} & set(file)
+    with pytest.raises(srt3d_ros.InvalidInput, match="^output is .*cloud.las: expected a file name that ends in"):
+        cloud.save(tmp_path / "cloud.las")
+
+
+def test_a_cloud_is_drawn(cloud, tmp_path):
+    from matplotlib.figure import Figure
+
+    image = cloud.plot(tmp_path / "cloud.png")
+    assert image.size == (1200, 900) and (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
+    assert len(image.getcolors(maxcolors=image.width * image.height)) > 100
+    left, right = (cloud.plot(yaw_deg=yaw_deg, size_px=(300, 200)) for yaw_deg in (-20, 20))
+    assert left.size == (300, 200) and not np.array_equal(np.asarray(left), np.asarray(right))
+    axes = Figure().subplots()
+    cloud.plot(ax=axes, size_px=(300, 200))
+    assert np.array_equal(axes.images[0].get_array(), np.asarray(left))
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^size_px is \(0, 9\)"):
+        cloud.plot(size_px=(0, 9))
+    for path in ("cloud.txt", "absent/cloud.png"):
+        with pytest.raises(srt3d_ros.InvalidInput, match="^picture is "):
+            cloud.plot(tmp_path / path, size_px=(300, 200))
+
+
+def test_a_cloud_without_points_is_drawn_and_shown(tmp_path):
+    empty = srt3d_ros.reconstruct([], [], [], sensor=SENSOR)
+    assert len(empty) == 0 and repr(empty).startswith("Cloud of 0 points")
+    empty.plot(tmp_path / "empty.png")
+    empty.save(tmp_path / "empty.ply")
+
+
+def test_parts_of_a_cloud_are_clouds(cloud):
+    near = cloud.within(max_m=float(np.median(np.linalg.norm(cloud.xyz, axis=1)))).ordered("nearest")
+    assert isinstance(near, srt3d_ros.Cloud) and 0 < len(near) < len(cloud) and near.sensor is SENSOR
+
+
+def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
+    monkeypatch.setitem(sys.modules, "srt3d_ros.pictures", None)
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"expected pip install 'srt3d_ros\[review\]' to have been run"):
+        cloud.plot()
+
+
+# ---- What is refused
+
+@pytest.mark.parametrize(("arguments", "options", "said"), [
+    ((), {}, "row is missing: expected row, col and toa"), ((ROW, COL), {}, "toa is missing"),
+    ((ROW, COL, FRAME.toa), {"counts": COUNTS}, "counts is given beside photons"),
+    ((ROW, COL, FRAME.toa), {"irff": [1]}, "option is irff"), (("absent.npz",), {}, "photon file is absent.npz"),
+    ((FRAME, COL), {}, "col and toa is given"),
+    ((FRAME,), {"method": "magic"}, "method is magic"), ((FRAME,), {"surfaces": 9}, "surfaces is 9"),
+    ((FRAME,), {"gate": "some"}, "gate is some"), ((FRAME,), {"gate": (5,)}, "gate is 5: expected off, auto"),
+    ((FRAME,), {"gate": (290, 300)}, "gate is 290:300: expected first and last within the sensor's bins"),
+    ((FRAME,), {"frequencies": []}, "frequencies is empty"), ((FRAME,), {"frequencies": [150]}, "frequencies is 150"),
+    ((FRAME,), {"frequencies": [1.5]}, "frequencies is 1.5: "), ((FRAME,), {"sketch_size": 0}, "sketch_size is 0"),
+    ((FRAME,), {"method": "xcorr", "sketch_size": 5}, "sketch_size is 5: expected nothing: xcorr makes no sketch"),
+    ((FRAME,), {"method": "smle", "upsampling": 2}, "upsampling is 2: expected nothing: smle takes"),
+    ((FRAME,), {"device": "tpu"}, "device is tpu"),
+    ((FRAME,), {"shape": 12}, "shape is 12"),
+    (("SKETCH",), {"gate": "auto"}, "gate is auto: expected nothing beside a sketch"),
+    (("SKETCH",), {"fov_deg": 20}, "fov_deg is 20: expected nothing beside a sketch"),
+    (("SKETCH",), {"method": "rt3d"}, "method is rt3d: expected one that takes sketches: pooled, srt3d, smle"),
+])
+def test_a_mistake_is_one_line(arguments, options, said):
+    arguments = [srt3d_ros.sketch(FRAME, sensor=SENSOR) if isinstance(one, str) and one == "SKETCH" else one
+                 for one in arguments]
+    with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
+        srt3d_ros.reconstruct(*arguments, sensor=SENSOR, **options)
+
+
+def test_what_has_no_sensor_asks_for_one():
+    with pytest.raises(srt3d_ros.InvalidInput, match="^sensor is missing: expected that of the sketch"):
+        srt3d_ros.reconstruct(sketch_photons(FRAME, SENSOR, FREQUENCIES))
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^shape is missing: expected \(rows, cols\), or sensor"):
+        srt3d_ros.reconstruct(FRAME)
+
+
+# ---- The package
+
+def test_the_package_shows_its_names_and_imports_what_they_need_only(repository):
+    assert sorted(srt3d_ros.__all__) == sorted(api.__all__) and set(api.__all__) <= set(dir(srt3d_ros))
+    assert srt3d_ros.reconstruct is api.reconstruct
+    with pytest.raises(AttributeError, match="no attribute 'magic'"):
+        srt3d_ros.magic
+    heavy = ["torch", "numba", "scipy", "matplotlib", "PIL", "rerun", "rclpy", "rosbags", "std_msgs"]
+    code = (f"import sys, srt3d_ros\nheavy = {heavy}\nassert 'numpy' not in sys.modules\nsrt3d_ros.reconstruct\n"
+            "print(*(name for name in heavy if name in sys.modules))")
+    done = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True)
+    assert (done.stdout.split(), done.stderr) == ([], "")
+
+
+def test_the_types_of_the_package_are_marked(repository):
+    assert (repository / "srt3d_ros" / "py.typed").exists()
+
+
+PUBLIC = [*(getattr(api, name) for name in api.__all__), *(getattr(getattr(api, name), method)
+                                                           for name, methods in api_page.CLASSES.items()
+                                                           for method in methods)]
+
+
+@pytest.mark.parametrize("one", PUBLIC, ids=lambda one: one.__qualname__)
+def test_every_argument_of_the_library_has_a_type(one):
+    signature = inspect.signature(one)
+    bare = [name for name, argument in signature.parameters.items()
+            if argument.annotation is argument.empty and name not in ("self", "cls")]
+    assert bare == [] and (inspect.isclass(one) or signature.return_annotation is not signature.empty)
