@@ -60,7 +60,7 @@ def test_a_device_that_goes_away_and_comes_back_is_followed(graph, port):
         finally:
             publisher.close()
         graph.reports("device", "disconnections", time)
-        assert "is gone" in graph.report("device")["message"]
+        assert "which is gone" in graph.report("device")["message"]
     assert process.text.count("is connected") == process.text.count("is gone: waiting for it") == 2
     sensor, = map(sensor_message.decode, sensors)
     expected = tmf8829.decode(made.message(ZONES), 0)
