@@ -24,7 +24,7 @@ demo: venv
 	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') --out '$(OUT)'
 
 test: venv
-	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile $(ARGS)
+	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: venv
 	@'$(VENV)/bin/ruff' check .
