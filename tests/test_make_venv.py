@@ -92,7 +92,9 @@ def test_an_environment_of_another_distribution_is_made_anew(make_venv):
 
 @pytest.mark.parametrize("given, folder, ros", [
     ([], ".venv", "jazzy"), (["ROS=kilted"], ".venv-kilted", "kilted"), (["ROS=kilted", "VENV=a b"], "a b", "kilted")])
-def test_make_gives_each_distribution_a_folder_of_its_own(repository, given, folder, ros):
+def test_make_gives_each_distribution_a_folder_of_its_own(repository, monkeypatch, given, folder, ros):
+    for name in ("MAKEFLAGS", "MAKEOVERRIDES"):         # of a make that runs this test
+        monkeypatch.delenv(name, raising=False)
     said = subprocess.run(["make", "--dry-run", "demo", *given], cwd=repository, capture_output=True, text=True).stdout
     assert f"make_venv.py '{folder}' '{ros}'\n'{folder}/bin/srt3d' demo" in said
 
