@@ -1,6 +1,8 @@
-# Two commands to know: `make demo` and `make test`. Both make and fill .venv by themselves, once.
+# Two commands to know: `make demo` and `make test`. Both make and fill $(VENV) by themselves, once.
 PYTHON ?= python3
-VENV = .venv
+# Of ROS 2: jazzy or kilted, each in an environment of its own.
+ROS = jazzy
+VENV = .venv$(if $(filter-out jazzy,$(ROS)),-$(ROS))
 OUT = demo-out
 PHOTONS =
 ARGS =
@@ -13,16 +15,16 @@ help:
 	@echo 'make lint                                ruff'
 	@echo 'make venv                                only make or refresh the virtual environment'
 	@echo 'make clean                               remove it and everything that was built'
-	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), VENV=$(VENV)'
+	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS) (or kilted), VENV=$(VENV)'
 
 venv:
-	@'$(PYTHON)' scripts/make_venv.py '$(VENV)'
+	@'$(PYTHON)' scripts/make_venv.py '$(VENV)' '$(ROS)'
 
 demo: venv
 	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') --out '$(OUT)'
 
 test: venv
-	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile $(ARGS)
+	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: venv
 	@'$(VENV)/bin/ruff' check .

@@ -1,8 +1,9 @@
 """How srt3d_ros is installed: by pip, by colcon (build type ament_python) and by `make venv`.
 
-ROS itself is the extra `ros`: on a machine with ROS 2 from apt, rclpy and the messages come from there (package.xml,
-rosdep), and pip must not put a second copy beside them. There: `colcon build`, or `pip install .` in a virtual
-environment made with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels.
+ROS itself is an extra: on a machine with ROS 2 from apt, rclpy and the messages come from there (package.xml, rosdep),
+and pip must not put a second copy beside them. There: `colcon build`, or `pip install .` in a virtual environment made
+with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels, and `.[ros-kilted]`
+ROS 2 Kilted; an environment holds one of the two.
 
 torch is needed on an NVIDIA GPU only (the extra `gpu`): its CUDA builds are gigabytes.
 """
@@ -30,6 +31,8 @@ LAB = {"ptu": ["ptufile>=2026.2,<2028"], "sdt": ["sdtfile>=2026.2,<2028"], "spc"
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
+    "ros-kilted": ["ros-kilted-rclpy[fastrtps]>=9.1,<10", "ros-kilted-common-interfaces>=5.5,<6",
+                   "ros-kilted-rmw-fastrtps-cpp>=9.3,<10"],
     "record": [RERUN],
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
@@ -68,6 +71,7 @@ setup(
         under("launch"),
         under("config"),
         under("config/sensors"),
+        under("config/kilted"),
         under("examples"),
         # Where `ros2 run` looks. They are not console scripts, which pip would put on PATH under names like `player`.
         (f"lib/{NAME}", sorted(glob("scripts/nodes/*"))),

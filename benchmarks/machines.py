@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from srt3d_ros.nodes.distribution import PROFILE_VARIABLE, PROFILES
 from srt3d_ros.nodes.pipeline_probe import Arrival
 from srt3d_ros.processes import Process, Processes, node_command, wait
 
@@ -24,8 +25,7 @@ PREFIX = "srt3d_"
 SHARED_MEMORY = Path("/dev/shm")
 TIMEOUT_S = 10
 RANDOM = 2**32 - 0x1000 + 56                # where a packet filter reads a random 32-bit number (SKF_AD_RANDOM)
-PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / "config" / "fastdds_network.xml")
+NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / PROFILES / "fastdds_network.xml")
 WAIT_S = 180.0          # generous: nodes compile, and the machine may be busy
 
 

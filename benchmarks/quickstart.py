@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from benchmarks.pipeline import cpu_s, percentiles
 from robustness.testbed import Testbed
 from srt3d_ros import shared_files
+from srt3d_ros.nodes.distribution import PROFILE_VARIABLE, PROFILES
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--config", "spad_32x32_gates"]
 START_S, SETTLE_S = 60.0, 3.0
@@ -34,9 +35,9 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 def measure(record: bool, seconds: float) -> dict:
     """The figures with or without a recording."""
     with TemporaryDirectory() as folder, Testbed({}, Path(folder) / "quickstart") as testbed:
-        probe, profile = testbed.probe, str(shared_files.find("config/fastdds_64mb.xml"))
+        probe, profile = testbed.probe, str(shared_files.find(f"{PROFILES}/fastdds_64mb.xml"))
         testbed.run("driver", [sys.executable, str(shared_files.find("examples/spad_driver.py"))],
-                    environment={"FASTRTPS_DEFAULT_PROFILES_FILE": profile})
+                    environment={PROFILE_VARIABLE: profile})
         started_ns = time.time_ns()
         up = testbed.run("up", [*UP, *(["--record", str(testbed.folder / "run.rrd")] if record else [])])
         testbed.wait(lambda: probe.arrivals, "a cloud", START_S)

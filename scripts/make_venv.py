@@ -1,6 +1,8 @@
 """Make or refresh the virtual environment that `make demo` and `make test` use. Standard library only.
 
-Usage: python3 scripts/make_venv.py [FOLDER]     FOLDER is .venv unless given; nothing is done while it is current.
+Usage: python3 scripts/make_venv.py [FOLDER [ROS]]     .venv with jazzy unless given, or kilted
+
+Nothing is done while the environment is current.
 """
 
 import hashlib
@@ -13,7 +15,8 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXTRAS = "ros,record,review,test"
+ROS_EXTRAS = {"jazzy": "ros", "kilted": "ros-kilted"}
+EXTRAS = "record,review,test"
 # The version that the project is tested with, by exact number: the newest may exist as gigabytes of CUDA only.
 TORCH = "torch==2.13.0"
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
@@ -32,17 +35,21 @@ def main():
         print("srt3d_ros needs Python 3.11 or newer and this is %d.%d: try make PYTHON=python3.12 ..."
               % sys.version_info[:2], file=sys.stderr)
         return 1
-    venv = Path(os.path.abspath(sys.argv[1] if len(sys.argv) > 1 else ROOT / ".venv"))
-    stamp, wanted = venv / "srt3d-stamp", fingerprint(venv)
+    folder, ros = [*sys.argv[1:], *(ROOT / ".venv", "jazzy")[len(sys.argv) - 1:]]
+    if ros not in ROS_EXTRAS:
+        print(f"ROS={ros}: expected {' or '.join(ROS_EXTRAS)}", file=sys.stderr)
+        return 1
+    venv = Path(os.path.abspath(folder))
+    stamp, wanted = venv / "srt3d-stamp", fingerprint(venv, ros)
     if stamp.is_file() and stamp.read_text() == wanted:
         return 0
     python = venv / "bin" / "python"
     started = time.monotonic()
     try:
-        if not usable(venv, python):
+        if not usable(venv, ros, python):
             step(f"making {venv.name} for Python {sys.version_info[0]}.{sys.version_info[1]}",
                  [sys.executable, "-m", "venv", "--clear", venv])
-        install(python)
+        install(python, ros)
     except StepFailed as failure:
         print(failure, file=sys.stderr)
         return 1
@@ -51,25 +58,30 @@ def main():
     return 0
 
 
-def fingerprint(venv):
+def fingerprint(venv, ros):
     """A hash of all that an environment is made from: it is current while this stays the same."""
     files = [ROOT / "setup.py", ROOT / "pyproject.toml", ROOT / "package.xml", Path(__file__)]
     for folder in ("scripts/nodes", "msg_schemas", "launch", "config"):
         files += sorted(path for path in (ROOT / folder).glob("*") if path.is_file())
-    made_from = [str(venv).encode(), str(ROOT).encode(), sys.version.encode(), *(path.read_bytes() for path in files)]
+    made_from = [str(venv).encode(), str(ROOT).encode(), ros.encode(), sys.version.encode(),
+                 *(path.read_bytes() for path in files)]
     return hashlib.sha256(b"\0".join(made_from)).hexdigest()
 
 
-def usable(venv, python):
-    """True if the folder already is an environment of this version of Python, made at this very path."""
-    if not python.exists():
+def usable(venv, ros, python):
+    """True if the folder already is an environment of this version of Python, made at this very path.
+
+    Not if it has another ROS 2 distribution: their wheels have the same names, and pip would mix them.
+    """
+    distributions = {path.name.split("_")[1] for path in venv.glob("lib/python*/site-packages/ros_*_rclpy-*")}
+    if not python.exists() or not distributions <= {ros}:
         return False
     answer = subprocess.run([python, "-c", "import sys, pip; print(sys.prefix, *sys.version_info[:2], sep='\\n')"],
                             capture_output=True, text=True)
     return answer.stdout.splitlines() == [str(venv), *map(str, sys.version_info[:2])]
 
 
-def install(python):
+def install(python, ros):
     """Fill the environment: torch first, because which build of it is right depends on the machine."""
     build_in(python.parent.parent / "srt3d-build")
     pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--progress-bar", "off"]
@@ -78,8 +90,8 @@ def install(python):
     else:
         install_cpu_torch(pip)
     step("installing pip and setuptools", [*pip, PIP, SETUPTOOLS])
-    step("installing ROS 2 Jazzy, numba, rerun and the rest (about 500 MB, one or two minutes)",
-         [*pip, "--no-build-isolation", "--editable", f".[{EXTRAS}]"])
+    step(f"installing ROS 2 {ros.title()}, numba, rerun and the rest (about 500 MB, one or two minutes)",
+         [*pip, "--no-build-isolation", "--editable", f".[{ROS_EXTRAS[ros]},{EXTRAS}]"])
     # An editable install leaves data files out, yet `ros2 run` and ament_index look for them.
     step("placing the nodes' executables",
          [python, "setup.py", "--quiet", "install_data", "--install-dir", python.parent.parent])

@@ -20,12 +20,23 @@ if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 MAX_WORKERS = 4
+# They begin first: begun last, one would keep a single worker busy at the end. Those that wait alternate with those
+# that compute.
+LONG = ("tests/robustness/test_faults.py", "tests/kernels/test_birth_death.py", "tests/test_demo.py",
+        "tests/kernels/test_reconstruction.py", "tests/robustness/test_soak.py", "tests/cli/test_compile.py",
+        "tests/docs/test_quickstart.py", "tests/nodes/test_pipeline.py", "tests/cli/test_supervisor.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
     """One more than processors: tests of nodes spend a fifth of their time waiting for them."""
     return min(len(os.sched_getaffinity(0)) + 1, MAX_WORKERS)
+
+
+def pytest_collection_modifyitems(items):
+    """Long files first, all others as they are; pytest-xdist takes them in this order (--no-loadscope-reorder)."""
+    first = [REPOSITORY / path for path in LONG]
+    items.sort(key=lambda item: first.index(item.path) if item.path in first else len(first))
 
 
 @pytest.fixture(scope="session")

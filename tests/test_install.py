@@ -85,7 +85,7 @@ def test_the_command_is_on_path(prefix, environment, tmp_path):
     assert run([prefix / "bin" / "srt3d", "--version"], tmp_path, **environment) == f"srt3d {srt3d_ros.__version__}\n"
 
 
-@pytest.mark.parametrize("folder", ["msg_schemas", "launch", "config", "config/sensors", "examples"])
+@pytest.mark.parametrize("folder", ["msg_schemas", "launch", "config", "config/sensors", "config/kilted", "examples"])
 def test_shared_files_are_installed(prefix, repository, folder):
     def names(place: Path) -> set[str]:
         return {path.name for path in place.glob("*") if path.is_file()}

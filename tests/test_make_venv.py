@@ -1,10 +1,16 @@
 """scripts/make_venv.py: what it says, what it falls back to, and when it does nothing."""
 
+import importlib.metadata
 import importlib.util
+import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from packaging.requirements import Requirement
+
+from srt3d_ros.recording.versions import versions
 
 
 @pytest.fixture
@@ -57,22 +63,53 @@ def test_a_build_leaves_the_source_tree_as_it_was(make_venv, monkeypatch, tmp_pa
 
 
 def test_nothing_is_done_while_the_environment_is_current(make_venv, monkeypatch, tmp_path, capfd):
-    monkeypatch.setattr(make_venv, "install", lambda python: pytest.fail("installed again"))
-    monkeypatch.setattr(sys, "argv", ["make_venv.py", str(tmp_path)])
-    (tmp_path / "srt3d-stamp").write_text(make_venv.fingerprint(tmp_path))
-    assert make_venv.main() == 0
+    monkeypatch.setattr(make_venv, "install", lambda python, ros: pytest.fail("installed again"))
+    for given, ros in (([], "jazzy"), (["kilted"], "kilted")):
+        monkeypatch.setattr(sys, "argv", ["make_venv.py", str(tmp_path), *given])
+        (tmp_path / "srt3d-stamp").write_text(make_venv.fingerprint(tmp_path, ros))
+        assert make_venv.main() == 0
     assert capfd.readouterr() == ("", "")
 
 
 def test_an_environment_of_another_place_or_another_python_is_made_anew(make_venv, tmp_path):
     python = tmp_path / "bin" / "python"
-    assert not make_venv.usable(tmp_path, python)
+    assert not make_venv.usable(tmp_path, "jazzy", python)
     python.parent.mkdir()
     for prefix, version, usable in ((tmp_path, sys.version_info, True), ("/elsewhere", sys.version_info, False),
                                     (tmp_path, (3, 1), False)):
         python.write_text(f"#!/bin/sh\nprintf '%s\\n' '{prefix}' {version[0]} {version[1]}\n")
         python.chmod(0o755)
-        assert make_venv.usable(tmp_path, python) is usable
+        assert make_venv.usable(tmp_path, "jazzy", python) is usable
+
+
+def test_an_environment_of_another_distribution_is_made_anew(make_venv):
+    """Here, the one that runs this test: each distribution's wheels have the other's names."""
+    venv, ros = Path(sys.prefix), versions()["ros_distro"]
+    if ros not in make_venv.ROS_EXTRAS:
+        pytest.skip("ROS 2 is not from wheels")
+    assert {name for name in make_venv.ROS_EXTRAS if make_venv.usable(venv, name, Path(sys.executable))} == {ros}
+
+
+@pytest.mark.parametrize("given, folder, ros", [
+    ([], ".venv", "jazzy"), (["ROS=kilted"], ".venv-kilted", "kilted"), (["ROS=kilted", "VENV=a b"], "a b", "kilted")])
+def test_make_gives_each_distribution_a_folder_of_its_own(repository, monkeypatch, given, folder, ros):
+    for name in ("MAKEFLAGS", "MAKEOVERRIDES"):         # of a make that runs this test
+        monkeypatch.delenv(name, raising=False)
+    said = subprocess.run(["make", "--dry-run", "demo", *given], cwd=repository, capture_output=True, text=True).stdout
+    assert f"make_venv.py '{folder}' '{ros}'\n'{folder}/bin/srt3d' demo" in said
+
+
+def test_each_distribution_is_an_extra_of_its_own_wheels(make_venv):
+    wanted = [Requirement(text) for text in importlib.metadata.requires("srt3d_ros") if text.startswith("ros-")]
+    for ros, extra in make_venv.ROS_EXTRAS.items():
+        names = {one.name for one in wanted if one.marker.evaluate({"extra": extra})}
+        assert names == {f"ros-{ros}-{name}" for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")}
+
+
+def test_an_unknown_distribution_is_told_so_in_one_line(make_venv, monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(sys, "argv", ["make_venv.py", str(tmp_path / "venv"), "humble"])
+    assert make_venv.main() == 1 and not (tmp_path / "venv").exists()
+    assert capsys.readouterr().err == "ROS=humble: expected jazzy or kilted\n"
 
 
 def test_an_old_python_is_told_so_in_one_line(make_venv, monkeypatch, capsys):

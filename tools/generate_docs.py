@@ -1,10 +1,12 @@
-"""Write what is made from specs, schemas and docstrings: docs, default parameters, the SROS 2 policy.
+"""Write what is made from others: docs, default parameters and the SROS 2 policy from specs, schemas and docstrings, and
+the Fast DDS profiles of Kilted from those of Jazzy.
 
     python -m tools.generate_docs           # in the source tree, after every change of a spec or a schema
 """
 
 from pathlib import Path
 
+from srt3d_ros.nodes.distribution import kilted
 from srt3d_ros.nodes.specs import SPECS
 from tools import api_page
 from tools.graph import draw
@@ -12,6 +14,7 @@ from tools.node_reference import as_yaml, page
 from tools.policy import policy
 from tools.schema_tables import readme
 
+ROOT = Path(__file__).resolve().parents[1]
 HEADING = """\
 # Every parameter of the nodes with its default: a start for your own file. Made by python -m tools.generate_docs.
 # "live" parameters may be changed while the node runs, with ros2 param set.
@@ -23,12 +26,15 @@ HEADING = """\
 def generated() -> dict[str, str]:
     """The text of every generated file, by its path in the source tree."""
     specs = SPECS.values()
+    profiles = {f"config/kilted/{path.name}": kilted(path.read_text(encoding="utf-8"))
+                for path in sorted(ROOT.glob("config/fastdds_*.xml"))}
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
             "config/srt3d.policy.xml": policy(specs),
             "docs/api.md": api_page.page(),
             "docs/nodes.md": page(specs),
             "docs/images/graph.svg": draw(specs),
-            "msg_schemas/README.md": readme()}
+            "msg_schemas/README.md": readme(),
+            **profiles}
 
 
 if __name__ == "__main__":

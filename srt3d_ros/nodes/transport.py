@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 from srt3d_ros import shared_files
+from srt3d_ros.nodes.distribution import PROFILE_VARIABLE, PROFILES, SEGMENT
 
-PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 SHARED_MEMORY = Path("/dev/shm")
 SEGMENTS_MB = (64, 32, 16, 4)
 PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
@@ -39,7 +39,7 @@ def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
 
     A running process holds a lock on the file `<segment>_el` beside its segment.
     """
-    for lock in shared_memory.glob("fastrtps_" + "[0-9a-f]" * 16 + "_el"):
+    for lock in shared_memory.glob(SEGMENT + "[0-9a-f]" * 16 + "_el"):
         with contextlib.suppress(OSError):      # in use, another user's, or removed by another process just now
             if time.time() - lock.stat().st_mtime < LEAK_AGE_S:
                 continue
@@ -50,7 +50,7 @@ def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
 
 
 def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
-    """config/fastdds_<size>mb.xml with the largest segment that fits four times into free shared memory, or None."""
+    """fastdds_<size>mb.xml with the largest segment that fits four times into free shared memory, or None."""
     try:
         room = os.statvfs(shared_memory)
     except OSError:
@@ -58,7 +58,7 @@ def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
     free_mb = room.f_bavail * room.f_frsize / 2**20
     for size_mb in SEGMENTS_MB:
         if free_mb >= PROCESSES * size_mb:
-            return shared_files.find(f"config/fastdds_{size_mb}mb.xml")
+            return shared_files.find(f"{PROFILES}/fastdds_{size_mb}mb.xml")
     return None
 
 

@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
+from srt3d_ros.nodes.distribution import PROFILE_VARIABLE
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.processes import Process
 from tests.docs import pages
@@ -183,7 +184,7 @@ def test_another_sensor_than_described(driver, quoted, sensor, message):
 
 
 def test_messages_larger_than_the_shared_memory(driver, quoted, repository, nodes):
-    environment = ["env", "-u", "FASTRTPS_DEFAULT_PROFILES_FILE"]
+    environment = ["env", "-u", PROFILE_VARIABLE]
     process = Process([*environment, sys.executable, str(repository / DRIVER)])
     nodes.processes.append(process)
     before = {key: nodes.total("sketcher", key) for key in ("frames_in", "message_lost")}

@@ -16,7 +16,11 @@ INTERPRET = "TRITON_INTERPRET"          # read when kernels are defined, which i
 interpreted = find_spec("triton") is not None and not torch.cuda.is_available()
 if interpreted:
     os.environ[INTERPRET] = "1"
+    from triton.runtime import interpreter
+
     import srt3d_ros.kernels.cuda  # noqa: F401
+    # Else every sum of integers is made a second time to see whether it overflows, and without `debug` nobody looks.
+    interpreter.interpreter_builder.options = interpreter.InterpreterOptions(sanitize_overflow=False)
 
 
 def pytest_collection_finish():

@@ -21,7 +21,7 @@ from .frames import FAINT, SHAPES, assert_clouds_agree, cases, make_sensor, make
 
 # Of what takes the interpreter long.
 QUICK = {"WINDOWS": ((2.0, 1), (4.0, 1)), "SURE_SCALES": SURE_SCALES[:2], "REST_SCALES": REST_SCALES[:1],
-         "FIRST_STEPS": 1}
+         "FIRST_STEPS": 1, "PASSES": 2}
 QUICKEST = {"WINDOWS": ((2.0, 1),), "SURE_SCALES": SURE_SCALES[:1]}
 ALL_SCALES = {"SURE_SCALES": SURE_SCALES, "REST_SCALES": REST_SCALES, "FIRST_STEPS": 2, "WINDOWS": ((2.0, 2), (4.0, 2))}
 FIELDS = ("row", "col", "surface", "depth_bins", "intensity", "depth_std_bins", "xyz", "background")

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from srt3d_ros.nodes import transport
+from srt3d_ros.nodes import distribution, transport
 
 IMPORT_ALL = """
 import importlib, os, pkgutil, sys
@@ -61,7 +61,7 @@ def test_importing_every_module_of_the_nodes_changes_nothing(repository):
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
     def segment(name: str, age_s: float):
-        for path in (tmp_path / f"fastrtps_{name}", tmp_path / f"fastrtps_{name}_el"):
+        for path in (tmp_path / f"{distribution.SEGMENT}{name}", tmp_path / f"{distribution.SEGMENT}{name}_el"):
             path.write_bytes(b"x")
             os.utime(path, (0, path.stat().st_mtime - age_s))
         return path
