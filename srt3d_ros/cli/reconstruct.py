@@ -57,10 +57,12 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros import api
+    from srt3d_ros.new_files import check_not_input
     from srt3d_ros.recording import cloud_files
 
     method = find(args.method)
     cloud_files.check(args.output)
+    check_not_input(args.output, args.input, args.dark, args.irf)
     overrides = common.overrides(args)
     photons = api.open(args.input, args.frame, args.photons_topic, **overrides)
     sensor = photons.sensor

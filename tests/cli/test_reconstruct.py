@@ -266,6 +266,16 @@ def test_a_mistake_is_one_line_and_exit_code_2(photons, tmp_path, monkeypatch, r
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize("option", ["INPUT", "--dark", "--irf"])
+def test_no_file_that_is_read_is_replaced(photons, tmp_path, monkeypatch, refusal, option):
+    monkeypatch.chdir(tmp_path)
+    file, read = tmp_path / "a.npz", photons[0].read_bytes()
+    file.write_bytes(read)
+    source, given = (file, ()) if option == "INPUT" else (photons[0], (option, file))
+    said = refusal("reconstruct", source, "-o", "../" + tmp_path.name + "/a.npz", *given)
+    assert "expected another file than the input" in said and file.read_bytes() == read
+
+
 def test_a_full_disk_is_one_line(photons, tmp_path, refusal, full_disk):
     assert "File too large" in refusal("reconstruct", photons[0], "-o", tmp_path / "cloud.npz")
 
