@@ -85,7 +85,8 @@ def test_upsampling_writes_a_cloud_of_finer_pixels(reconstruct):
         np.testing.assert_allclose(file["xyz"], rays * SENSOR.range_m(file["depth_bins"])[:, None], rtol=1e-5)
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [(".ply", b"ply\n"), (".PCD", b"# .PCD"), (".rrd", b"RRF")])
+@pytest.mark.parametrize(("suffix", "magic"), [(".ply", b"ply\n"), (".PCD", b"# .PCD"), (".rrd", b"RRF"),
+                                              (".png", b"\x89PNG"), (".jpg", b"\xff\xd8")])
 def test_every_format_is_written(reconstruct, suffix, magic):
     _, out = reconstruct(out="cloud" + suffix)
     assert out.read_bytes().startswith(magic) and out.stat().st_size > 240 * 16
