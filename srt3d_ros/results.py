@@ -64,12 +64,12 @@ class Cloud(PointCloud):
             InvalidInput: a path that cannot be written, or matplotlib or Pillow is missing.
         """
         try:
-            from srt3d_ros.pictures.annotations import draw_cloud
+            from srt3d_ros.pictures import annotations
         except ImportError as error:
             raise InvalidInput("plot", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
 
         require(min(size_px) > 0, "size_px", size_px, "width and height, above 0")
-        image = draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px)
+        image = annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px)
         if ax is not None:
             ax.imshow(image)
             ax.set_axis_off()

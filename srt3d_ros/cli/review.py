@@ -19,7 +19,7 @@ def add_parser(subparsers) -> None:
                     "changed.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument("-o", "--output", metavar="OUT", type=Path,
-                        help="the report (RECORDING.html), or with --frame the cloud: .npz .ply .pcd .rrd, .png or .jpg")
+                        help="the report (RECORDING.html), or with --frame the cloud: .npz .ply .pcd .rrd .png .jpg")
     parser.add_argument("--no-report", action="store_true", help="print the figures only")
     common.add_json(parser)
     parser.add_argument("--pictures", choices=("auto", "viewer", "own"), default="auto",

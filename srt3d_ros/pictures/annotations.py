@@ -6,10 +6,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from srt3d_ros.colours import BACKGROUND, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at
-from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle, focal_px
+from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
 
 TEXT, DIM = "#e8eaed", "#8b939e"
 BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours
@@ -58,7 +59,7 @@ def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     share = max(share, _RANGE_BAR_PX / axes.images[0].get_array().shape[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
-    bar.imshow(RANGE_MAP[None], aspect="auto")
+    bar.imshow(range_table()[None], aspect="auto")
     for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):
         bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM, size=size, ha=side, va="bottom")
 

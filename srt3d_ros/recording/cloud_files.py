@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.colours import CLOUD_MAP, levels, percentile_range, visible_table
+from srt3d_ros.colours import levels, percentile_range, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, printable, require
@@ -27,7 +27,7 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
     photons), depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected
     photons), frequencies, stamp_ns, and of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m,
     toa_reference.
-    .ply: binary, x y z intensity, and the intensity's colour as red green blue. .pcd: 0.7, binary, x y z intensity.
+    .ply: binary, x y z intensity, and the range's colour as red green blue. .pcd: 0.7, binary, x y z intensity.
     .rrd: a recording of one frame (needs rerun-sdk). .png, .jpg: a picture (needs matplotlib).
 
     Raises:
@@ -62,8 +62,9 @@ def _save_npz(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], senso
 
 def _save_ply(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
     points = _records(cloud, _FLOATS + _BYTES)
-    level = levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1), root=True)
-    points["red"], points["green"], points["blue"] = visible_table(CLOUD_MAP)[level].T
+    range_m = np.linalg.norm(cloud.xyz, axis=1)
+    level = levels(range_m, *percentile_range(range_m) or (0, 1))
+    points["red"], points["green"], points["blue"] = range_table()[level].T
     header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {printable(sensor.frame_id)}",
               f"element vertex {len(points)}"]
     header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]

@@ -33,7 +33,7 @@ def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = "auto") -> None:
-    """Save the cloud at a position of the index: a picture if `output` ends in .png or .jpg, else as `cloud_files.save` does.
+    """Save the cloud at a position of the index: a picture if `output` is called so, else as `cloud_files.save` does.
 
     Raises:
         InvalidInput: it cannot be written there, or a cloud file needs a sensor and the recording has none.

@@ -68,9 +68,8 @@ def test_ply_holds_the_points_and_their_colours(saved, ball):
     assert points.dtype.names == ("x", "y", "z", "intensity", "red", "green", "blue")
     assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
     assert np.array_equal(points["intensity"], ball[0].intensity)
-    bright = points[np.argmax(points["intensity"])]
-    dim = points[np.argmin(points["intensity"])]
-    assert int(bright["green"]) > int(dim["green"]) + 100
+    near, far = (points[at(np.linalg.norm(ball[0].xyz, axis=1))] for at in (np.argmin, np.argmax))
+    assert near["red"] > 200 and near["green"] > 200 and far["blue"] > max(far["red"], far["green"])
 
 
 def test_pcd_holds_the_points(saved, ball):
