@@ -21,8 +21,9 @@ _ANCHORS = {
               "d24f71 de6164 e97257 f3854b f99a3e fdaf31 fdc627 f8df25 f0f921",
 }
 COLOUR_MAPS = tuple(_ANCHORS)
-CLOUD_MAP = "inferno"
-_LEAST_BRIGHT = 108     # of 255: the brightest channel of the darkest colour that is visible on a dark background
+RANGE_MAP, PHOTON_MAP = "viridis", "inferno"
+BACKGROUND = (13, 16, 21)       # of pictures and views, and where there is nothing: as good as black
+_LEAST_BRIGHT = 132     # of 255: the brightest channel of the darkest colour that is visible on a dark background
 _RANGE_SAMPLES = 4096
 _RANGE_RATE = 0.1       # share of the way towards a frame's own range that AdaptiveRange takes per frame
 
@@ -46,6 +47,12 @@ def visible_table(name: str, steps: int = 256) -> np.ndarray:
     first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
     step = np.arange(256) * steps // 256
     return table[np.rint(first + step * (255 - first) / (steps - 1)).astype(int)]
+
+
+@cache
+def range_table(name: str = RANGE_MAP, steps: int = 256) -> np.ndarray:
+    """The colours of ranges, the same wherever a cloud or its depth map is shown: near is bright. uint8 [256, 3]."""
+    return visible_table(name, steps)[::-1]
 
 
 def packed(colours: np.ndarray) -> np.ndarray:

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
+from srt3d_ros.errors import require
+
 
 @contextmanager
 def appearing_whole(path: Path) -> Iterator[Path]:
@@ -21,6 +23,13 @@ def appearing_whole(path: Path) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_not_input(output: str | Path, *inputs: str | Path | None) -> None:
+    """Raise InvalidInput if `output` is one of the files or folders that are read, whatever its path is spelled as."""
+    for path in inputs:
+        same = path is not None and os.path.exists(output) and os.path.exists(path) and os.path.samefile(output, path)
+        require(not same, "output", str(output), "another file than the input")
 
 
 def free(path: Path) -> Path:

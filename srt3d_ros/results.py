@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Self
 from srt3d_ros.core import sketch as core_sketch
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.datasets import sketch_file
 from srt3d_ros.errors import InvalidInput, require
 
@@ -39,7 +38,7 @@ class Cloud(PointCloud):
         return "\n".join([text, *self.notes])
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud: .npz (everything), .ply, .pcd, or .rrd (opens in rerun), by the suffix.
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, or a path that cannot be written.
@@ -66,15 +65,11 @@ class Cloud(PointCloud):
         """
         try:
             from srt3d_ros.pictures import annotations
-            from srt3d_ros.pictures.cloud_renderer import CloudStyle
         except ImportError as error:
             raise InvalidInput("plot", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
 
         require(min(size_px) > 0, "size_px", size_px, "width and height, above 0")
-        width, height = size_px
-        eye = look_at(self.xyz, self.sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
-        style = CloudStyle.of(self, self.sensor)
-        image = annotations.annotated(style.draw(self, eye, width, height), style, eye)
+        image = annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px)
         if ax is not None:
             ax.imshow(image)
             ax.set_axis_off()

@@ -10,6 +10,7 @@ from srt3d_ros.colours import (
     levels,
     packed,
     percentile_range,
+    range_table,
     visible_table,
 )
 from srt3d_ros.errors import InvalidInput
@@ -46,8 +47,13 @@ def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():
 
 def test_no_visible_colour_is_too_dark_to_be_seen():
     table = visible_table("inferno")
-    assert table.max(axis=1).min() >= 108 and np.array_equal(table[255], colour_table("inferno")[255])
+    assert table.max(axis=1).min() >= 132 and np.array_equal(table[255], colour_table("inferno")[255])
     assert len(np.unique(visible_table("inferno", steps=16), axis=0)) == 16
+
+
+def test_the_colours_of_ranges_are_yellow_when_near_and_blue_when_far():
+    near, far = range_table()[[0, 255]].astype(int)
+    assert near[0] > 200 and near[1] > 200 and near[2] < 60 and far[2] > 1.5 * max(far[:2])
 
 
 def test_percentile_range_ignores_outliers_and_gaps():

@@ -4,7 +4,8 @@ from contextlib import nullcontext
 
 import pytest
 
-from srt3d_ros.new_files import appearing_whole, free, next_free
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.new_files import appearing_whole, check_not_input, free, next_free
 
 
 @pytest.mark.parametrize("fails", [False, True])
@@ -33,6 +34,21 @@ def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, mon
     with pytest.raises(FileExistsError), appearing_whole(path):
         pass
     assert not treasure.exists()
+
+
+@pytest.mark.parametrize("spelling", ["a.npz", "./folder/../a.npz", "link.npz", "hard.npz"])
+def test_an_output_must_not_be_an_input_whatever_it_is_called(tmp_path, monkeypatch, spelling):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    path, other = tmp_path / "a.npz", tmp_path / "b.npz"
+    path.touch()
+    other.touch()
+    (tmp_path / "link.npz").symlink_to(path)
+    (tmp_path / "hard.npz").hardlink_to(path)
+    with pytest.raises(InvalidInput, match="output is .*: expected another file than the input"):
+        check_not_input(spelling, other, None, path)
+    check_not_input(other, spelling, None, "absent.npz")
+    check_not_input("absent.npz", spelling, "absent.npz")
 
 
 def test_a_free_name_is_the_first_where_nothing_is_not_even_a_broken_link(tmp_path):

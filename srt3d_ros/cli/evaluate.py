@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from srt3d_ros.cli.common import comma_list
+from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.errors import require
 
 _names = comma_list(str, "names with commas between")
@@ -27,6 +28,10 @@ def add_parser(subparsers) -> None:
                              "40mm, net: 3, files: 10)")
     parser.add_argument("--surfaces", type=int, metavar="K",
                         help="most surfaces in a pixel (the net: 2; a file: as many as it has references)")
+    parser.add_argument("--false-alarm-rate", type=float, metavar="P",
+                        help="of the methods that have one, as for `srt3d reconstruct`: pooled, smle, xcorr")
+    parser.add_argument("--background", choices=BACKGROUNDS,
+                        help="how it spreads over the bins, as for `srt3d reconstruct`: pooled")
     parser.add_argument("--quick", action="store_true", help="a first look: few settings, small frames")
     parser.add_argument("--fresh", action="store_true", help="forget the results that DIR has")
     simulated = parser.add_argument_group("simulated scenes")
@@ -49,8 +54,8 @@ def add_parser(subparsers) -> None:
                        metavar="PHOTONS,BINS",
                        help="count an aligned reference only where so many photons lie so near (8,60)")
     files.add_argument("--held-out-photons", type=float, metavar="SHARE",
-                       help="reconstruct the other photons, and judge the clouds by how well they predict these: 0.4; "
-                            "needs no reference")
+                       help="reconstruct the other photons, and judge the clouds by how well they predict these (0.4 "
+                            "for a file without a reference, else 0)")
     parser.set_defaults(run=run)
 
 

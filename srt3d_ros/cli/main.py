@@ -68,7 +68,11 @@ def main(argv: list[str] | None = None) -> int:
     typed, argv = argv is None, sys.argv[1:] if argv is None else argv
     named = argv[0] if argv and argv[0] in COMMANDS else ""
     try:
-        args = parser((named,) if named else COMMANDS).parse_args(argv)
+        top = parser((named,) if named else COMMANDS)
+        args, unknown = top.parse_known_args(argv)
+        if unknown:
+            top.prog = f"{top.prog} {named}"        # whose help is the one to see
+            top.error(f"unrecognized arguments: {' '.join(unknown)}")
         args.typed = argv if typed else None
         with kernel_log() if named in COMPUTING else nullcontext():
             code = args.run(args)

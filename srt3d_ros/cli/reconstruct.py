@@ -23,7 +23,8 @@ def add_parser(subparsers) -> None:
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
-                        help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
+                        help="cloud file: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or a picture of it: "
+                             ".png, .jpg")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
@@ -57,10 +58,12 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros import api
+    from srt3d_ros.new_files import check_not_input
     from srt3d_ros.recording import cloud_files
 
     method = find(args.method)
     cloud_files.check(args.output)
+    check_not_input(args.output, args.input, args.dark, args.irf)
     overrides = common.overrides(args)
     photons = api.open(args.input, args.frame, args.photons_topic, **overrides)
     sensor = photons.sensor

@@ -19,7 +19,7 @@ def add_parser(subparsers) -> None:
                     "changed.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument("-o", "--output", metavar="OUT", type=Path,
-                        help="the report (RECORDING.html), or with --frame the cloud: .npz .ply .pcd .rrd, or .png")
+                        help="the report (RECORDING.html), or with --frame the cloud: .npz .ply .pcd .rrd .png .jpg")
     parser.add_argument("--no-report", action="store_true", help="print the figures only")
     common.add_json(parser)
     parser.add_argument("--pictures", choices=("auto", "viewer", "own"), default="auto",
@@ -28,7 +28,7 @@ def add_parser(subparsers) -> None:
     instead.add_argument("--frame", type=int, metavar="N", help="save the cloud of frame N to -o; -1 is the last")
     instead.add_argument("--turntable", type=Path, metavar="OUT",
                          help="save a film of a typical cloud turning, .gif, or .mp4 with imageio-ffmpeg")
-    instead.add_argument("--compare", type=Path, metavar="OTHER", help="compare with another recording, frame by frame")
+    instead.add_argument("--compare", type=Path, metavar="RRD", help="compare with another recording, frame by frame")
     instead.add_argument("--to-bag", type=Path, metavar="DIR", help="write the clouds as a bag with the topic /points")
     parser.set_defaults(run=run)
 
@@ -67,8 +67,11 @@ def exit_code(argv: list[str]) -> dict[str, np.ndarray]:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuse what cannot be written before minutes are spent."""
+    from srt3d_ros.new_files import check_not_input
     from srt3d_ros.review import export
 
+    if args.output is not None:
+        check_not_input(args.output, args.recording)
     if args.frame is not None:
         require(args.output is not None, "-o", "missing", f"a file for the cloud: {', '.join(export.FRAME_SUFFIXES)}")
         export.check_output(args.output, export.FRAME_SUFFIXES)

@@ -22,18 +22,25 @@ OPTIONS = {"sensor_file": ("sketcher", "sensor_file"), "device": ("reconstructor
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ABOUT = """\
-Run sketcher and reconstructor, and what is asked for beside them, as ROS 2 nodes in processes of their own: photons
-in, point clouds out. A driver publishes `sensor` and `photons`, `gates` or `histograms`; or --input plays them. Ctrl-C
-ends all, the source first and the recorder last. A node that dies is started again."""
+Run sketcher and reconstructor, and what is asked for beside them, as ROS 2
+nodes in processes of their own: photons in, point clouds out. A driver
+publishes `sensor` and `photons`, `gates` or `histograms`; or --input plays
+them. Ctrl-C ends all, the source first and the recorder last. A node that dies
+is started again."""
 EXAMPLES = """\
 examples:
-  srt3d up --input simulator --record run.rrd               a moving scene, no sensor needed
-  srt3d up -r photons:=/spad/raw -r sensor:=/spad/sensor    a driver of yours
-  srt3d up --config spad_32x32_gates --sensor-file my.json  a driver that publishes gates and nothing else
-  srt3d up --namespace front -p sketcher.sketch_size:=5 -p reconstructor.fields:=full
+  a moving scene, no sensor needed:
+    srt3d up --input simulator --record run.rrd
+  a driver of yours:
+    srt3d up -r photons:=/spad/raw -r sensor:=/spad/sensor
+  a driver that publishes gates and nothing else:
+    srt3d up --config spad_32x32_gates --sensor-file my.json
+  parameters of the nodes, in a namespace:
+    srt3d up --namespace front -p sketcher.sketch_size:=5
 
--p goes before the other options, they before --config, the last --config before the others; config/srt3d.yaml lists
-every parameter. Exit code: 0 after Ctrl-C, or when a node is done (a player at its end); else the failed node's."""
+-p goes before the other options, they before --config, the last --config before
+the others; config/srt3d.yaml lists every parameter. Exit code: 0 after Ctrl-C,
+or when a node is done (a player at its end); else the failed node's."""
 
 
 def add_parser(subparsers) -> None:

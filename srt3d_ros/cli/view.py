@@ -33,9 +33,11 @@ def add_parser(subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     require(bool(args.recording) != (args.connect is not None), "RECORDING", "missing" if not args.recording else "too "
             "much beside --connect", "one or more .rrd files, or --connect HOST:PORT")
-    for path in args.recording:
-        require(path.is_file(), "recording", str(path), "an .rrd file that exists")
     import rerun  # noqa: F401  (says how to get it if it is not there)
+
+    from srt3d_ros.recording.repair import examine
+    for path in args.recording:
+        examine(path)       # rerun would show any file as text, and serve it
     if args.connect is None:
         return _open(*map(str, args.recording)) if has_screen() else _serve(args.recording)
     host, port = _checked_address(args.connect)

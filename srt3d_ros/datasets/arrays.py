@@ -9,18 +9,16 @@ from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
-from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Projection
+from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.photons import Photons, pinhole
+from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, pinhole
 from srt3d_ros.datasets.stream import PhotonStream
 from srt3d_ros.errors import InvalidInput, require
 
 NAME = "arrays"
 FIELDS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols", "gates"))
 OPTIONS = ("shape", "fov_deg", *FIELDS)
-ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg or "
-               "projection")
 ESTIMATED_IRF = "IRF estimated from the photons, which makes it slightly broad: give irf"
 NO_BIN_WIDTH = "seconds in a bin (where bins alone matter 2 / 299792458: x, y and z then count bins, not metres)"
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.datasets.bag import Bag, BagTopic
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import cdr
+from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 
@@ -70,8 +70,9 @@ def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Ph
         described, raw = _frame_with_sensor(bag, topics, number)
     sensor = sensor_message.decode_cdr(described)
     frame = CODECS[topics.output].decode_cdr(raw, sensor)[1]
+    notes = () if "projection" in json_text.parse(cdr.read_text(described), "sensor") else (ASSUMED_FOV,)
     return Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
-                   f"{Path(path).stem}_{number}")
+                   f"{Path(path).stem}_{number}", notes)
 
 
 def _frame_with_sensor(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:

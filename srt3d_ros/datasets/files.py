@@ -17,6 +17,7 @@ MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes 
 MAX_MEMBERS = 1000
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)     # what NumPy writes; others unpack without bounds
 MAX_SIDES = 8
+ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -95,7 +96,18 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[st
     except InvalidInput:
         raise
     except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
-        raise InvalidInput(path.name, f"unreadable ({error})", "a complete .npz file (a zip of arrays)") from None
+        why = f"unreadable ({error})"
+        if _begins_as_zip(path):    # whose directory is at its end: without it, zipfile takes the file for no zip
+            why = "truncated or damaged" + ("" if isinstance(error, zipfile.BadZipFile) else f" ({error})")
+        raise InvalidInput(path.name, why, "a complete .npz file (a zip of arrays)") from None
+
+
+def _begins_as_zip(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(ZIP_MARK)) == ZIP_MARK
+    except OSError:
+        return False
 
 
 def map_npy(path: Path, field: str) -> np.ndarray:

@@ -17,7 +17,7 @@ from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.cubes import cube, given_by, parts_of
 from srt3d_ros.datasets.files import naming_file, require_file
 from srt3d_ros.datasets.mat_variables import EXPECTED, LAYOUTS, Layout, variables_of
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, gate_events, number
+from srt3d_ros.datasets.photons import ASSUMED_FOV, MAX_PHOTONS, Photons, apply_options, gate_events, number
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import InvalidInput, require
 
@@ -58,6 +58,8 @@ def read(path: str | Path, options: dict, guess_irf: bool = False) -> Photons | 
         irf, note = irfs.estimated(events, bins, guess_irf)
         dropped += (note,)
     sensor = SensorModel(content.rows, content.cols, bins, width_s, irf)
+    if "fov_deg" not in options:
+        dropped += (ASSUMED_FOV,)
     sensor = apply_options(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
     sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
     reference = _reference(layout, variables, first, bins, (content.rows, content.cols))

@@ -12,7 +12,7 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays, require_file
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, pinhole
+from srt3d_ros.datasets.photons import ASSUMED_FOV, MAX_PHOTONS, Photons, pinhole
 from srt3d_ros.errors import InvalidInput, require
 
 REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa", "irf")
@@ -46,7 +46,8 @@ def read(path: str | Path) -> Photons:
         events = _events(arrays, sensor)
         reference = _reference(arrays, sensor)
         intensity = _reference_intensity(arrays, reference)
-    return Photons(sensor, events, reference, path.stem, reference_intensity=intensity)
+    notes = () if {"projection", "fov_deg"} & arrays.keys() else (ASSUMED_FOV,)
+    return Photons(sensor, events, reference, path.stem, notes, intensity)
 
 
 def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,

@@ -7,7 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
-from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
@@ -19,6 +19,8 @@ from srt3d_ros.messages import json_text
 MAX_PHOTONS = 2**28
 MAX_GATE_BIN = 2**31
 SENSOR_OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
+ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
+               "(--fov-deg), or the projection")
 OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols", "channel")
 
 
@@ -66,7 +68,7 @@ class Photons:
     def with_sensor(self, sensor: SensorModel) -> "Photons":
         """The same photons, of this sensor; InvalidInput if they do not fit it."""
         self.frame.check(sensor)
-        return replace(self, sensor=sensor)
+        return replace(self, sensor=sensor, notes=still_assumed(self.notes, self.sensor, sensor))
 
     def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
         """The sketch of all photons, of those inside a gate if there is one."""
@@ -77,8 +79,7 @@ class Photons:
         for name in ("rows", "cols"):
             own = getattr(self.sensor, name)
             require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
-        photons = replace(self, sensor=apply_options(self.sensor, options))
-        photons.frame.check(photons.sensor)
+        photons = self.with_sensor(apply_options(self.sensor, options))
         if "gate" not in options:
             return photons
         first, bins = options["gate"]
@@ -96,6 +97,11 @@ class Photons:
         # The words in which these photons may be sent still count from their own bin 0.
         return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
                        reference_depth_bins=reference, notes=self.notes + note)
+
+
+def still_assumed(notes: tuple[str, ...], before: SensorModel, now: SensorModel) -> tuple[str, ...]:
+    """The notes without that on an assumed projection, if another was given since."""
+    return notes if now.projection is before.projection else tuple(note for note in notes if note != ASSUMED_FOV)
 
 
 def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEvents, tuple[str, ...]]:

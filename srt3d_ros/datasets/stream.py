@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,15 @@ from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, apply_options, number, outside_note
+from srt3d_ros.datasets.photons import (
+    ASSUMED_FOV,
+    MAX_PHOTONS,
+    Photons,
+    apply_options,
+    number,
+    outside_note,
+    still_assumed,
+)
 from srt3d_ros.datasets.survey import Survey, events_of
 from srt3d_ros.errors import require
 
@@ -93,7 +101,7 @@ class PhotonStream:
             irf, note = irfs.estimated(events, self._bins, guess_irf)
             notes.append(note)
         if "fov_deg" not in options:
-            notes.append("field of view taken to be 30° across the larger side: the file has none (--fov-deg)")
+            notes.append(ASSUMED_FOV)
         known = {name: value for name, value in options.items() if name not in ("num_bins", "irf", "irf_ref")}
         sensor = apply_options(plain.replace(irf=irf, irf_ref=options.get("irf_ref")), known)
         self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
@@ -111,8 +119,8 @@ class PhotonStream:
             require(getattr(sensor, name) == own, name, getattr(sensor, name), f"{own}, as in {self.name}")
         changed = copy(self)
         seen = self.sample.sensor.mask
-        changed.sensor = sensor
-        changed.sample = replace(self.sample, sensor=sensor if seen is None else sensor.replace(
+        changed.sensor, changed.notes = sensor, still_assumed(self.notes, self.sensor, sensor)
+        changed.sample = self.sample.with_sensor(sensor if seen is None else sensor.replace(
             mask=seen if sensor.mask is None else seen & sensor.mask))
         changed.whole = None if self.whole is None else changed.sample
         return changed

@@ -138,24 +138,41 @@ def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1
 
 def of_files(files: list[str], tolerance: str | None = None, surfaces: int | None = None,
              aligned: tuple[int, ...] = (), seen: tuple[int, float] = (8, 60.0),
-             held_out_share: float | None = None) -> list[Case]:
-    """Photon files; `surfaces` is by default the number of a file's references."""
+             held_out_share: float | None = 0) -> list[Case]:
+    """Photon files; `surfaces` is by default the number of a file's references.
+
+    Args:
+        held_out_share: of the photons, or 0 for none; None: the usual share of a file that has no reference.
+    """
     cases = []
     for photons in map(open_photons, files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
         within = tolerance_bins(FILE_TOLERANCE if tolerance is None else tolerance, photons.name, photons.sensor)
-        if held_out_share is not None:
-            smaller, least = min(held_out_share, 1 - held_out_share), held_out.LEAST_PHOTONS
-            require(smaller * photons.frame.photons >= least, photons.name, f"{photons.frame.photons} photons",
-                    f"{np.ceil(least / smaller):.0f} or more for --held-out-photons {held_out_share:g}")
-        cases.append(Case(photons.name, photons.sensor, lambda p=photons: _observed(p, held_out_share),
+        share, more = _held_out_share(photons, held_out_share, references)
+        cases.append(Case(photons.name, photons.sensor, lambda p=photons, s=share: _observed(p, s),
                           surfaces or max(references, 1), within, photons.frame.photons,
                           aligned=tuple(k for k in aligned if k < references), seen=seen,
-                          notes=tuple(f"{photons.name}: {note}" for note in photons.notes),
-                          held_out=held_out_share))
+                          notes=tuple(f"{photons.name}: {note}" for note in (*photons.notes, *more)),
+                          held_out=share))
     names = [case.source for case in cases]
     require(len(set(names)) == len(names), "files", max(names, key=names.count, default=""), "each file name once")
     return cases
+
+
+def _held_out_share(photons: Photons, asked: float | None, references: int) -> tuple[float | None, tuple[str, ...]]:
+    """The share of a file's photons that is held out, None without any; and what the user did not ask for."""
+    share = held_out.USUAL_SHARE if asked is None and references == 0 else asked
+    if not share:
+        return None, ()
+    smaller, least, number = min(share, 1 - share), held_out.LEAST_PHOTONS, photons.frame.photons
+    if asked is None:
+        if smaller * number < least:
+            return None, (f"no reference, and too few photons to hold some out ({number}): nothing judges the clouds",)
+        return share, (f"no reference: clouds of {1 - share:.0%} of the photons are judged by how well they predict "
+                       f"the others (--held-out-photons {share:g}; 0 for clouds of all photons and no figures)",)
+    require(smaller * number >= least, photons.name, f"{number} photons",
+            f"{np.ceil(least / smaller):.0f} or more for --held-out-photons {share:g}")
+    return share, ()
 
 
 def tolerance_bins(text: str, source: str, sensor: SensorModel) -> float:

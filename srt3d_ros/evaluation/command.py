@@ -7,12 +7,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.core.methods import METHODS, find
-from srt3d_ros.core.pooled import MAX_SURFACES
+from srt3d_ros.core.methods import METHODS, Method, find
+from srt3d_ros.core.pooled import MAX_SURFACES, check_options
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation import cases, report
 from srt3d_ros.evaluation.results import Results, markdown
-from srt3d_ros.evaluation.run import jobs_for, run, with_clouds
+from srt3d_ros.evaluation.run import METHOD_OPTIONS, jobs_for, run, with_clouds
 
 SBR, PPP, SKETCH_SIZES = (10.0, 1.0, 0.1), (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), (5, 10, 20)
 QUICK_PPP, FILE_SKETCH_SIZES = (1.0, 10.0, 100.0), (10,)
@@ -25,10 +25,11 @@ def evaluate(args: argparse.Namespace) -> int:
     methods = [find(name) for name in dict.fromkeys(args.methods or METHODS)]
     sizes = sorted(set(args.sketch_size or (FILE_SKETCH_SIZES if args.files or args.quick else SKETCH_SIZES)))
     require(min(sizes) >= 1, "--sketch-size", min(sizes), "integers of 1 or more")
+    options = _options(args, methods)
     folder = _folder(args.out)
     shown = _shown_cases(chosen)
     size = min(sizes, key=lambda m: abs(m - USUAL_SKETCH_SIZE))
-    jobs = with_clouds(jobs_for(chosen, methods, sizes),
+    jobs = with_clouds(jobs_for(chosen, methods, sizes, options),
                        lambda job: job.case in shown and job.sketch_size in (None, size), folder / "clouds")
     results = Results(folder / "results.csv", args.fresh)
     earlier = sum(job.key in results for job in jobs)
@@ -45,6 +46,17 @@ def evaluate(args: argparse.Namespace) -> int:
     return 0
 
 
+def _options(args: argparse.Namespace, methods: list[Method]) -> dict[str, object]:
+    """The options of methods that were given, which each gets that takes them."""
+    found = {name: getattr(args, name) for name in METHOD_OPTIONS if getattr(args, name) is not None}
+    for name, value in found.items():
+        taking = [method.name for method in METHODS.values() if name in method.options]
+        require(any(method.name in taking for method in methods), f"--{name.replace('_', '-')}", value,
+                f"one of the methods that take it: {', '.join(taking)}")
+    check_options(1, args.false_alarm_rate)
+    return found
+
+
 def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
     """The cases, and notes on those left out."""
     require(min(args.align, default=1) >= 1, "--align", args.align, "references, numbered from 1")
@@ -52,7 +64,7 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
             f"1 to {MAX_SURFACES}")
     require(args.upsampling == 1 or not args.files, "--upsampling", args.upsampling, "1 for photon files")
     share = args.held_out_photons
-    require(share is None or 0 < share < 1, "--held-out-photons", share, "a share of the photons, above 0 and below 1")
+    require(share is None or 0 <= share < 1, "--held-out-photons", share, "a share of the photons, 0 to below 1")
     require(share is None or args.files and not args.scene, "--held-out-photons", share,
             "photon files only: the truth judges simulated scenes")
     found = cases.of_files(args.files, args.tolerance, args.surfaces, tuple(k - 1 for k in args.align), args.seen,
@@ -87,5 +99,7 @@ def _signal(case: cases.Case) -> float:
 
 def _folder(path: Path) -> Path:
     require(not path.exists() or path.is_dir(), "--out", str(path), "a folder")
+    of_another = (path / "README.md").exists() and not (path / "results.csv").exists()
+    require(not of_another, "--out", str(path), "a folder without a README.md of something else")
     (path / "clouds").mkdir(parents=True, exist_ok=True)
     return path

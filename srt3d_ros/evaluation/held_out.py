@@ -9,6 +9,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 
 SEED = 7
+USUAL_SHARE = 0.4           # of the photons of a file without a reference: docs/evaluation.md
 LEAST_PHOTONS = 100         # of each part of a file
 LEAST_BACKGROUND = 0.02     # photons of a pixel of gain 1
 EVEN_BACKGROUND = 0.01      # share of a known background that is spread evenly, for bins where it has none

@@ -12,7 +12,7 @@ from srt3d_ros.errors import InvalidInput, require
 FORMAT = "2"
 # The columns that identify a row.
 KEY = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
-       "aligned", "held_out")
+       "aligned", "held_out", "false_alarm_rate", "background")
 HELD_OUT = tuple(f"held_out_{figure}" for figure in (
     "nats", "std", "rim_nats", "rim_std", "rim_percent", "interior_nats", "interior_std", "interior_percent"))
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
@@ -28,6 +28,7 @@ _LISTS = ("true_detections_by_surface_percent", "within_nominal_percent")
 HEADINGS = ("source", "SBR", "photons / pixel", "method", "m", "TD %", "FD %", "DAE bins", "DAE mm", "IAE",
             "≤ 1 σ %", "≤ 2 σ %", "swelling px", "points")
 HELD_OUT_HEADINGS = ("held-out nats / 100 pixels", "of the rim (pixels)", "of the interior (pixels)")
+NOTHING = "–"
 _DECIMALS = {"false_detections_percent": 1, "dae_bins": 2, "dae_mm": 2, "iae": 3, "within_1_std_percent": 0,
              "within_2_std_percent": 0, "swelling_px": 2}
 
@@ -125,19 +126,20 @@ def _nanmean(values) -> float:
 
 
 def markdown(rows: list[dict]) -> str:
-    """A table of averaged rows; with columns of held-out photons if there are any."""
+    """A table of averaged rows, without columns in which none has anything; of held-out photons if there are any."""
     lines = [[*HEADINGS], *(_cells(row) for row in rows)]
     if any(row["held_out"] for row in rows):
         lines = [line + more for line, more in zip(lines, [[*HELD_OUT_HEADINGS], *map(_held_out_cells, rows)])]
-    return aligned(lines)
+    filled = [column for column in zip(*lines) if set(column[1:]) != {NOTHING}]
+    return aligned(list(zip(*filled)))
 
 
 def _cells(row: dict) -> list[str]:
     surfaces = row["true_detections_by_surface_percent"]
     detected = " + ".join(f"{share:.1f}" for share in surfaces) or _shown(row["true_detections_percent"], 1)
     ppp = row["photons_per_pixel"]
-    return [row["source"], row["sbr"] or "–", f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"],
-            row["sketch_size"] or "–", detected, *(_shown(row[name], digits) for name, digits in _DECIMALS.items()),
+    return [row["source"], row["sbr"] or NOTHING, f"{ppp:.3g}" if ppp < 999.5 else f"{ppp:.0f}", row["method"],
+            row["sketch_size"] or NOTHING, detected, *(_shown(row[name], digits) for name, digits in _DECIMALS.items()),
             f"{row['points']:.0f}"]
 
 
@@ -150,7 +152,7 @@ def _held_out_cells(row: dict) -> list[str]:
 
 
 def _shown(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
+    return f"{value:.{digits}f}" if np.isfinite(value) else NOTHING
 
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:

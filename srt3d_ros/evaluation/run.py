@@ -1,8 +1,8 @@
 """Run methods on cases and compare their clouds with the truth."""
 
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 from statistics import NormalDist
@@ -25,6 +25,7 @@ from srt3d_ros.recording import cloud_files
 # Shares of a normal distribution at which the reported standard deviations of depth are checked.
 NOMINAL = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.6827, 0.8, 0.9, 0.9545, 0.99)
 # How many standard deviations hold them: 0.6827 → 1, 0.9545 → 2.
+METHOD_OPTIONS = ("false_alarm_rate", "background")      # that may be set for an evaluation
 DEVIATIONS = tuple(NormalDist().inv_cdf((1 + share) / 2) for share in NOMINAL)
 
 
@@ -35,12 +36,14 @@ class Job:
     Args:
         sketch_size: m; None for a method on photons.
         cloud_path: where to save the cloud, or None.
+        options: those of METHOD_OPTIONS that were given and that the method takes.
     """
 
     case: Case
     method: Method
     sketch_size: int | None
     cloud_path: Path | None = None
+    options: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -56,12 +59,16 @@ class Job:
         return {"source": case.source, "sbr": case.sbr, "ppp": case.ppp, "repeat": case.repeat,
                 "method": self.method.name, "sketch_size": self.sketch_size, "surfaces": case.surfaces,
                 "rows": case.sensor.rows, "cols": case.sensor.cols, "tolerance_bins": float(case.tolerance_bins),
-                "aligned": aligned or None, "held_out": case.held_out}
+                "aligned": aligned or None, "held_out": case.held_out,
+                **{name: self.options.get(name) for name in METHOD_OPTIONS}}
 
 
-def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int]) -> list[Job]:
-    """Every method on every case: methods on sketches once for each size, methods on photons once."""
-    return [Job(case, method, size) for case in cases for method in methods
+def jobs_for(cases: Iterable[Case], methods: Iterable[Method], sketch_sizes: Iterable[int],
+             options: Mapping[str, object] | None = None) -> list[Job]:
+    """Every method on every case, with the options it takes: on sketches once for each size, on photons once."""
+    return [Job(case, method, size, options={name: value for name, value in (options or {}).items()
+                                             if name in method.options})
+            for case in cases for method in methods
             for size in (sketch_sizes if method.needs == "sketch" else (None,))]
 
 
@@ -106,7 +113,7 @@ def _judged(job: Job, observation: Observation) -> dict:
 
 def reconstruct(job: Job, observation: Observation) -> tuple[PointCloud, dict]:
     """A job's cloud, and the frequencies and times (milliseconds) of its reconstruction."""
-    sensor, options = job.case.sensor, {"surfaces": job.case.surfaces}
+    sensor, options = job.case.sensor, {"surfaces": job.case.surfaces, **job.options}
     if "upsampling" in job.method.options:
         options["upsampling"] = job.case.upsampling
     seen, frequencies, sketch_ms = observation.frame, None, None
@@ -170,7 +177,7 @@ def with_clouds(jobs: list[Job], wanted: Callable[[Job], bool], folder: Path) ->
 
 
 def _file_name(job: Job) -> str:
-    parts = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "held_out")
+    parts = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "held_out", *METHOD_OPTIONS)
     key = {name: format_value(job.key[name]) for name in parts}
     return "_".join(f"{name}-{text}" if name != "source" else text for name, text in key.items() if text)
 

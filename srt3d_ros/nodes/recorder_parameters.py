@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.colours import CLOUD_MAP, COLOUR_MAPS
+from srt3d_ros.colours import COLOUR_MAPS, RANGE_MAP
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.recording import schema
@@ -25,7 +25,7 @@ PARAMETERS = (
     Parameter("record", True, "Record as soon as the node is active; if false, from `~/start_recording` on."),
     Parameter("colour_by", COLOUR_BY[0], "What colours the points. depth_std needs the reconstructor's `fields:=full`, "
               "else the intensity is used; up is the sensor's.", choices=COLOUR_BY),
-    Parameter("colour_map", CLOUD_MAP, "Colours from low to high, distinct with any colour vision.",
+    Parameter("colour_map", RANGE_MAP, "Colours, for any colour vision: bright is near, or much of anything but range.",
               choices=COLOUR_MAPS),
     Parameter("colour_range", ADAPTIVE, "Values, photons or metres, of the first and the last colour; adaptive follows "
               "the clouds slowly.", form=COLOUR_RANGE),

@@ -105,7 +105,8 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
     except KeyboardInterrupt:
         pass
     except InvalidInput as error:
-        print(error, file=sys.stderr)
+        # A parent puts the node's name before its lines; alone, it speaks as the commands do.
+        print(error if parent else f"srt3d: error: {error}", file=sys.stderr)
         return BAD_INPUT
     except Exception:
         if not stop.requested:      # a compiler that is interrupted swallows the interrupt and then fails with anything

@@ -6,8 +6,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from srt3d_ros.core.viewpoint import Viewpoint
-from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle, focal_px
+from srt3d_ros.colours import BACKGROUND, range_table
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.viewpoint import Viewpoint, look_at
+from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
 
 TEXT, DIM = "#e8eaed", "#8b939e"
 BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours
@@ -56,7 +59,7 @@ def range_bar(axes: Axes, style: CloudStyle, size: float = 13) -> None:
     share = max(share, _RANGE_BAR_PX / axes.images[0].get_array().shape[1])
     bar = axes.inset_axes((0.02, 0.03, share, height))
     bar.set_axis_off()
-    bar.imshow(RANGE_MAP[None], aspect="auto")
+    bar.imshow(range_table()[None], aspect="auto")
     for x, metres, side in ((0, style.near_m, "left"), (1, style.far_m, "right")):
         bar.text(x, 2, f"{metres:.3g} m", transform=bar.transAxes, color=DIM, size=size, ha=side, va="bottom")
 
@@ -82,6 +85,15 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint, title: str =
     write_line(figure, below / 2 / total, caption(figures or {}), 1.15 * size, DIM)
     figure.canvas.draw()
     return Image.fromarray(np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., :3]))
+
+
+def draw_cloud(cloud: PointCloud, sensor: SensorModel, yaw_deg: float = -20, pitch_deg: float = 10,
+               size_px: tuple[int, int] = (1200, 900)) -> Image.Image:
+    """A cloud coloured by range, shaded by intensity, with a scale bar, from the right of the sensor and above it."""
+    width, height = size_px
+    eye = look_at(cloud.xyz, sensor.projection, yaw_deg, pitch_deg, aspect=width / height)
+    style = CloudStyle.of(cloud, sensor)
+    return annotated(style.draw(cloud, eye, width, height), style, eye)
 
 
 def length_text(length_m: float) -> str:

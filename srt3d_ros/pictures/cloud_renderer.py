@@ -9,14 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.colours import colour_table, levels, percentile_range
+from srt3d_ros.colours import BACKGROUND, levels, percentile_range, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, point_radius_m
 
-BACKGROUND = (13, 16, 21)
-# Near is bright. The darkest quarter of the map is left out: it is hard to see on the background.
-RANGE_MAP = colour_table("viridis")[np.linspace(255, 45, 256).round().astype(int)]
 _OUTSIDE = (96, 104, 116)
 _RADIUS_PER_DISTANCE = 0.6      # neighbours then just overlap
 _RADIUS_FACTOR = 1.2            # larger points than in the viewer: no gaps in oblique surfaces
@@ -48,7 +45,7 @@ class CloudStyle:
     def colour(self, xyz: np.ndarray) -> np.ndarray:
         """Colours of points by range, uint8 [N, 3]; grey far outside the ranges of the style."""
         range_m, span_m = np.linalg.norm(xyz, axis=1), self.far_m - self.near_m
-        colour = RANGE_MAP[levels(range_m, self.near_m, self.far_m)]
+        colour = range_table()[levels(range_m, self.near_m, self.far_m)]
         colour[(range_m < self.near_m - 0.2 * span_m) | (range_m > self.far_m + 0.2 * span_m)] = _OUTSIDE
         return colour
 

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
+from srt3d_ros.colours import BACKGROUND, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
@@ -14,7 +15,7 @@ from srt3d_ros.core.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM, DPI, TEXT
-from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle, draw_fog
+from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
 
 _WIDTH_PX, _HEIGHT_PX = 2000, 900
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
@@ -99,7 +100,7 @@ def _depth_map(figure: Figure, left: float, width: float, range_m: np.ndarray, s
     _heading(figure, left, "depth map", f"{rows} × {cols} pixels, range in metres")
     axes = figure.add_axes((left, _BOTTOM, width, _TOP - _BOTTOM), anchor="W")      # as large as fits
     axes.set_axis_off()
-    colours = ListedColormap(RANGE_MAP / 255).with_extremes(bad=annotations.BEHIND)
+    colours = ListedColormap(range_table() / 255).with_extremes(bad=annotations.BEHIND)
     image = axes.imshow(range_m, colours, Normalize(style.near_m, style.far_m), interpolation="nearest")
     bar = figure.colorbar(image, cax=axes.inset_axes((1.034, 0, 0.03, 1)))
     bar.outline.set_visible(False)

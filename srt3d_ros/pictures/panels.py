@@ -10,10 +10,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import look_at
-from srt3d_ros.pictures.cloud_renderer import BACKGROUND, CloudStyle, draw_surface
+from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 from srt3d_ros.pictures.png import save_png
 
 DPI = 100

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from srt3d_ros.colours import PHOTON_MAP
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
@@ -13,7 +14,6 @@ from srt3d_ros.pictures.png import save_png
 DPI = 100
 _MOST_STEPS = 1200              # of the drawn histogram: its panel is about as many picture elements wide
 _PHOTONS, _GATE, _IRF = "#0072b2", "#f3d9a4", "#d55e00"
-_COUNTS_MAP = "viridis"
 _IRF_SHOWN = 2e-3                # of its peak, from which on the IRF is shown: its tails may span the period
 
 
@@ -45,7 +45,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     ranges = times.secondary_xaxis("top", functions=(
         sensor.range_m, lambda metres: (metres - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins))
     ranges.set_xlabel("range, m")
-    image = pixels.imshow(counts, cmap=_COUNTS_MAP, interpolation="nearest", vmin=0,
+    image = pixels.imshow(counts, cmap=PHOTON_MAP, interpolation="nearest", vmin=0,
                           vmax=max(float(np.quantile(counts, 0.995)), 1))
     pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")
     figure.colorbar(image, ax=pixels, shrink=0.8, extend="max")

@@ -3,6 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
+from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.recording import schema
@@ -28,7 +29,6 @@ PLOTS = {
 }
 IMAGE_TITLES = {schema.DEPTH: "Depth", schema.INTENSITY_IMAGE: "Intensity", schema.BACKGROUND: "Background",
                 schema.PHOTONS: "Photons"}
-_BACKGROUND = (13, 16, 21)
 _WIDE = 2.0                         # columns over rows from which images are stacked rather than set side by side
 _HISTORY = ((64**2, 5), (256**2, 3))        # (pixels, frames): sensors up to this size show this many frames at once
 _HISTORY_S = 0.25                   # on the timeline `stamp`, which does not count frames
@@ -41,7 +41,7 @@ def cloud_view(eye: Viewpoint, sensor: SensorModel | None = None) -> rrb.Spatial
     ranges = [rrb.VisibleTimeRange(schema.FRAME, start=back(seq=1 - frames), end=back(seq=0)),
               rrb.VisibleTimeRange(STAMP, start=back(seconds=-_HISTORY_S), end=back(seconds=0))]
     return rrb.Spatial3DView(
-        origin="/", contents=[schema.POINTS, schema.SENSOR_PATH], name="Point cloud", background=_BACKGROUND,
+        origin="/", contents=[schema.POINTS, schema.SENSOR_PATH], name="Point cloud", background=BACKGROUND,
         line_grid=False, time_ranges=ranges if frames > 1 else None,
         eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                        eye_up=eye.up),
@@ -93,4 +93,4 @@ def _plot(title: str, names: tuple[str, ...]) -> rrb.TimeSeriesView:
 
 
 def _image_view(path: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(origin=path, name=IMAGE_TITLES[path], background=_BACKGROUND)
+    return rrb.Spatial2DView(origin=path, name=IMAGE_TITLES[path], background=BACKGROUND)

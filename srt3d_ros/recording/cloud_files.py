@@ -1,17 +1,20 @@
-"""Save a point cloud: .npz with everything, .ply and .pcd for other programs, .rrd for the rerun viewer."""
+"""Save a point cloud: .npz with everything, .ply and .pcd for other programs, .rrd for the rerun viewer; or draw it."""
 
 import os
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.colours import CLOUD_MAP, levels, percentile_range, visible_table
+from srt3d_ros.colours import levels, percentile_range, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.new_files import appearing_whole
 
+PICTURES = (".png", ".jpg", ".jpeg")
+_JPEG_QUALITY = 90
 _SENSOR_FACTS = ("num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "toa_reference")
 _FLOATS = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
 _BYTES = [(name, "u1") for name in ("red", "green", "blue")]
@@ -24,8 +27,8 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
     photons), depth_std_bins, xyz (float32 [N, 3], metres), surface (uint8), background (float32 [rows, cols], expected
     photons), frequencies, stamp_ns, and of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m,
     toa_reference.
-    .ply: binary, x y z intensity, and the intensity's colour as red green blue. .pcd: 0.7, binary, x y z intensity.
-    .rrd: a recording of one frame (needs rerun-sdk).
+    .ply: binary, x y z intensity, and the range's colour as red green blue. .pcd: 0.7, binary, x y z intensity.
+    .rrd: a recording of one frame (needs rerun-sdk). .png, .jpg: a picture (needs matplotlib).
 
     Raises:
         InvalidInput: if the suffix is another or the file cannot be written there.
@@ -42,6 +45,8 @@ def check(path) -> Path:
     """The path if a cloud could be saved there, as far as can be known before it is written; InvalidInput if not."""
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
+    package, extra = _NEEDS.get(path.suffix.lower(), ("numpy", ""))
+    require(find_spec(package) is not None, "output", path.suffix, f"pip install 'srt3d_ros[{extra}]' to have been run")
     require(not os.path.isdir(path), "output", str(path), "a file, not a directory")
     require(os.path.isdir(path.parent), "output", str(path), f"a directory {path.parent} that exists")
     require(os.access(path.parent, os.W_OK), "output", str(path), f"a directory {path.parent} that can be written to")
@@ -57,8 +62,9 @@ def _save_npz(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], senso
 
 def _save_ply(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
     points = _records(cloud, _FLOATS + _BYTES)
-    level = levels(cloud.intensity, *percentile_range(cloud.intensity) or (0, 1), root=True)
-    points["red"], points["green"], points["blue"] = visible_table(CLOUD_MAP)[level].T
+    range_m = np.linalg.norm(cloud.xyz, axis=1)
+    level = levels(range_m, *percentile_range(range_m) or (0, 1))
+    points["red"], points["green"], points["blue"] = range_table()[level].T
     header = ["ply", "format binary_little_endian 1.0", f"comment metres in the frame {printable(sensor.frame_id)}",
               f"element vertex {len(points)}"]
     header += [f"property float {name}" for name, _ in _FLOATS] + [f"property uchar {name}" for name, _ in _BYTES]
@@ -74,12 +80,15 @@ def _save_pcd(cloud: PointCloud, path: Path, *_) -> None:
 
 
 def _save_rrd(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
-    try:        # rerun is imported for this suffix only
-        from srt3d_ros.recording.frame_log import save_cloud
-    except ImportError as e:
-        raise InvalidInput("output", path.suffix, f"pip install 'srt3d_ros[record]' to have been run ({e})") from None
+    from srt3d_ros.recording.frame_log import save_cloud  # here: rerun is imported for this suffix only
 
     save_cloud(cloud, path, sensor, {"frequencies": list(frequencies)})
+
+
+def _save_picture(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
+    from srt3d_ros.pictures.annotations import draw_cloud
+
+    draw_cloud(cloud, sensor).save(path, quality=_JPEG_QUALITY)
 
 
 def _records(cloud: PointCloud, fields: list[tuple[str, str]]) -> np.ndarray:
@@ -97,4 +106,5 @@ def _write(path: Path, header: list[str], points: np.ndarray) -> None:
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[int, ...], SensorModel], None]] = {
     ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".rrd": _save_rrd,
-}
+} | dict.fromkeys(PICTURES, _save_picture)
+_NEEDS = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "review"))     # package and extra

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from srt3d_ros.colours import CLOUD_MAP, AdaptiveRange, levels, packed, visible_table
+from srt3d_ros.colours import RANGE_MAP, AdaptiveRange, levels, packed, range_table, visible_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
@@ -19,7 +19,7 @@ from srt3d_ros.recording.blueprint import film_blueprint, plot_styles, still_blu
 from srt3d_ros.recording.rerun_streams import send_blueprint
 from srt3d_ros.recording.rrd_file import RrdFile
 
-COLOUR_BY = ("intensity", "height", "depth_std", "range")
+COLOUR_BY = ("range", "intensity", "height", "depth_std")
 _COLOURS = 64           # distinct ones: more look the same and cost a byte per point
 _RADIUS_SAMPLES = 4096
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
@@ -30,8 +30,8 @@ _CLOUD_APPLICATION_ID = "srt3d_ros_cloud"   # the viewer keeps one blueprint for
 class Colouring:
     """How points are coloured."""
 
-    by: str = "intensity"           # one of COLOUR_BY
-    map: str = CLOUD_MAP            # one of colours.COLOUR_MAPS
+    by: str = COLOUR_BY[0]
+    map: str = RANGE_MAP            # one of colours.COLOUR_MAPS
     fixed_range: tuple[float, float] | None = None      # in photons or metres; None: follow the clouds slowly
 
 
@@ -69,6 +69,7 @@ class FrameLog:
     def begin(self, stream: rr.RecordingStream) -> None:
         """Add a stream: log the static entities and properties to it now, and all that follows."""
         stream.log("/", schema.view_coordinates(self._sensor), static=True)
+        stream.log(schema.NO_DEPTH, schema.no_depth_colour(), static=True)
         for path, style in plot_styles().items():
             stream.log(path, style, static=True)
         for name, facts in self._properties.items():
@@ -102,17 +103,19 @@ class FrameLog:
             self._choose_view(xyz)
             for stream in self.streams:
                 self._send_view(stream)
+        colour = self._colours(columns)
         if not self._style.exact:
-            columns = schema.sorted_by_intensity(columns)
+            columns, colour = schema.sorted_to_compress(columns, colour)
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor) if self._sensor else 0.0
-        archetypes = schema.points(columns, self._colours(columns), radius_m, self._style.exact)
+        archetypes = schema.points(columns, colour, radius_m, self._style.exact)
         self._log(stamp_ns, frame_index, {schema.POINTS: archetypes})
 
     def depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
         """Log a depth image, float32, in an array that no longer changes."""
         low, high = self._depth_range.update(depth_m)
-        self._log(stamp_ns, frame_index, {schema.DEPTH: [schema.depth_image(depth_m, low, high, self._in_mm)]})
+        self._log(stamp_ns, frame_index, {schema.DEPTH: [schema.depth_image(depth_m, low, high, self._in_mm)],
+                                          schema.NO_DEPTH: [schema.no_depth(depth_m)]})
 
     def image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
         """Log one of schema.IMAGES: integers, or float32 with NaN = none, in an array that no longer changes."""
@@ -152,7 +155,8 @@ class _CloudColours:
     """Computes the colours of one cloud after the other; `projection` says which way is up."""
 
     def __init__(self, colouring: Colouring, projection: Projection | None):
-        self._by, self._table = colouring.by, packed(visible_table(colouring.map, _COLOURS))
+        table = range_table if colouring.by == "range" else visible_table
+        self._by, self._table = colouring.by, packed(table(colouring.map, _COLOURS))
         self._up = sensor_axes(projection)[2].astype(np.float32)
         self._range = AdaptiveRange(fixed=colouring.fixed_range)
 

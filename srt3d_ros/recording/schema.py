@@ -7,6 +7,8 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
+from srt3d_ros.colours import BACKGROUND as BLACK
+from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import sensor_axes
@@ -14,6 +16,7 @@ from srt3d_ros.core.viewpoint import sensor_axes
 APPLICATION_ID = "srt3d_ros"
 STAMP, FRAME = "stamp", "frame"                     # timelines
 POINTS, DEPTH, METRICS, LOG, SENSOR_PATH = "/points", "/depth", "/metrics", "/log", "/sensor"
+NO_DEPTH = f"{DEPTH}/none"                          # drawn over the depth image
 IMAGES = INTENSITY_IMAGE, BACKGROUND, PHOTONS = "/intensity", "/background", "/photons"     # all in photons
 INTENSITY = "intensity"                             # component beside the points: photons
 OF_FULL_CLOUDS = ("depth_std", "row", "col", "surface")     # components of clouds that have them
@@ -24,8 +27,8 @@ _MM_PER_M = 1000
 _MOST_MM = np.iinfo(np.uint16).max
 _LARGEST_FLOAT16 = float(np.finfo(np.float16).max)
 _ROOT_STEP = 0.35       # rounding of photon images: the square root of a photon count has a noise of 0.5
-_NONE_MARGIN = 0.2      # share of the depth range below its low end, so that pixels without depth have their own colour
-_PHOTON_MAP, _LEAST_SPAN = "inferno", 1e-6
+_DARK = 45 / 210        # dark colours that colours.range_table leaves out, over those that it has
+_LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
 _LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _SENSOR_FACTS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "frame_id",
@@ -38,15 +41,18 @@ def to_float16(values: np.ndarray) -> np.ndarray:
     return values.astype(np.float16 if fits else np.float32)
 
 
-def sorted_by_intensity(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The points of a cloud, the dimmest first, with intensities in 11 bits.
+def sorted_to_compress(columns: Mapping[str, np.ndarray], colour: np.ndarray) -> tuple[dict, np.ndarray]:
+    """The points of a cloud by colour, of one colour the dimmest first, with intensities in 11 bits; and the colours.
 
-    LZ4 compresses sorted intensities and colours well: 3 to 4 bytes less for each point.
+    LZ4 compresses what is sorted well.
     """
     intensity = to_float16(columns["intensity"])
     # The bits of float16 sort as their values do, as none is negative, and twenty times as fast.
-    order = np.argsort(intensity.view(np.uint16) if intensity.dtype == np.float16 else intensity, kind="stable")
-    return {name: np.take(values, order, axis=0) for name, values in {**columns, "intensity": intensity}.items()}
+    bits = intensity.view(np.uint16) if intensity.dtype == np.float16 else intensity
+    order = np.argsort(bits, kind="stable")
+    order = order[np.argsort(colour[order], kind="stable")]
+    columns = {name: np.take(values, order, axis=0) for name, values in {**columns, "intensity": intensity}.items()}
+    return columns, colour[order]
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float, exact: bool) -> list:
@@ -76,20 +82,30 @@ def photon_image(photons: np.ndarray, low: float, high: float, exact: bool) -> r
     elif not exact:
         root = np.rint(np.sqrt(np.maximum(photons, 0)) / _ROOT_STEP) * _ROOT_STEP
         photons = to_float16(np.square(root, dtype=np.float32))
-    return rr.DepthImage(photons, colormap=_PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))
+    return rr.DepthImage(photons, colormap=PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))
 
 
 def depth_image(depth_m: np.ndarray, low: float, high: float, in_mm: bool) -> rr.DepthImage:
-    """A depth image [rows, cols] in metres, NaN = none, coloured from `low` to `high` metres.
+    """A depth image [rows, cols] in metres, NaN = none, in the colours of ranges from `low` to `high` metres.
 
     With `in_mm` in whole millimetres, uint16, 0 = none: half the size.
     """
-    low -= _NONE_MARGIN * (high - low)
+    ends = np.array([high + _DARK * (high - low), low])     # the far end first: rerun then turns the map round
     if not in_mm:
-        return rr.DepthImage(depth_m, meter=1, colormap="viridis", depth_range=(low, high))
+        return rr.DepthImage(depth_m, meter=1, colormap=RANGE_MAP, depth_range=ends)
     mm = np.nan_to_num(np.rint(depth_m * _MM_PER_M), nan=0, posinf=0, neginf=0)
     mm = np.clip(mm, 0, _MOST_MM).astype(np.uint16)
-    return rr.DepthImage(mm, meter=_MM_PER_M, colormap="viridis", depth_range=(low * _MM_PER_M, high * _MM_PER_M))
+    return rr.DepthImage(mm, meter=_MM_PER_M, colormap=RANGE_MAP, depth_range=ends * _MM_PER_M)
+
+
+def no_depth(depth_m: np.ndarray) -> rr.SegmentationImage:
+    """What makes pixels without depth black, drawn over the depth image, whose map has a colour for any value."""
+    return rr.SegmentationImage((~np.isfinite(depth_m)).astype(np.uint8), opacity=1, draw_order=1)
+
+
+def no_depth_colour() -> rr.AnnotationContext:
+    """The static colours of `no_depth`."""
+    return rr.AnnotationContext([(0, None, (0, 0, 0, 0)), (1, "no point", (*BLACK, 255))])
 
 
 def depth_in_metres(buffer: np.ndarray, shape: tuple[int, int], units_per_m: float) -> np.ndarray:

@@ -19,8 +19,7 @@ from srt3d_ros.review.gallery import draw, figures_of, title_of
 from srt3d_ros.review.recorded import Recorded
 
 _PICTURE_PX = (1400, 800)
-_PICTURE = ".png"
-FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", _PICTURE)
+FRAME_SUFFIXES = (".npz", ".ply", ".pcd", ".rrd", *cloud_files.PICTURES)
 TURNTABLE_SUFFIXES = (".gif", ".mp4")
 _FILM_PX, _FILM_FRAMES, _FILM_RATE_HZ = (640, 480), 60, 20
 _FILM_COLOURS = 128
@@ -34,13 +33,13 @@ def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = "auto") -> None:
-    """Save the cloud at a position of the index: a picture if `output` ends in .png, else as `cloud_files.save` does.
+    """Save the cloud at a position of the index: a picture if `output` is called so, else as `cloud_files.save` does.
 
     Raises:
         InvalidInput: it cannot be written there, or a cloud file needs a sensor and the recording has none.
     """
     cloud = _cloud(recorded, position)
-    if output.suffix.lower() == _PICTURE:
+    if output.suffix.lower() in cloud_files.PICTURES:
         style = CloudStyle.of(cloud, recorded.sensor)
         (image,), eye, _ = draw([cloud], cloud, style, recorded.projection, _PICTURE_PX, pictures)
         picture = annotated(image, style, eye, title_of(recorded, position), figures_of(recorded, position))

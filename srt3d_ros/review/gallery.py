@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from srt3d_ros.colours import colour_table, levels, percentile_range
+from srt3d_ros.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
 from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.errors import require
 from srt3d_ros.pictures.annotations import annotated, length_text
-from srt3d_ros.pictures.cloud_renderer import BACKGROUND, RANGE_MAP, CloudStyle
+from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import schema, screenshot
 from srt3d_ros.recording.reader import RecordedCloud
 from srt3d_ros.review.recorded import Recorded
@@ -27,7 +27,6 @@ _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
 _IMAGES = {schema.DEPTH: ("depth", "m"), schema.INTENSITY_IMAGE: ("intensity", "photons"),
            schema.BACKGROUND: ("background", "photons"), schema.PHOTONS: ("photons as they came", "photons")}
-_MAP = "inferno"
 
 
 def draw(clouds: Sequence[RecordedCloud], framed: RecordedCloud, style: CloudStyle, projection: Projection | None,
@@ -91,7 +90,7 @@ def make_gallery(recorded: Recorded, pictures: str) -> dict:
     return {
         "typical": large.pop(typical), "ends": list(large.values()),
         "strip": [_thumbnail(recorded, position, image) for position, image in zip(strip, small)],
-        "images": _images(recorded, frames[typical], style),
+        "images": _images(recorded, frames[typical]),
         "by": "the rerun viewer" if by_viewer else "srt3d_ros",
     }
 
@@ -124,12 +123,12 @@ def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:
     return Picture(f"{recorded.seconds[position]:.1f} s", caption, _uri(Image.fromarray(image), "jpeg", **_JPEG))
 
 
-def _images(recorded: Recorded, frame: int, style: CloudStyle) -> list[Picture]:
+def _images(recorded: Recorded, frame: int) -> list[Picture]:
     pictures = []
     for path, (title, unit) in _IMAGES.items():
         for _, _, values in recorded.reader.images(path, {frame}):
-            low, high = (style.near_m, style.far_m) if unit == "m" else percentile_range(values) or (0.0, 1.0)
-            table = RANGE_MAP if unit == "m" else colour_table(_MAP)
+            low, high = percentile_range(values) or (0.0, 1.0)
+            table = range_table() if unit == "m" else colour_table(PHOTON_MAP)
             colours = table[levels(values, low, high)]
             colours[~np.isfinite(values)] = BACKGROUND
             ends = " … ".join(length_text(float(f"{end:.3g}")) if unit == "m" else f"{end:.3g}" for end in (low, high))

@@ -30,6 +30,7 @@ def folder(tmp_path_factory):
     npz.save(path / "layers.npz", SENSOR, events, truth)
     npz.save(path / "bare.npz", SENSOR, events)
     npz.save(path / "few.npz", SENSOR, PhotonEvents(events.pixel[:240], events.toa[:240]))
+    (path / "README.md").write_text("of something else")
     np.savez(path / "step.npz", depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
     return path
 
@@ -76,8 +77,30 @@ def test_held_out_photons_judge_files_without_a_reference(run):
     ours = next(row for row in rows if (row["source"], row["method"]) == ("bare", "pooled"))
     shown = f"| {float(ours['held_out_nats']):.1f} ± {float(ours['held_out_std']):.1f}"
     assert shown in printed.out and shown in (out / "README.md").read_text(encoding="utf-8")
-    code, printed, _ = run("bare.npz", "--methods", "pooled", "--surfaces", "2")        # of all photons: another row
+    code, printed, _ = run("bare.npz", "--methods", "pooled", "--surfaces", "2", "--held-out-photons", "0")
     assert code == 0 and len(rows_of(out)) == len(rows) + 1 and "held-out" not in printed.out
+
+
+def test_without_a_reference_photons_are_held_out_and_it_is_said(run):
+    code, printed, out = run("bare.npz", "few.npz", "layers.npz", "--methods", "pooled", "--surfaces", "2")
+    rows = {row["source"]: row for row in rows_of(out)}
+    assert code == 0 and [rows[name]["held_out"] for name in ("bare", "few", "layers")] == ["0.4", "", ""]
+    assert float(rows["bare"]["held_out_nats"]) > 0 and float(rows["layers"]["photons_per_pixel"]) > 50
+    assert "bare: no reference: clouds of 60% of the photons are judged by how well" in printed.err
+    assert "few: no reference, and too few photons" in printed.err and "layers: no" not in printed.err
+    code, printed, _ = run("bare.npz", "--methods", "pooled", "--surfaces", "2")
+    assert "held-out nats" in printed.out and "–" not in printed.out and "TD %" not in printed.out
+
+
+def test_options_reach_the_methods_that_take_them_and_name_their_rows(run):
+    command = ("--scene", "step.npz", "--sbr", "0.1", "--ppp", "3", "--methods", "pooled,smle,rt3d", "--sketch-size",
+               "10")
+    run(*command)
+    code, _, out = run(*command, "--false-alarm-rate", "0.01", "--background", "flat")
+    rows = rows_of(out)
+    assert code == 0 and [(row["method"], row["false_alarm_rate"], row["background"]) for row in rows] == [
+        ("pooled", "", ""), ("smle", "", ""), ("rt3d", "", ""), ("pooled", "0.01", "flat"), ("smle", "0.01", "")]
+    assert int(rows[1]["points"]) > 2 * int(rows[4]["points"])
 
 
 def test_a_scene_is_simulated_at_every_setting(run):
@@ -149,12 +172,16 @@ BAD = {
     "reference 0": (["layers.npz", "--align", "0"], "--align is"), "seen": (["layers.npz", "--seen", "8"], "--seen"),
     "surfaces 0": (["layers.npz", "--surfaces", "0"], "--surfaces is 0"),
     "share above 1": (["bare.npz", "--held-out-photons", "1.5"], "--held-out-photons is 1.5"),
-    "share 0": (["bare.npz", "--held-out-photons", "0"], "--held-out-photons is 0"),
+    "share below 0": (["bare.npz", "--held-out-photons", "-0.1"], "--held-out-photons is -0.1"),
     "share nan": (["bare.npz", "--held-out-photons", "nan"], "--held-out-photons is nan"),
     "photons of no file": (["--held-out-photons", "0.4"], "expected photon files only"),
     "photons of a scene": (["bare.npz", "--scene", "step.npz", "--held-out-photons", "0.4"], "photon files only"),
     "few held out": (["few.npz", "--held-out-photons", "0.4"],
                      "few is 240 photons: expected 250 or more for --held-out-photons 0.4"),
+    "a rate of 0": (["bare.npz", "--false-alarm-rate", "0"], "false_alarm_rate is 0"),
+    "a background of no method": (["bare.npz", "--methods", "rt3d", "--background", "flat"],
+                                  "--background is flat: expected one of the methods that take it: pooled"),
+    "another's README": (["bare.npz", "--out", "."], "--out is .: expected a folder without a README.md of something"),
     "a file as folder": (["layers.npz", "--out", "layers.npz"], "--out is layers.npz"),
     "no folder": (["layers.npz", "--out"], "--out"),
 }

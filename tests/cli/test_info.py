@@ -51,7 +51,7 @@ def test_figures_are_those_of_the_photons(srt3d, wall):
 def test_words_say_the_same_and_what_was_assumed(srt3d, cube):
     code, words, err = srt3d("info", cube, "--bin-width-s", "5e-11")
     assert code == 0 and words.count("\n") == 4 and "12 × 20 pixels, T = 600 bins of 50 ps" in words
-    assert "IRF estimated" in err and "field of view" in err
+    assert "IRF estimated" in err and "geometry taken to be a pinhole of 30°" in err
     assert "SBR 4" in words or "SBR 3" in words
 
 

@@ -48,7 +48,8 @@ def test_a_defect_of_ours_is_not_disguised_as_bad_input(monkeypatch, error):
 
 @pytest.mark.parametrize("argv, expected", [
     ([], "required: COMMAND"), (["no-such-command"], "no-such-command"), (["node", "no-such-node"], "no-such-node"),
-    (["--no-such-option"], "required: COMMAND")])
+    (["--no-such-option"], "required: COMMAND"),
+    (["info", "a.npz", "--no-such-option"], "unrecognized arguments: --no-such-option (see srt3d info --help)")])
 def test_a_wrong_command_line_is_one_line_and_exit_code_2(refusal, argv, expected):
     assert expected in refusal(*argv)
 
@@ -71,6 +72,13 @@ def test_help_names_every_command_and_loads_nothing_heavy(repository):
                   stdout=subprocess.PIPE)
     assert (done.returncode, done.stderr) == (0, "")
     assert set(main.COMMANDS) <= {line.split()[0] for line in done.stdout.splitlines() if line.startswith("    ")}
+
+
+@pytest.mark.parametrize("command", [(), *((name,) for name in main.COMMANDS)])
+def test_help_fits_a_terminal_of_80_columns(srt3d, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = srt3d(*command, "--help")
+    assert code == 0 and max(map(len, out.splitlines())) <= 80
 
 
 def test_a_reader_that_stops_reading_is_no_error(repository):

@@ -86,7 +86,8 @@ def test_upsampling_writes_a_cloud_of_finer_pixels(reconstruct):
         np.testing.assert_allclose(file["xyz"], rays * SENSOR.range_m(file["depth_bins"])[:, None], rtol=1e-5)
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [(".ply", b"ply\n"), (".PCD", b"# .PCD"), (".rrd", b"RRF")])
+@pytest.mark.parametrize(("suffix", "magic"), [(".ply", b"ply\n"), (".PCD", b"# .PCD"), (".rrd", b"RRF"),
+                                              (".png", b"\x89PNG"), (".jpg", b"\xff\xd8")])
 def test_every_format_is_written(reconstruct, suffix, magic):
     _, out = reconstruct(out="cloud" + suffix)
     assert out.read_bytes().startswith(magic) and out.stat().st_size > 240 * 16
@@ -279,6 +280,16 @@ def test_a_mistake_is_one_line_and_exit_code_2(photons, tmp_path, monkeypatch, r
     before = sorted(tmp_path.iterdir())
     assert expected in refusal("reconstruct", *(photons[0] if word == "FILE" else word for word in arguments))
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("option", ["INPUT", "--dark", "--irf"])
+def test_no_file_that_is_read_is_replaced(photons, tmp_path, monkeypatch, refusal, option):
+    monkeypatch.chdir(tmp_path)
+    file, read = tmp_path / "a.npz", photons[0].read_bytes()
+    file.write_bytes(read)
+    source, given = (file, ()) if option == "INPUT" else (photons[0], (option, file))
+    said = refusal("reconstruct", source, "-o", "../" + tmp_path.name + "/a.npz", *given)
+    assert "expected another file than the input" in said and file.read_bytes() == read
 
 
 def test_a_full_disk_is_one_line(photons, tmp_path, refusal, full_disk):

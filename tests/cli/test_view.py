@@ -100,6 +100,15 @@ def test_what_cannot_be_shown_is_one_line(refusal, opened, arguments, expected):
     assert expected in refusal("view", *arguments) and not opened
 
 
+def test_a_file_that_is_no_recording_is_refused(refusal, opened, tmp_path):
+    record(tmp_path / "a.rrd").close()
+    (tmp_path / "README.md").write_text("# words")
+    (tmp_path / "named.rrd").write_text("# words")
+    for name in ("README.md", "named.rrd"):
+        said = refusal("view", tmp_path / "a.rrd", tmp_path / name)
+        assert f"{name}: expected an .rrd file, as the recorder writes it" in said and not opened
+
+
 def test_where_there_is_a_screen_the_viewer_opens(srt3d, monkeypatch, tmp_path, opened, port):
     monkeypatch.setenv("DISPLAY", ":0")
     with record(tmp_path / "a.rrd", live=(port, 16)):

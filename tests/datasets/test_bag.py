@@ -21,8 +21,9 @@ from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.datasets.bag_photons import find_photons
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
+from srt3d_ros.datasets.photons import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, gates, histograms, photons
+from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
 from srt3d_ros.messages import sensor as sensor_message
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
@@ -220,12 +221,20 @@ def peak_of_refusal(bag: Path, why: str) -> int:
     return peak
 
 
+def test_a_description_without_a_projection_is_noted(tmp_path):
+    content = sensor_message.to_object(SENSOR)
+    del content["projection"]
+    path = write(tmp_path / "bag", [("/sensor", TEXT, cdr.write_text(json_text.dump(content))), RECORDED[1]])
+    assert open_photons(path).notes == (ASSUMED_FOV,) and open_photons(path, fov_deg=20).notes == ()
+
+
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
     for number in range(3):
         opened = open_photons(bag, number)
         assert opened.sensor.same_as(SENSOR) and opened.frame.toa.tolist() == [number, 7, 9]
         assert opened.frame.stamp_ns == START_NS + number
     assert open_photons(bag, range_offset_m=2.0, fov_deg=20).sensor.range_offset_m == 2.0
+    assert open_photons(bag).notes == ()
     with pytest.raises(InvalidInput, match=r"frame is 3: expected 0 to 2"):
         open_photons(bag, 3)
 

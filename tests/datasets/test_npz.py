@@ -13,6 +13,7 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets import files, npz, open_photons
+from srt3d_ros.datasets.photons import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([0.25, 0.5, 0.25], np.float32)
@@ -163,6 +164,28 @@ def _header(shape, dtype="<f8", body=b"") -> bytes:
 def literal(text: str) -> bytes:
     """An .npy header of this text, and some data."""
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1") + b"\x01\0" * 4
+
+
+@pytest.mark.parametrize("known", [{"fov_deg": 20.0},
+                                   {"projection": "pinhole", "projection_values": np.array([9.0, 9, 1, 1])}])
+def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path, known):
+    assert open_photons(write(tmp_path, **known)).notes == ()
+    assert open_photons(write(tmp_path)).notes == (ASSUMED_FOV,)
+    assert open_photons(write(tmp_path), fov_deg=30).notes == ()
+    assert open_photons(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.999])
+def test_a_truncated_file_is_said_to_be_one(tmp_path, share):
+    path = tmp_path / "photons.npz"
+    npz.save(path, SENSOR, EVENTS)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:int(len(whole) * share)])
+    with pytest.raises(InvalidInput, match=r"^photons\.npz is truncated or damaged: expected a complete \.npz file"):
+        npz.read(path)
+    path.write_text("no zip file at all")
+    with pytest.raises(InvalidInput, match=r"^photons\.npz is unreadable \(File is not a zip file\): expected"):
+        npz.read(path)
 
 
 def write_with_member(tmp_path, content: bytes, method: int = zipfile.ZIP_STORED):

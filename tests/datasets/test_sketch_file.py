@@ -51,7 +51,7 @@ def test_what_cannot_be_used_names_file_and_array(path, changes, said):
 def test_files_that_are_none(tmp_path, path):
     (tmp_path / "cut.npz").write_bytes(path.read_bytes()[:200])
     for name, said in (("absent.npz", "sketch file is .*absent.npz: expected a file that exists"),
-                       ("cut.npz", "cut.npz is unreadable")):
+                       ("cut.npz", "cut.npz is truncated or damaged")):
         with pytest.raises(InvalidInput, match=f"^{said}"):
             sketch_file.read(tmp_path / name)
 

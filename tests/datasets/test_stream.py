@@ -5,6 +5,7 @@ import pytest
 
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
@@ -95,7 +96,9 @@ def test_a_gate_drops_and_says_so(npy, events):
 
 def test_what_is_not_said_is_assumed_and_noted(npy):
     photons = open_stream(npy, bin_width_s=5e-11)
-    assert [note.split()[0] for note in photons.notes] == ["IRF", "field"]
+    assert [note.split()[0] for note in photons.notes] == ["IRF", "geometry"]
+    known = photons.sensor.replace(projection=Pinhole(9, 9, 1, 1))
+    assert photons.with_sensor(known).notes == photons.notes[:1]
     assert np.abs(np.argmax(photons.sensor.irf) - photons.sensor.irf_ref) == 0
 
 

@@ -82,13 +82,12 @@ def test_repeats_are_averaged_and_other_settings_are_not():
     assert rows[0]["within_nominal_percent"] == (15, 60) and np.isnan(rows[0]["iae"])
 
 
-def test_the_table_shows_what_is_known_and_a_dash_for_the_rest():
+def test_the_table_shows_what_is_known_and_a_dash_for_what_others_have():
     judged = JUDGED | {"true_detections_by_surface_percent": "99.06;80", "false_detections_percent": "0.04"}
     lines = markdown(averaged([judged, READ | {"sbr": "", "sketch_size": "", "source": "tower"}])).splitlines()
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    assert tuple(cells[0]) == HEADINGS and len({len(line) for line in cells}) == 1
-    assert dict(zip(HEADINGS, cells[2])) == {
+    assert set(cells[0]) < set(HEADINGS) and len({len(line) for line in cells}) == 1
+    assert dict(zip(cells[0], cells[2])) == {
         "source": "bust", "SBR": "1", "photons / pixel": "9.9", "method": "pooled", "m": "10", "TD %": "99.1 + 80.0",
-        "FD %": "0.0", "DAE bins": "–", "DAE mm": "2.00", "IAE": "–", "≤ 1 σ %": "–", "≤ 2 σ %": "–",
-        "swelling px": "–", "points": "100"}
+        "FD %": "0.0", "DAE mm": "2.00", "points": "100"}
     assert cells[3][:6] == ["tower", "–", "9.9", "pooled", "–", "–"]

@@ -162,12 +162,13 @@ QOS = "qos_overrides.{namespace}/in.subscription."
 def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start, ros_args, line):
     probe = start(*(arg.format(namespace=graph.namespace) for arg in ros_args))
     assert probe.code() == 2
-    assert probe.lines[-1].startswith(line.format(namespace=graph.namespace)) and "Traceback" not in probe.text
+    line = f"srt3d: error: {line.format(namespace=graph.namespace)}"
+    assert probe.lines[-1].startswith(line) and "Traceback" not in probe.text
 
 
 def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_ours_a_traceback_and_1(start):
     probe = start(start="raise InvalidInput('thing', 3, '4')")
-    assert (probe.code(), probe.lines) == (2, ["thing is 3: expected 4"])
+    assert (probe.code(), probe.lines) == (2, ["srt3d: error: thing is 3: expected 4"])
     probe = start(start="self.nothing")
     assert probe.code() == 1 and "AttributeError" in probe.text
 
@@ -177,7 +178,8 @@ def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
     probe = start()
     assert probe.code() == 2
     assert len(probe.lines) == 1
-    assert probe.lines[0].startswith("ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written")
+    said = "srt3d: error: ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written"
+    assert probe.lines[0].startswith(said)
 
 
 def test_security_that_is_not_available_is_one_line_and_no_node_runs_without_it(graph, monkeypatch, tmp_path):
@@ -198,7 +200,8 @@ def test_arguments_without_ros_args_before_them_are_refused_and_not_ignored(grap
     process = Process([sys.executable, "-m", "srt3d_ros.cli.main", "node", "sketcher", "-p", "sketch_size:=5"])
     graph.processes.append(process)
     assert process.code() == 2
-    assert process.lines[-1].startswith("command line is -p sketch_size:=5: expected nothing but --ros-args")
+    assert process.lines[-1].startswith("srt3d: error: command line is -p sketch_size:=5: expected nothing but "
+                                        "--ros-args")
 
 
 def test_a_qos_of_no_topic_is_a_warning_and_capitals_pass(graph, start):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording import cloud_files
@@ -67,9 +68,8 @@ def test_ply_holds_the_points_and_their_colours(saved, ball):
     assert points.dtype.names == ("x", "y", "z", "intensity", "red", "green", "blue")
     assert np.array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), ball[0].xyz)
     assert np.array_equal(points["intensity"], ball[0].intensity)
-    bright = points[np.argmax(points["intensity"])]
-    dim = points[np.argmin(points["intensity"])]
-    assert int(bright["green"]) > int(dim["green"]) + 100
+    near, far = (points[at(np.linalg.norm(ball[0].xyz, axis=1))] for at in (np.argmin, np.argmax))
+    assert near["red"] > 200 and near["green"] > 200 and far["blue"] > max(far["red"], far["green"])
 
 
 def test_pcd_holds_the_points(saved, ball):
@@ -89,6 +89,24 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
     assert np.allclose(depth_m, cloud.depth_image(ball[1].projection), atol=0.0006, equal_nan=True)
     assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
     assert reader.is_finished()
+
+
+@pytest.mark.parametrize(("suffix", "kind"), [(".png", "PNG"), (".jpg", "JPEG"), (".JPEG", "JPEG")])
+def test_a_picture_shows_the_cloud(saved, ball, suffix, kind):
+    with Image.open(saved("cloud" + suffix)) as image:
+        assert (image.format, image.size) == (kind, (1200, 900))
+        drawn = np.asarray(image.convert("L")).astype(int)
+    with Image.open(saved("empty" + suffix, ball[0].within(max_m=0))) as image:
+        empty = np.asarray(image.convert("L")).astype(int)
+    assert (drawn > 60).mean() > 0.1 > 10 * (empty > 60).mean()
+
+
+@pytest.mark.parametrize("suffix", [".rrd", ".png"])
+def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path, suffix):
+    monkeypatch.setattr(cloud_files, "find_spec", lambda name: None if name in ("rerun", "matplotlib") else name)
+    with pytest.raises(InvalidInput, match=r"pip install 'srt3d_ros\[(record|review)\]' to have been run"):
+        cloud_files.check(tmp_path / f"a{suffix}")
+    cloud_files.check(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd", ".rrd"])

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
-from srt3d_ros.colours import colour_table, packed
+from srt3d_ros.colours import packed, range_table, visible_table
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording import schema
@@ -82,8 +83,8 @@ def test_row_column_surface_and_deviation_stay_with_their_point(tmp_path, ball):
     assert np.array_equal(read.depth_std_m[read_order], std_m[order].astype(np.float16))
 
 
-def test_points_cost_thirteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
-    """12 of them for the position: sorted, intensities and colours compress to 1.5 of 6."""
+def test_points_cost_fourteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
+    """12 of them for the position: sorted, intensities and colours compress to 1.9 of 6."""
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(60_000, 3)).astype(np.float32)
     intensity = rng.gamma(8, 2, 60_000).astype(np.float32)
@@ -95,7 +96,7 @@ def test_points_cost_thirteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
             log(writer)
         sizes.append((tmp_path / "a.rrd").stat().st_size)
     empty, cloud, background, photons = sizes
-    assert (cloud - empty) / 60_000 < 13.5
+    assert (cloud - empty) / 60_000 < 14
     assert (background - empty) / 60_000 < 1.4 and (photons - empty) / 60_000 < 1.3
 
 
@@ -124,13 +125,29 @@ def test_colours_show_the_chosen_quantity_over_the_chosen_range(tmp_path, by, va
     with RecordingWriter(tmp_path / "a.rrd", None, style=style) as writer:
         writer.log_cloud(0, 0, xyz, intensity, depth_std=xyz[:, 0] ** 2)
         writer.log_cloud(1, 1, 2 * xyz, intensity, depth_std=4 * xyz[:, 0] ** 2)
-    table = packed(colour_table("viridis"))
+    table = packed((range_table if by == "range" else visible_table)("viridis"))
     for cloud in RecordingReader(tmp_path / "a.rrd").clouds():
         value = values(cloud.xyz)
-        assert set(cloud.colour[value <= 0.5]) == {table[np.argmax(colour_table("viridis").max(axis=1) >= 108)]}
+        assert set(cloud.colour[value <= 0.5]) == {table[0]}
         assert set(cloud.colour[value >= 2.0]) == {table[255]}
         green = cloud.colour[np.argsort(value)] >> 16 & 255         # rises all along viridis
-        assert (np.diff(green.astype(int)) >= 0).all() and len(set(green)) > 30
+        assert (np.diff(green.astype(int)) * (-1 if by == "range" else 1) >= 0).all() and len(set(green)) > 30
+
+
+def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball):
+    """The viewer turns its map round for a range that falls, and draws one image over the other."""
+    depth_m = ball[0].depth_image(ball[1].projection)
+    for in_mm in (False, True):
+        far, near = np.array(schema.depth_image(depth_m, 1.0, 1.5, in_mm).depth_range.as_arrow_array()[0].as_py())
+        assert (far, near) == pytest.approx(np.array([1.5 + 0.5 * 45 / 210, 1.0]) * (1000 if in_mm else 1))
+    with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(schema.DEPTH,)) as writer:
+        writer.log_depth(0, 0, depth_m)
+    stream = RrdReader(tmp_path / "a.rrd").stream()
+    batches = [chunk.to_record_batch() for chunk in stream.filter(content=schema.NO_DEPTH)]
+    columns = {name.split(":")[-1]: batch.column(name) for batch in batches for name in batch.schema.names}
+    drawn = np.array(columns["buffer"][0].as_py()[0]).reshape(depth_m.shape)
+    assert np.array_equal(drawn == 1, np.isnan(depth_m)) and columns["opacity"][0].as_py() == [1.0]
+    assert len(columns["context"][0].as_py()[0]) == 2
 
 
 def test_without_a_depth_std_the_intensity_colours(tmp_path):

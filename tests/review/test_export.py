@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points
-from srt3d_ros.pictures.cloud_renderer import BACKGROUND
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.review import export
 

@@ -1,6 +1,7 @@
 """The report: complete, safe, self-contained, and shown by a browser without an error."""
 
 import base64
+import dataclasses
 import io
 import shutil
 import subprocess
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from srt3d_ros.colours import BACKGROUND, range_table
+from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import screenshot
@@ -57,6 +60,23 @@ def test_pictures_are_inside_and_show_clouds(report):
         assert kind == "data:image/jpeg" and (picture.max(axis=2) > 60).mean() > 0.1
     depth = Image.open(io.BytesIO(base64.b64decode(sources[15].split(",")[1])))
     assert depth.size == (48, 40)
+
+
+def test_the_depth_map_of_a_distant_scene_uses_all_its_colours(ball, tmp_path, write_recording):
+    """Of a wide field of view, where depth and range differ by more than the scene is deep."""
+    cloud, sensor = ball
+    sensor = sensor.replace(toa_offset_bins=20_000, projection=Pinhole.from_fov(40, 48, 60))
+    far = dataclasses.replace(cloud, xyz=sensor.xyz(cloud.row, cloud.col, cloud.depth_bins))
+    write_recording(tmp_path / "far.rrd", far, sensor)
+    recorded = Recorded.read(tmp_path / "far.rrd")
+    depth_m = far.depth_image(sensor.projection)
+    picture = gallery.make_gallery(recorded, "own")["images"][0]
+    shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture.uri.split(",")[1]))).convert("RGB")).astype(int)
+    seen = np.isfinite(depth_m)
+    for end, extreme in ((0, np.nanmin), (255, np.nanmax)):
+        at_end = (np.abs(shown - range_table()[end]).max(axis=2) <= 2) & seen
+        assert at_end[depth_m == extreme(depth_m)].all() and at_end.sum() < 0.1 * seen.sum()
+    assert (shown[~seen] == BACKGROUND).all()
 
 
 @pytest.mark.parametrize("width, height, dark", [(1280, 1600, False), (390, 1600, True)])
