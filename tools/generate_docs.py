@@ -1,5 +1,5 @@
-"""Write what is made from others: docs, default parameters and the SROS 2 policy from specs, schemas and docstrings, the
-Fast DDS profiles of Kilted from those of Jazzy.
+"""Write what is made from others: docs, default parameters and the SROS 2 policy from specs, schemas and docstrings,
+the Fast DDS profiles of Kilted from those of Jazzy.
 
     python -m tools.generate_docs           # in the source tree, after every change of a spec or a schema
 """
