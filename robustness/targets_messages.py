@@ -143,7 +143,7 @@ def _target(name: str, read, examples: list[bytes], rounds: int) -> Target:
 TARGETS = (
     _target("photons", _photons, _golden("photons_uint16", "photons_uint32", "photons_float32"), 200_000),
     _target("gates", _gates, _golden("gates"), 200_000),
-    _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16"), 150_000),
+    _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16", "sketch_coded"), 150_000),
     _target("points", points.decode_cdr, _golden("points_xyzi", "points_full", "points_xyzi_organised",
                                                  "points_full_organised"), 200_000),
     _target("images", _images, _golden("image_32FC1"), 200_000),

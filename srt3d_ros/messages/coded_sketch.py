@@ -17,7 +17,7 @@ from srt3d_ros.core.sensor import MAX_PIXELS
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput, require
 
-DEFAULT_STEP, MIN_STEP, MAX_STEP = 0.5, 0.1, 2.0        # σ
+DEFAULT_STEP, MIN_STEP, MAX_STEP = 0.4, 0.1, 2.0        # σ
 HEADER = struct.Struct("<IIHBBf")       # rows, cols, m, bytes of a count, digits of a number, step
 MAX_DIGITS = 6          # of the largest number, √(2 · MAX_PHOTONS) / MIN_STEP < 2²⁰
 POSITIONS = 16          # in a period of the highest frequency, whose phase is then off by 0.11 rad (rms)
@@ -35,6 +35,7 @@ UNPACKING = {zstd.DecompressionParameter.window_log_max: 17}
 DIGIT_PAIRS = np.stack([np.arange(256) % 16 - 8, np.arange(256) // 16 - 8], axis=1).astype(np.float32)
 OFFSET = 0x888888       # added to a number, its digits −8 … 7 become hexadecimal ones
 ZERO = 0x88             # two digits 0
+TINY = 1e-9
 LONGEST = 1.001         # sum of n unit vectors, over n; the rest is for rounding
 
 
@@ -42,25 +43,26 @@ def encode(sketch: Sketch, step: float) -> bytes:
     """The bytes of a sketch (msg_schemas/sketch.json), its sums rounded to multiples of step · √(n/2).
 
     Raises:
-        InvalidInput: a step that is out of bounds.
+        InvalidInput: a step that is out of bounds, or sums that so many photons cannot have.
     """
-    check_step("coding_step", step)
+    _check_step("coding_step", step)
     rows, cols, m = sketch.sums.shape
     counts = np.ascontiguousarray(sketch.photons, "<u4").reshape(-1)
     sums = np.ascontiguousarray(sketch.sums, np.complex64)
     roots = _roots(sketch.frequencies)
     positions, gains = _block_positions(sums.view(np.float32), counts, roots)
-    sums = sums.reshape(-1, m)
+    sums, photons = sums.reshape(-1, m), counts.astype(np.float32)
     some = slice(None, None, 1 + len(counts) // SOME)
-    gains = _gains(sums[some], counts[some], _refined(sums[some], counts[some], positions[some], roots, gains), roots)
-    energy = float((np.abs(gains)**2).sum())
+    refined = _refined(sums[some], photons[some], positions[some], roots, gains)
+    gains = _gains(sums[some], photons[some], refined, roots)
     steps, used, planes = _steps(counts, step), np.zeros(len(counts), bool), []
     for tile in _tiles(len(counts)):
-        parts, n = sums[tile].view(np.float32), counts[tile].astype(np.float32)
-        positions[tile] = _refined(sums[tile], counts[tile], positions[tile], roots, gains)
-        expected = (roots * gains).view(np.float32).take(positions[tile], axis=0)
-        used[tile] = 2 * _dot(parts, expected) > n * energy + ENOUGH / 2
-        expected *= (n * used[tile])[:, None]
+        parts, n = sums[tile].view(np.float32), photons[tile]
+        _check_lengths(parts, LONGEST * n)
+        positions[tile] = _refined(sums[tile], n, positions[tile], roots, gains)
+        expected = _predicted(n, positions[tile], roots, gains)
+        used[tile] = _dot(2 * parts - expected, expected) > ENOUGH / 2 * n
+        expected *= used[tile, None]
         rest = np.subtract(parts, expected, out=expected)
         rest /= steps[tile, None]
         np.rint(rest, out=rest)
@@ -93,8 +95,8 @@ def decode(raw: bytes, frequencies: tuple[int, ...], shape: tuple[int, int] | No
     require(m == len(frequencies), "coded m", m, f"{len(frequencies)}, as many as there are frequencies")
     pixels, at = rows * cols, HEADER.size + 8 * m
     gains = np.frombuffer(raw[HEADER.size:at], "<c8")
-    require(gains.size == m and bool((np.abs(gains) <= LONGEST).all()), "coded gains", f"{gains}",
-            f"{m} numbers of modulus 1 or less")
+    largest = float(np.abs(gains).max()) if gains.size == m else np.nan
+    require(largest <= LONGEST, "coded gains", f"up to {largest:g}", f"{m} numbers of modulus 1 or less")
     sizes = [count_bytes * pixels, 2 * pixels, digits * m * pixels]
     data = np.frombuffer(_unpacked(raw[at:], sum(sizes), whole=True), np.uint8)
     counts, differences, planes = np.split(data, np.cumsum(sizes)[:2])
@@ -102,18 +104,17 @@ def decode(raw: bytes, frequencies: tuple[int, ...], shape: tuple[int, int] | No
     used, positions = _positions(_from_byte_planes(differences, pixels).astype(np.int32))
     planes = planes.reshape(digits, m, pixels)
     roots, steps, sums = _roots(frequencies), _steps(counts, step), np.empty((pixels, m), np.complex64)
-    predicted = (roots * gains).astype(np.complex64).view(np.float32)
     for tile in _tiles(pixels):
-        n = counts[tile].astype(np.float32)[:, None]
+        n = counts[tile].astype(np.float32)
         parts = DIGIT_PAIRS.take(planes[0, :, tile].T, axis=0).reshape(len(n), 2 * m)
         for k in range(1, digits):
-            parts += (16**k * DIGIT_PAIRS).take(planes[k, :, tile].T, axis=0).reshape(parts.shape)
+            if (planes[k, :, tile] != ZERO).any():
+                parts += (16**k * DIGIT_PAIRS).take(planes[k, :, tile].T, axis=0).reshape(parts.shape)
         parts *= steps[tile, None]
-        parts += predicted.take(positions[tile] & (len(roots) - 1), axis=0) * (n * used[tile, None])
-        length2 = np.square(parts[:, 0::2]) + np.square(parts[:, 1::2])
-        require(bool((length2 <= np.square(LONGEST * n + 0.708 * steps[tile, None])).all()), "sketch",
-                f"up to {float(np.sqrt(length2.max())):g} long", "sums no longer than there are photons")
-        # The nearest sums of n unit vectors that are possible
+        parts += _predicted(n, positions[tile] & (len(roots) - 1), roots, gains) * used[tile, None]
+        length2 = _check_lengths(parts, LONGEST * n + 0.708 * steps[tile])
+        # n unit vectors make no longer sum: the nearest that is possible
+        n = n[:, None]
         np.multiply(parts.view(np.complex64), n / np.sqrt(np.maximum(length2, np.maximum(n, 1)**2)), out=sums[tile])
     return counts.reshape(rows, cols), sums.reshape(rows, cols, m), step**2 / 12
 
@@ -125,8 +126,7 @@ def decode_counts(raw: bytes) -> np.ndarray:
     return _from_byte_planes(np.frombuffer(counts, np.uint8), rows * cols).reshape(rows, cols)
 
 
-def check_step(field: str, step: float) -> None:
-    """Raise InvalidInput unless sums can be rounded so."""
+def _check_step(field: str, step: float) -> None:
     require(MIN_STEP <= step <= MAX_STEP, field, step, f"{MIN_STEP:g} to {MAX_STEP:g}")
 
 
@@ -139,7 +139,7 @@ def _read_header(raw: bytes, shape: tuple[int, int] | None = None) -> tuple:
     require(rows * cols <= MAX_PIXELS, "coded rows × cols", rows * cols, f"at most {MAX_PIXELS}")
     require(count_bytes <= 4, "coded count_bytes", count_bytes, "0 to 4")
     require(1 <= digits <= MAX_DIGITS, "coded digits", digits, f"1 to {MAX_DIGITS}")
-    check_step("coded step", np.float32(step).item())
+    _check_step("coded step", np.float32(step).item())
     return rows, cols, m, count_bytes, digits, step
 
 
@@ -151,8 +151,8 @@ def _unpacked(packed: bytes, size: int, whole: bool = False) -> bytes:
     except zstd.ZstdError as error:
         raise InvalidInput("coded data", f"unreadable ({error})", "what zstd packs, in a window of 2¹⁷ bytes") from None
     complete = len(data) == size and (not whole or unpacker.eof and not unpacker.unused_data)
-    require(complete, "coded data", f"{len(data)} bytes or more" if unpacker.eof else f"cut off, or more than {size} bytes",
-            f"{size} bytes packed by zstd, nothing before or after")
+    require(complete, "coded data", f"{len(packed)} bytes of zstd, cut off or of another size",
+            f"{size} bytes packed, and nothing after them")
     return data
 
 
@@ -168,21 +168,30 @@ def _block_positions(parts: np.ndarray, counts: np.ndarray, roots: np.ndarray) -
     return found.repeat(BLOCK, 0)[:rows].repeat(BLOCK, 1)[:, :cols].reshape(-1), gains
 
 
-def _refined(sums, counts, positions, roots, gains) -> np.ndarray:
-    """Positions after steps of Gauss and Newton on Σ_l |sums_l − n a_l exp(i ω_l p)|²."""
+def _refined(sums, n, positions, roots, gains) -> np.ndarray:
+    """Positions after steps of Gauss and Newton on Σ_l |sums_l − (1 + (n − 1) a_l) exp(i ω_l p)|²."""
     omega = np.angle(roots[1].astype(complex))
     gradient = (1j * omega * gains * roots).astype(np.complex64).view(np.float32)
-    curvature = np.maximum(counts, 1) * float((omega**2 * np.abs(gains)**2).sum() + 1e-12)
+    one, more = (float((omega**2 * np.abs(gains)**power).sum()) + TINY for power in (1, 2))
+    per_slope = 1 / (one + more * np.maximum(n - 1, 0))
     for _ in range(NEWTON_STEPS):
-        step = _dot(sums.view(np.float32), gradient.take(positions, axis=0)) / curvature
+        step = _dot(sums.view(np.float32), gradient.take(positions, axis=0)) * per_slope
         positions = (positions + np.rint(step).astype(np.int64)) & (len(roots) - 1)
     return positions
 
 
-def _gains(sums, counts, positions, roots) -> np.ndarray:
+def _predicted(n, positions, roots, gains) -> np.ndarray:
+    """Sums of n photons at a position, of which one is known to be there: float32 [pixels, 2m]."""
+    parts = (roots * gains).view(np.float32).take(positions, axis=0)
+    parts *= (n - 1)[:, None]
+    parts += roots.view(np.float32).take(positions, axis=0)
+    return parts
+
+
+def _gains(sums, n, positions, roots) -> np.ndarray:
     """a_l by least squares, complex64 [m]."""
     turned = np.einsum("pm,pm->m", sums, roots.take(positions, axis=0).conj())
-    return (turned / max(int(counts.sum(dtype=np.int64)), 1)).astype(np.complex64)
+    return (turned / max(float(n.sum(dtype=np.float64)), 1)).astype(np.complex64)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -206,6 +215,15 @@ def _steps(counts: np.ndarray, step: float) -> np.ndarray:
 def _digits(largest: float) -> int:
     """How many digits −8 … 7 of base 16 make the numbers up to ± largest."""
     return next(count for count in range(1, MAX_DIGITS + 1) if largest <= 7 * (16**count - 1) // 15)
+
+
+def _check_lengths(parts: np.ndarray, longest: np.ndarray) -> np.ndarray:
+    """Squared lengths of sums, [pixels, m]; InvalidInput if one is above its pixel's longest, or not a number."""
+    squares = parts * parts
+    length2 = squares[:, 0::2] + squares[:, 1::2]
+    require(bool((length2 <= np.square(longest)[:, None]).all()), "sketch", f"up to {np.sqrt(length2.max()):g} long",
+            "sums of unit vectors, as many as photons")
+    return length2
 
 
 def _byte_planes(values: np.ndarray) -> np.ndarray:

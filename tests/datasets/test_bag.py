@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from srt3d_ros import zstd
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets import bag as bags
@@ -178,7 +179,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused(tmp_path, small_bo
 
 
 @pytest.mark.parametrize("packed", [
-    lz4.frame.compress(bytes(2**26)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + bags._zstd().compress(
+    lz4.frame.compress(bytes(2**26)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + zstd.compress(
         bytes(2**26)), 28 * b"a" + struct.pack("<I", 3) + b"lz4" + bytes(8) + lz4.frame.compress(bytes(2**26)),
 ], ids=["lz4", "zstd after a frame to skip", "record of a chunk"])
 def test_no_read_gives_rosbags_what_unpacks_to_far_too_much(tmp_path, small_bounds, packed):
