@@ -48,17 +48,18 @@ def encode(sketch: Sketch, step: float) -> bytes:
     _check_step("coding_step", step)
     rows, cols, m = sketch.sums.shape
     counts = np.ascontiguousarray(sketch.photons, "<u4").reshape(-1)
-    sums = np.ascontiguousarray(sketch.sums, np.complex64)
+    sums, photons = np.ascontiguousarray(sketch.sums, np.complex64), counts.astype(np.float32)
+    for tile in _tiles(len(counts)):
+        _check_lengths(sums.reshape(-1, m)[tile].view(np.float32), LONGEST * photons[tile])
     roots = _roots(sketch.frequencies)
     positions, gains = _block_positions(sums.view(np.float32), counts, roots)
-    sums, photons = sums.reshape(-1, m), counts.astype(np.float32)
+    sums = sums.reshape(-1, m)
     some = slice(None, None, 1 + len(counts) // SOME)
     refined = _refined(sums[some], photons[some], positions[some], roots, gains)
     gains = _gains(sums[some], photons[some], refined, roots)
     steps, used, planes = _steps(counts, step), np.zeros(len(counts), bool), []
     for tile in _tiles(len(counts)):
         parts, n = sums[tile].view(np.float32), photons[tile]
-        _check_lengths(parts, LONGEST * n)
         positions[tile] = _refined(sums[tile], n, positions[tile], roots, gains)
         expected = _predicted(n, positions[tile], roots, gains)
         used[tile] = _dot(2 * parts - expected, expected) > ENOUGH / 2 * n
@@ -94,9 +95,10 @@ def decode(raw: bytes, frequencies: tuple[int, ...], shape: tuple[int, int] | No
     rows, cols, m, count_bytes, digits, step = _read_header(raw, shape)
     require(m == len(frequencies), "coded m", m, f"{len(frequencies)}, as many as there are frequencies")
     pixels, at = rows * cols, HEADER.size + 8 * m
+    require(len(raw) >= at, "coded gains", f"cut off at byte {len(raw)}", f"{8 * m} bytes")
     gains = np.frombuffer(raw[HEADER.size:at], "<c8")
-    largest = float(np.abs(gains).max()) if gains.size == m else np.nan
-    require(largest <= LONGEST, "coded gains", f"up to {largest:g}", f"{m} numbers of modulus 1 or less")
+    largest = float(np.abs(gains).max())
+    require(largest <= LONGEST, "coded gains", f"up to {largest:g}", "numbers of modulus 1 or less")
     sizes = [count_bytes * pixels, 2 * pixels, digits * m * pixels]
     data = np.frombuffer(_unpacked(raw[at:], sum(sizes), whole=True), np.uint8)
     counts, differences, planes = np.split(data, np.cumsum(sizes)[:2])
