@@ -9,7 +9,7 @@ from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.gate import AUTO, OFF, parse
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, Method, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
@@ -26,9 +26,10 @@ def add_parser(subparsers) -> None:
                + " docs/algorithm.md says more.")
     parser.add_argument("input", metavar="INPUT", help="photon file: .npz (docs/photon-file.md), or .mat as published; "
                                                        "or a bag (docs/bags.md)")
-    parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
+    parser.add_argument("--frame", type=int, default=0, metavar="N",
+                        help="message of a bag's photons, or sketches if it has no photons, from 0 (0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
-                        help="where a bag's photons are, if it has several topics of them")
+                        help="where a bag's photons or sketches are, if several of its topics have some")
     parser.add_argument("-o", "--output", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, or .rrd (opens in rerun)")
     parser.add_argument("--sketch-size", type=int, metavar="M",
@@ -68,13 +69,46 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from srt3d_ros.datasets.bag import is_bag
+    from srt3d_ros.datasets.bag_photons import read_sketch
+    from srt3d_ros.recording import cloud_files
+
+    method = find(args.method)
+    cloud_files.check(args.output)
+    found = read_sketch(args.input, args.frame, args.photons_topic) if is_bag(args.input) else None
+    if found is None:
+        sensor, frequencies, seen, photons, sketch_ms, notes = _from_photons(args, method)
+    else:
+        sensor, seen = found
+        frequencies, photons, sketch_ms, notes = seen.frequencies, int(seen.photons.sum()), None, ()
+        for name in ("sketch_size", "frequencies", "gate", "dark", *OVERRIDES):
+            given = getattr(args, name)
+            require(given in (None, OFF), name, given, "nothing: the bag has sketches, made without it")
+        require(method.needs == "sketch", "method", method.name, "one of sketches, which the bag has")
+    reconstructor = method.build(sensor, frequencies, **common.given(args, METHOD_OPTIONS))
+    reconstructor.warm_up()
+    cloud, reconstruct_ms = _timed(reconstructor, seen)
+    cloud = cloud.ordered(args.surface_order)
+    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
+    facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
+             "num_bins": sensor.num_bins, "photons": photons, "sketch_size": len(frequencies) or None,
+             "frequencies": list(frequencies), "surfaces": args.surfaces,
+             "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
+             "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
+    common.print_notes(notes)       # only now: a mistake is one line
+    sketched = " → sketch of {sketch_size}" * bool(frequencies) + " in {sketch_ms:.1f} ms" * (sketch_ms is not None)
+    common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
+                        + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
+    return 0
+
+
+def _from_photons(args: argparse.Namespace, method: Method) -> tuple:
+    """Sensor, frequencies, what the method takes, number of photons, time to sketch them, and notes."""
     from srt3d_ros.core.sketch_design import design_for
     from srt3d_ros.core.sketching import sketch_photons
     from srt3d_ros.datasets import open_photons
-    from srt3d_ros.recording import cloud_files
 
-    method, frequencies = find(args.method), ()
-    cloud_files.check(args.output)
+    frequencies = ()
     overrides = common.given(args, OVERRIDES) | _fixed_gate(args.gate)
     photons = open_photons(args.input, args.frame, args.photons_topic, **overrides)
     sensor, frame = photons.sensor, photons.frame
@@ -94,24 +128,8 @@ def run(args: argparse.Namespace) -> int:
     for name in ("sketch_size", "frequencies"):
         given = getattr(args, name)
         require(frequencies or given is None, name, given, f"nothing: {method.name} makes no sketch")
-    reconstructor = method.build(sensor, frequencies, **common.given(args, METHOD_OPTIONS))
-    reconstructor.warm_up()
-    seen, sketch_ms = frame, None
-    if method.needs == "sketch":
-        seen, sketch_ms = _timed(sketch_photons, frame, sensor, frequencies)
-    cloud, reconstruct_ms = _timed(reconstructor, seen)
-    cloud = cloud.ordered(args.surface_order)
-    cloud_files.save(cloud, args.output, frequencies=frequencies, sensor=reconstructor.sensor)
-    facts = {"method": args.method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
-             "num_bins": sensor.num_bins, "photons": frame.photons, "sketch_size": len(frequencies) or None,
-             "frequencies": list(frequencies), "surfaces": args.surfaces,
-             "upsampling": args.upsampling or 1, "points": len(cloud), "sketch_ms": sketch_ms,
-             "reconstruct_ms": reconstruct_ms, "output": str(args.output)}
-    common.print_notes(photons.notes)       # only now: a mistake is one line
-    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if frequencies else ""
-    common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
-                        + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
-    return 0
+    seen, sketch_ms = (frame, None) if method.needs != "sketch" else _timed(sketch_photons, frame, sensor, frequencies)
+    return sensor, frequencies, seen, frame.photons, sketch_ms, photons.notes
 
 
 def _fixed_gate(spec: str) -> dict[str, tuple[int, int]]:

@@ -1,7 +1,9 @@
 """`sketch`: Sketch ⇄ PointCloud2 (msg_schemas/sketch.json), and `sketch/sensor` (msg_schemas/sketch_sensor.json)."""
 
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
 import numpy as np
-from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
@@ -10,6 +12,9 @@ from srt3d_ros.messages import cdr, coded_sketch, json_text
 from srt3d_ros.messages import sensor as sensor_codec
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts, load
+
+if TYPE_CHECKING:
+    from std_msgs.msg import String
 
 INT16_SCALE = 32_767
 COUNTS = np.dtype([("photons", "<u4")])
@@ -88,15 +93,17 @@ def decode_counts_cdr(raw: bytes) -> tuple[cdr.Header, np.ndarray]:
     return cloud.header, unpack_cloud(cloud, [COUNTS])["photons"]
 
 
-def encode_sensor(sensor: SensorModel, frequencies: tuple[int, ...], window_frames: int) -> String:
+def encode_sensor(sensor: SensorModel, frequencies: tuple[int, ...], window_frames: int) -> "String":
     """The `sketch/sensor` message, which says what the numbers of `sketch` are."""
+    from std_msgs.msg import String
+
     schema = load("sketch_sensor")
     return String(data=json_text.dump({
         "schema_version": schema["schema_version"], "frequencies": list(frequencies), "window_frames": window_frames,
         "sensor": sensor_codec.to_object(sensor)}))
 
 
-def decode_sensor(message: String) -> tuple[SensorModel, tuple[int, ...], int]:
+def decode_sensor(message: "String") -> tuple[SensorModel, tuple[int, ...], int]:
     """The sensor, the frequencies k_l and the window of a `sketch/sensor` message.
 
     Raises:
@@ -109,6 +116,11 @@ def decode_sensor(message: String) -> tuple[SensorModel, tuple[int, ...], int]:
     sensor = sensor_codec.from_object(values["sensor"])
     require(values["window_frames"] >= 1, "window_frames", values["window_frames"], "1 or more")
     return sensor, check_frequencies(values["frequencies"], sensor.num_bins), values["window_frames"]
+
+
+def decode_sensor_cdr(raw: bytes) -> tuple[SensorModel, tuple[int, ...], int]:
+    """`decode_sensor` of a serialised message."""
+    return decode_sensor(SimpleNamespace(data=cdr.read_text(raw)))
 
 
 def _coded(cloud: cdr.Cloud) -> bytes | None:

@@ -1,4 +1,4 @@
-"""player: a photon file, the simulator or a bag → `photons` or `gates`, with the latched `sensor`, at a pace."""
+"""player: a photon file, the simulator or a bag → `photons`, `gates` or `sketch`, and the latched sensor, at a pace."""
 
 import sys
 import time
@@ -58,7 +58,7 @@ PARAMETERS = (
     Parameter("bag_start_s", 0.0, "Bag: start this long after its first message.", "s", 0, 10**6),
     Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
               choices=("original", "now")),
-    Parameter("bag_photons_topic", "", "Bag: the topic of the photons or gates; needed if there are several.",
+    Parameter("bag_photons_topic", "", "Bag: the topic of the photons, gates or sketches; needed if there are several.",
               form="a topic's full name"),
     Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
               form="a topic's full name"),
@@ -72,13 +72,15 @@ SPEC = NodeSpec(
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
     outputs=(topics.SENSOR, replace(topics.PHOTONS, when="`output` is photons, or the bag has photons"),
              replace(topics.GATES, when="`output` is gates, or the bag has gates"),
+             *(replace(topic, when="the bag has sketches and no photons")
+               for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
     limits=("A frame counts as received when it is due.",
             "At a rate that the machine cannot keep, frames are late; none is skipped.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
-            "Of a bag, only the photons and their sensor are played."),
+            "Of a bag, only the photons and their sensor are played, or, if it has none, the sketches and theirs."),
 )
 
 
@@ -97,7 +99,7 @@ class PlayerNode(PipelineNode):
         self._unanswered: deque[int] = deque()
         self._sensors: Publisher | None = None
         if self._source.sensor is not None:
-            self._sensors = self.advertise("sensor")
+            self._sensors = self.advertise(self._source.describes)
         self._publisher = self.advertise(self._source.output)
         self._clock_timer: Timer | None = None
         if self.parameters["clock"]:
@@ -170,7 +172,7 @@ class PlayerNode(PipelineNode):
                 begun, self._first_ns = time.monotonic(), super().now_ns()
             due_at = begun + item.due_ns * 1e-9
             self._recorded = item.time_ns, due_at
-            if item.topic == "sensor":
+            if item.topic == self._source.describes:
                 self._send_sensor(item, due_at)
                 continue
             self._wait_for_answers(self.parameters["in_flight"] - 1)
