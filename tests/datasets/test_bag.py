@@ -17,14 +17,16 @@ from ruamel.yaml import YAML
 from srt3d_ros import zstd
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import bag as bags
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.bag_photons import find_photons
+from srt3d_ros.datasets.bag_photons import find_photons, read_sketch
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, photons
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketches
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 LATCHED = Offer(durability="transient_local", depth=1)
@@ -254,8 +256,20 @@ def test_no_ros_is_needed(bag, repository):
     assert done.stdout == "[2, 7, 9]\n", done.stderr
 
 
+def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
+    bag = write(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED)])
+    with pytest.raises(InvalidInput, match="expected one of photons; it has sketches of them$"):
+        open_photons(bag)
+    sensor, sketch = read_sketch(bag)
+    assert sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
+    assert read_sketch(write(tmp_path / "photons", RECORDED)) is None
+
+
 PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"
 DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
+CODED = sketches.encode_cdr(sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)),
+                            "lidar", "coded")
+SKETCHED = cdr.write_text(sketches.encode_sensor(SENSOR, (1,), 1).data)
 
 
 @pytest.mark.parametrize("messages, given, found", [
@@ -269,6 +283,12 @@ DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
     ([("/photons", CLOUD, PHOTONS), ("/x", TEXT, DESCRIBED), ("/y", TEXT, DESCRIBED)], {"sensor_topic": "/y"},
      ("photons", "/photons", "/y")),
     ([("/photons", CLOUD, PHOTONS)], {}, ("photons", "/photons", None)),
+    ([("/a/sketch", CLOUD, CODED), ("/a/sketch/sensor", TEXT, SKETCHED), ("/b/sketch/sensor", TEXT, SKETCHED),
+      ("/a/sensor", TEXT, DESCRIBED)], {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
+    ([("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED), ("/raw", CLOUD, PHOTONS),
+      ("/sensor", TEXT, DESCRIBED)], {}, ("photons", "/raw", "/sensor")),
+    ([("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED), ("/raw", CLOUD, PHOTONS)],
+     {"photons_topic": "/sketch"}, ("sketch", "/sketch", "/sketch/sensor")),
 ])
 def test_the_photons_are_found_under_whatever_name(tmp_path, messages, given, found):
     with Bag(write(tmp_path / "bag", messages)) as opened:
