@@ -55,13 +55,14 @@ def encode(sketch: Sketch, step: float) -> bytes:
     positions, gains = _block_positions(sums.view(np.float32), counts, roots)
     sums = sums.reshape(-1, m)
     some = slice(None, None, 1 + len(counts) // SOME)
-    refined = _refined(sums[some], photons[some], positions[some], roots, gains)
+    refined = _refined(sums[some], photons[some], positions[some], _Slopes(roots, gains))
     gains = _gains(sums[some], photons[some], refined, roots)
+    slopes, predict = _Slopes(roots, gains), _Prediction(roots, gains)
     steps, used, planes = _steps(counts, step), np.zeros(len(counts), bool), []
     for tile in _tiles(len(counts)):
         parts, n = sums[tile].view(np.float32), photons[tile]
-        positions[tile] = _refined(sums[tile], n, positions[tile], roots, gains)
-        expected = _predicted(n, positions[tile], roots, gains)
+        positions[tile] = _refined(sums[tile], n, positions[tile], slopes)
+        expected = predict(n, positions[tile])
         used[tile] = _dot(2 * parts - expected, expected) > ENOUGH / 2 * n
         expected *= used[tile, None]
         rest = np.subtract(parts, expected, out=expected)
@@ -105,7 +106,8 @@ def decode(raw: bytes, frequencies: tuple[int, ...], shape: tuple[int, int] | No
     counts = _from_byte_planes(counts, pixels)
     used, positions = _positions(_from_byte_planes(differences, pixels).astype(np.int32))
     planes = planes.reshape(digits, m, pixels)
-    roots, steps, sums = _roots(frequencies), _steps(counts, step), np.empty((pixels, m), np.complex64)
+    predict, steps = _Prediction(_roots(frequencies), gains), _steps(counts, step)
+    sums = np.empty((pixels, m), np.complex64)
     for tile in _tiles(pixels):
         n = counts[tile].astype(np.float32)
         parts = DIGIT_PAIRS.take(planes[0, :, tile].T, axis=0).reshape(len(n), 2 * m)
@@ -113,7 +115,7 @@ def decode(raw: bytes, frequencies: tuple[int, ...], shape: tuple[int, int] | No
             if (planes[k, :, tile] != ZERO).any():
                 parts += (16**k * DIGIT_PAIRS).take(planes[k, :, tile].T, axis=0).reshape(parts.shape)
         parts *= steps[tile, None]
-        parts += _predicted(n, positions[tile] & (len(roots) - 1), roots, gains) * used[tile, None]
+        parts += predict(n, positions[tile]) * used[tile, None]
         length2 = _check_lengths(parts, LONGEST * n + 0.708 * steps[tile])
         # n unit vectors make no longer sum: the nearest that is possible
         n = n[:, None]
@@ -161,33 +163,51 @@ def _unpacked(packed: bytes, size: int, whole: bool = False) -> bytes:
 def _block_positions(parts: np.ndarray, counts: np.ndarray, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of each pixel the position that explains most of its block's sums, int64 [pixels]; the gains."""
     rows, cols, width = parts.shape
-    parts = np.pad(parts, ((0, -rows % BLOCK), (0, -cols % BLOCK), (0, 0)))
-    parts = parts.reshape(-1, BLOCK, *parts.shape[1:]).sum(axis=1)
-    parts = parts.reshape(len(parts), -1, BLOCK, width).sum(axis=2)
+    parts = _pooled(np.ascontiguousarray(_pooled(parts).swapaxes(0, 1))).swapaxes(0, 1)
     filters = np.ascontiguousarray(roots[::SEARCHED].view(np.float32).T)
     found = np.stack([(some @ filters).argmax(axis=-1) for some in parts]) * SEARCHED
     gains = _gains(parts.reshape(-1, width).view(np.complex64), counts, found.reshape(-1), roots)
     return found.repeat(BLOCK, 0)[:rows].repeat(BLOCK, 1)[:, :cols].reshape(-1), gains
 
 
-def _refined(sums, n, positions, roots, gains) -> np.ndarray:
-    """Positions after steps of Gauss and Newton on Σ_l |sums_l − (1 + (n − 1) a_l) exp(i ω_l p)|²."""
-    omega = np.angle(roots[1].astype(complex))
-    gradient = (1j * omega * gains * roots).astype(np.complex64).view(np.float32)
-    one, more = (float((omega**2 * np.abs(gains)**power).sum()) + TINY for power in (1, 2))
-    per_slope = 1 / (one + more * np.maximum(n - 1, 0))
+def _pooled(values: np.ndarray) -> np.ndarray:
+    """Sums over every BLOCK along the first axis, and over the rest."""
+    whole = len(values) // BLOCK * BLOCK
+    sums = values[:whole].reshape(-1, BLOCK, *values.shape[1:]).sum(axis=1)
+    return sums if whole == len(values) else np.concatenate([sums, values[whole:].sum(axis=0, keepdims=True)])
+
+
+class _Slopes:
+    """Derivatives of the data term Σ_l |sums_l − (1 + (n − 1) a_l) exp(i ω_l p)|² in p."""
+
+    def __init__(self, roots: np.ndarray, gains: np.ndarray):
+        omega = np.angle(roots[1].astype(complex))
+        self.table = (np.complex64(1j) * (omega * gains).astype(np.complex64) * roots).view(np.float32)
+        self.one, self.more = (float((omega**2 * np.abs(gains)**power).sum()) + TINY for power in (1, 2))
+
+
+def _refined(sums, n, positions, slopes: _Slopes) -> np.ndarray:
+    """Positions after steps of Gauss and Newton."""
+    per_slope = 1 / (slopes.one + slopes.more * np.maximum(n - 1, 0))
     for _ in range(NEWTON_STEPS):
-        step = _dot(sums.view(np.float32), gradient.take(positions, axis=0)) * per_slope
-        positions = (positions + np.rint(step).astype(np.int64)) & (len(roots) - 1)
+        step = _dot(sums.view(np.float32), slopes.table.take(positions, axis=0)) * per_slope
+        positions = (positions + np.rint(step).astype(np.int64)) & (len(slopes.table) - 1)
     return positions
 
 
-def _predicted(n, positions, roots, gains) -> np.ndarray:
-    """Sums of n photons at a position, of which one is known to be there: float32 [pixels, 2m]."""
-    parts = (roots * gains).view(np.float32).take(positions, axis=0)
-    parts *= (n - 1)[:, None]
-    parts += roots.view(np.float32).take(positions, axis=0)
-    return parts
+class _Prediction:
+    """Sums of n photons at a position, of which one is known to be there: (1 + (n − 1) a_l) exp(i ω_l p)."""
+
+    def __init__(self, roots: np.ndarray, gains: np.ndarray):
+        self.one, self.more = roots.view(np.float32), (roots * gains).astype(np.complex64).view(np.float32)
+
+    def __call__(self, n: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """float32 [pixels, 2m]; positions count modulo their number."""
+        positions = positions & len(self.one) - 1
+        parts = self.more.take(positions, axis=0)
+        parts *= (n - 1)[:, None]
+        parts += self.one.take(positions, axis=0)
+        return parts
 
 
 def _gains(sums, n, positions, roots) -> np.ndarray:
