@@ -36,6 +36,7 @@ DIGIT_PAIRS = np.stack([np.arange(256) % 16 - 8, np.arange(256) // 16 - 8], axis
 OFFSET = 0x888888       # added to a number, its digits −8 … 7 become hexadecimal ones
 ZERO = 0x88             # two digits 0
 TINY = 1e-9
+ROUNDED = 0.708         # of a step: how far rounding moves a complex number at most, 1/√2
 LONGEST = 1.001         # sum of n unit vectors, over n; the rest is for rounding
 
 
@@ -48,32 +49,16 @@ def encode(sketch: Sketch, step: float) -> bytes:
     _check_step("coding_step", step)
     rows, cols, m = sketch.sums.shape
     counts = np.ascontiguousarray(sketch.photons, "<u4").reshape(-1)
-    sums, photons = np.ascontiguousarray(sketch.sums, np.complex64), counts.astype(np.float32)
-    for tile in _tiles(len(counts)):
-        _check_lengths(sums.reshape(-1, m)[tile].view(np.float32), LONGEST * photons[tile])
+    sums, n = np.ascontiguousarray(sketch.sums, np.complex64), counts.astype(np.float32)
+    for tile in _tiles(len(n)):
+        _check_lengths(sums.reshape(-1, m)[tile].view(np.float32), LONGEST * n[tile])
     roots = _roots(sketch.frequencies)
-    positions, gains = _block_positions(sums.view(np.float32), counts, roots)
-    sums = sums.reshape(-1, m)
-    some = slice(None, None, 1 + len(counts) // SOME)
-    refined = _refined(sums[some], photons[some], positions[some], _Slopes(roots, gains))
-    gains = _gains(sums[some], photons[some], refined, roots)
-    slopes, predict = _Slopes(roots, gains), _Prediction(roots, gains)
-    steps, used, planes = _steps(counts, step), np.zeros(len(counts), bool), []
-    for tile in _tiles(len(counts)):
-        parts, n = sums[tile].view(np.float32), photons[tile]
-        positions[tile] = _refined(sums[tile], n, positions[tile], slopes)
-        expected = predict(n, positions[tile])
-        used[tile] = _dot(2 * parts - expected, expected) > ENOUGH / 2 * n
-        expected *= used[tile, None]
-        rest = np.subtract(parts, expected, out=expected)
-        rest /= steps[tile, None]
-        np.rint(rest, out=rest)
-        digits = _digits(max(float(rest.max()), -float(rest.min())))
-        planes += [np.full((m, len(counts)), ZERO, np.uint8) for _ in range(digits - len(planes))]
-        numbers = rest.astype(np.int32) + OFFSET
-        for k in range(digits):
-            pairs = (numbers >> 4 * k & 15).astype(np.uint8).view("<u2")
-            planes[k][:, tile] = (pairs | pairs >> 4).astype(np.uint8).T
+    positions, gains = _block_positions(sums.view(np.float32), n, roots)
+    sums, some = sums.reshape(-1, m), slice(None, None, 1 + len(n) // SOME)
+    refined = _refined(sums[some], n[some], positions[some], _Slopes(roots, gains))
+    gains = _gains(sums[some], n[some], refined, roots)
+    used, planes = _round(sums, n, positions, roots, gains, _steps(counts, step))
+
     count_bytes = -(-int(counts.max(initial=0)).bit_length() // 8)
     packer = zstd.ZstdCompressor(options=PACKING)
     packed = [packer.compress(section, packer.FLUSH_BLOCK) for section in (     # each by its own statistics
@@ -106,20 +91,7 @@ def decode(raw: bytes, frequencies: tuple[int, ...], shape: tuple[int, int] | No
     counts = _from_byte_planes(counts, pixels)
     used, positions = _positions(_from_byte_planes(differences, pixels).astype(np.int32))
     planes = planes.reshape(digits, m, pixels)
-    predict, steps = _Prediction(_roots(frequencies), gains), _steps(counts, step)
-    sums = np.empty((pixels, m), np.complex64)
-    for tile in _tiles(pixels):
-        n = counts[tile].astype(np.float32)
-        parts = DIGIT_PAIRS.take(planes[0, :, tile].T, axis=0).reshape(len(n), 2 * m)
-        for k in range(1, digits):
-            if (planes[k, :, tile] != ZERO).any():
-                parts += (16**k * DIGIT_PAIRS).take(planes[k, :, tile].T, axis=0).reshape(parts.shape)
-        parts *= steps[tile, None]
-        parts += predict(n, positions[tile]) * used[tile, None]
-        length2 = _check_lengths(parts, LONGEST * n + 0.708 * steps[tile])
-        # n unit vectors make no longer sum: the nearest that is possible
-        n = n[:, None]
-        np.multiply(parts.view(np.complex64), n / np.sqrt(np.maximum(length2, np.maximum(n, 1)**2)), out=sums[tile])
+    sums = _restored(counts, planes, used, positions, _Prediction(_roots(frequencies), gains), _steps(counts, step))
     return counts.reshape(rows, cols), sums.reshape(rows, cols, m), step**2 / 12
 
 
@@ -160,13 +132,54 @@ def _unpacked(packed: bytes, size: int, whole: bool = False) -> bytes:
     return data
 
 
-def _block_positions(parts: np.ndarray, counts: np.ndarray, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _round(sums, n, positions, roots, gains, steps) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Whether positions, which are refined in place, explain enough; digits of what is left, each uint8 [m, pixels]."""
+    slopes, predict = _Slopes(roots, gains), _Prediction(roots, gains)
+    used, planes = np.zeros(len(n), bool), []
+    for tile in _tiles(len(n)):
+        parts = sums[tile].view(np.float32)
+        positions[tile] = _refined(sums[tile], n[tile], positions[tile], slopes)
+        expected = predict(n[tile], positions[tile])
+        used[tile] = _dot(2 * parts - expected, expected) > ENOUGH / 2 * n[tile]
+        expected *= used[tile, None]
+        rest = np.subtract(parts, expected, out=expected)
+        rest /= steps[tile, None]
+        np.rint(rest, out=rest)
+        digits = _digits(max(float(rest.max()), -float(rest.min())))
+        planes += [np.full((sums.shape[1], len(n)), ZERO, np.uint8) for _ in range(digits - len(planes))]
+        numbers = rest.astype(np.int32) + OFFSET
+        for k in range(digits):
+            pairs = (numbers >> 4 * k & 15).astype(np.uint8).view("<u2")
+            planes[k][:, tile] = (pairs | pairs >> 4).astype(np.uint8).T
+    return used, planes
+
+
+def _restored(counts, planes, used, positions, predict, steps) -> np.ndarray:
+    """Sums, complex64 [pixels, m], of digits uint8 [digits, m, pixels]; InvalidInput if no photons have such ones."""
+    digits, m, pixels = planes.shape
+    sums = np.empty((pixels, m), np.complex64)
+    for tile in _tiles(pixels):
+        n = counts[tile].astype(np.float32)
+        parts = DIGIT_PAIRS.take(planes[0, :, tile].T, axis=0).reshape(len(n), 2 * m)
+        for k in range(1, digits):
+            if (planes[k, :, tile] != ZERO).any():
+                parts += (16**k * DIGIT_PAIRS).take(planes[k, :, tile].T, axis=0).reshape(parts.shape)
+        parts *= steps[tile, None]
+        parts += predict(n, positions[tile]) * used[tile, None]
+        length2 = _check_lengths(parts, LONGEST * n + ROUNDED * steps[tile])
+        # No sum of n unit vectors is longer than n: the nearest that is possible is nearer to what was rounded.
+        n = n[:, None]
+        np.multiply(parts.view(np.complex64), n / np.sqrt(np.maximum(length2, np.maximum(n, 1)**2)), out=sums[tile])
+    return sums
+
+
+def _block_positions(parts: np.ndarray, n: np.ndarray, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of each pixel the position that explains most of its block's sums, int64 [pixels]; the gains."""
     rows, cols, width = parts.shape
     parts = _pooled(np.ascontiguousarray(_pooled(parts).swapaxes(0, 1))).swapaxes(0, 1)
     filters = np.ascontiguousarray(roots[::SEARCHED].view(np.float32).T)
     found = np.stack([(some @ filters).argmax(axis=-1) for some in parts]) * SEARCHED
-    gains = _gains(parts.reshape(-1, width).view(np.complex64), counts, found.reshape(-1), roots)
+    gains = _gains(parts.reshape(-1, width).view(np.complex64), n, found.reshape(-1), roots)
     return found.repeat(BLOCK, 0)[:rows].repeat(BLOCK, 1)[:, :cols].reshape(-1), gains
 
 
