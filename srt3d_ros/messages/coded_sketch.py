@@ -24,12 +24,13 @@ POSITIONS = 16          # in a period of the highest frequency, whose phase is t
 MAX_POSITIONS = 2**14   # a difference of two, its sign and "none" are two bytes
 SEARCHED = 4            # one of so many positions is tried for a block
 BLOCK = 4               # pixels along the side of a block
-NEWTON_STEPS = 2        # from its block's position to a pixel's own
 SOME = 2048             # pixels are enough for a mean
 ENOUGH = 8.0            # energy in σ² that a position must explain: it costs a byte, as much as that much energy does
 TILE = 4096             # pixels at once: what is computed of them stays in the cache
-# Level 1, as noise does not repeat: entropy coding is what counts. A reader needs 2¹⁷ bytes for the window.
-PACKING = {zstd.CompressionParameter.compression_level: 1, zstd.CompressionParameter.window_log: 17,
+# Noise does not repeat: entropy coding is what counts. Repetitions are looked for if they are long, with a small table.
+# A reader needs 2¹⁷ bytes for the window.
+PACKING = {zstd.CompressionParameter.compression_level: 1, zstd.CompressionParameter.min_match: 7,
+           zstd.CompressionParameter.hash_log: 8, zstd.CompressionParameter.window_log: 17,
            zstd.CompressionParameter.checksum_flag: 1}
 UNPACKING = {zstd.DecompressionParameter.window_log_max: 17}
 DIGIT_PAIRS = np.stack([np.arange(256) % 16 - 8, np.arange(256) // 16 - 8], axis=1).astype(np.float32)
@@ -149,7 +150,7 @@ def _round(sums, n, positions, roots, gains, steps) -> tuple[np.ndarray, list[np
         planes += [np.full((sums.shape[1], len(n)), ZERO, np.uint8) for _ in range(digits - len(planes))]
         numbers = rest.astype(np.int32) + OFFSET
         for k in range(digits):
-            pairs = (numbers >> 4 * k & 15).astype(np.uint8).view("<u2")
+            pairs = ((numbers >> 4 * k).astype(np.uint8) & 15).view("<u2")
             planes[k][:, tile] = (pairs | pairs >> 4).astype(np.uint8).T
     return used, planes
 
@@ -200,12 +201,10 @@ class _Slopes:
 
 
 def _refined(sums, n, positions, slopes: _Slopes) -> np.ndarray:
-    """Positions after steps of Gauss and Newton."""
-    per_slope = 1 / (slopes.one + slopes.more * np.maximum(n - 1, 0))
-    for _ in range(NEWTON_STEPS):
-        step = _dot(sums.view(np.float32), slopes.table.take(positions, axis=0)) * per_slope
-        positions = (positions + np.rint(step).astype(np.int64)) & (len(slopes.table) - 1)
-    return positions
+    """Positions after a step of Gauss and Newton."""
+    step = _dot(sums.view(np.float32), slopes.table.take(positions, axis=0))
+    step /= slopes.one + slopes.more * np.maximum(n - 1, 0)
+    return (positions + np.rint(step).astype(np.int64)) & (len(slopes.table) - 1)
 
 
 class _Prediction:
