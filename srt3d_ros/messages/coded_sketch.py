@@ -1,9 +1,10 @@
 """The layout `coded` of `sketch`: sums rounded to a fraction of their photon noise, less what one surface explains.
 
 The sums of n photons have a standard deviation of σ = √(n/2) in each part, re and im: digits below a fraction of it say
-nothing. Most pixels see one surface, at a position p: sums_l ≈ n a_l exp(i ω_l p), with gains a_l that all pixels share
-(IRF and share of signal). p alone then says what would be repeated in m numbers, and what they leave is rounded. The
-encoder searches for p; the decoder need not know how, nor the IRF. Pixels that p explains badly have none. zstd packs.
+nothing. Most pixels see one surface: one of their photons is at a position p and the others around it, so that sums_l ≈
+(1 + (n − 1) a_l) exp(i ω_l p), with gains a_l that all pixels share (IRF and share of signal). p alone then says what m
+numbers would repeat, and what it leaves of them is rounded. The encoder searches for p; the decoder need not know how,
+nor the IRF. Pixels that p explains badly have none. zstd packs.
 """
 
 import struct
