@@ -23,6 +23,7 @@ PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.4,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
+ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
 # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
 TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
 # Readers of laboratories' files. `lab` is all of them.
@@ -61,7 +62,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
     python_requires=">=3.11",
-    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5"],
+    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5", ZSTD],
     extras_require=EXTRAS,
     entry_points={"console_scripts": ["srt3d = srt3d_ros.cli.main:main"]},
     data_files=[

@@ -1,7 +1,7 @@
 """Sketches between two machines joined by 100 Mbit/s or 1 Gbit/s: what passes, how late, at what loss.
 
 The machines are network namespaces (machines.py): needs root and iproute2. `limits` sends sketches of all sizes over
-both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher.
+both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `coded` sends coded ones.
 """
 
 import argparse
@@ -32,6 +32,10 @@ PARTS = {               # the options of `sketches` for each line
                    (100, "default"), (1000, "default"), (1000, "network")) for case in SIZES)],
     "loss": [{"mbit": 100, "case": SIZES[0], "loss": loss, "profile": profile}
              for loss in (0, 0.001, 0.01) for profile in PROFILES],
+    "coded": [*({"mbit": 100, "case": case, "step": step, "profile": profile} for case, step in (
+                  ((SMALL, "coded", 10, 30.0), 0.4), ((LARGE, "coded", 5, 10.0), 0.7))
+                for profile in ("default", "network")),
+              {"mbit": 100, "case": (SMALL, "coded", 5, 10.0), "loss": 0.01, "profile": "network"}],
 }
 
 
@@ -50,7 +54,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
 
 
 def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float = 0, profile: str = "default",
-             reader: str = "") -> dict:
+             reader: str = "", step: float = 0.4) -> dict:
     """Sketches over a link, to a reader that only notes when they come or to a reconstructor; what came of it."""
     side, layout, size, rate_hz = case
     own, path, sent = folder / "own.xml", folder / f"{side}.npz", round(rate_hz * seconds)
@@ -65,7 +69,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
             machines.start_on(ROBOT, reader)
         watch = machines.watch("points" if reader else "sketch", str(own) if profile == OWN else None)
         machines.start_on(SENSOR, "sketcher", {OWN: str(own), "network": NETWORK_PROFILE}.get(profile),
-                          layout=layout, sketch_size=size)
+                          layout=layout, sketch_size=size, coding_step=step)
         for name in filter(None, ("sketcher", reader)):
             machines.wait(lambda: name in watch.reports, name)
         before = link.wire_bytes()
@@ -78,10 +82,11 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
         wire = link.wire_bytes() - before
         first_ns, last_ns = (watch.arrivals[0].stamp_ns, watch.arrivals[-1].received_ns) if arrived else (0, np.inf)
         return {"mbit": mbit, "loss": loss, "profile": profile, "side": side, "layout": layout, "m": size,
-                "rate_hz": rate_hz, "reader": reader or "note", "frames": sent, "arrived": arrived,
+                "coding_step": step, "rate_hz": rate_hz, "reader": reader or "note", "frames": sent, "arrived": arrived,
                 "latency_ms": percentiles([arrival.latency_ms for arrival in watch.arrivals]),
                 "dropped_by_sketcher": watch.total("sketcher", "dropped"),
                 "lost_before_sketcher": watch.total("sketcher", "message_lost"),
-                "predicted_mbit": round(side**2 * (4 + size * {"int16": 4, "float32": 8}[layout]) * 8e-6 * rate_hz, 1),
+                "predicted_mbit": None if layout == "coded" else round(
+                    side**2 * (4 + size * {"int16": 4, "float32": 8}[layout]) * 8e-6 * rate_hz, 1),
                 "wire_mbit": round(wire * 8e-6 / ((last_ns - first_ns) * 1e-9 + 1 / rate_hz), 1),
                 "wire_bytes_per_frame": round(wire / max(arrived, 1))}

@@ -12,13 +12,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo
 
 from robustness.targets import Defect, Made, Target
+from srt3d_ros import zstd
 from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, parser
 from srt3d_ros.cli.up import node_specs, parameters_yaml, ros_arguments
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import camera, cdr, gates, histograms, images, photons, points, sensor, sketch
+from srt3d_ros.messages import camera, cdr, coded_sketch, gates, histograms, images, photons, points, sensor, sketch
 from srt3d_ros.node_names import NODES
 
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "messages" / "golden"
@@ -70,6 +71,17 @@ def _sketch(raw: bytes) -> None:
     _, made = sketch.decode_cdr(raw, FREQUENCIES, SENSOR)
     if not (made.photons == sketch.decode_counts_cdr(raw)[1]).all():
         raise Defect("a sketch has other counts when only these are read")
+
+
+def _coded_sketch() -> Made:
+    """The bytes are those of a coded sketch before zstd packs them, whose checksum finds every damage after it."""
+    packed = coded_sketch.encode(sketch.decode_cdr(*_golden("sketch_float32"), FREQUENCIES)[1], 0.4)
+    at = coded_sketch.HEADER.size + 8 * len(FREQUENCIES)
+
+    def read(raw: bytes) -> None:
+        coded_sketch.decode(raw[:at] + zstd.compress(raw[at:], options=coded_sketch.PACKING), FREQUENCIES, (3, 4))
+
+    return read, [packed[:at] + zstd.decompress(packed[at:])]
 
 
 def _images(raw: bytes) -> None:
@@ -158,7 +170,8 @@ TARGETS = (
     _target("gates", _gates, _golden("gates"), 200_000),
     _target("histograms", _histograms, _golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC"))),
             200_000),
-    _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16"), 150_000),
+    _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16", "sketch_coded"), 150_000),
+    Target("coded_sketch", _coded_sketch, 150_000),
     _target("points", points.decode_cdr, _golden("points_xyzi", "points_full", "points_xyzi_organised",
                                                  "points_full_organised"), 200_000),
     _target("images", _images, _golden("image_32FC1"), 200_000),

@@ -35,8 +35,12 @@ def cloud_tables(schema: dict) -> str:
                    field["unit"], field["meaning"])
             shared.setdefault(row, []).append(name)
     rows = [[", ".join(names), *row] for row, names in shared.items()]
+    inside = "".join(f"The bytes of {name}, little-endian:\n\n" + table(
+        ["byte", "datatype", "count", "name", "unit", "meaning"],
+        [[part[key] for key in ("offset", "datatype", "count", "name", "unit", "meaning")] for part in layout["bytes"]])
+        for name, layout in layouts.items() if "bytes" in layout)
     return f"`height` {schema['height']}; `width` {schema['width']}.\n\n{purposes}\n" + table(
-        ["layout", "byte", "size", "field", "datatype", "count", "unit", "meaning"], rows)
+        ["layout", "byte", "size", "field", "datatype", "count", "unit", "meaning"], rows) + inside
 
 
 def _size(field: dict) -> int | str:

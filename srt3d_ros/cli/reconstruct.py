@@ -1,6 +1,7 @@
 """`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from srt3d_ros.cli import common
 from srt3d_ros.core.background import BACKGROUNDS
@@ -10,6 +11,9 @@ from srt3d_ros.core.gate import AUTO, OFF
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
+
+if TYPE_CHECKING:
+    from srt3d_ros.results import Cloud, Sketch
 
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background",
                   "weighting", "upsampling")
@@ -61,10 +65,41 @@ def run(args: argparse.Namespace) -> int:
     from srt3d_ros.new_files import check_not_input
     from srt3d_ros.recording import cloud_files
 
-    method = find(args.method)
     cloud_files.check(args.output)
     check_not_input(args.output, args.input, args.dark, args.irf)
-    overrides = common.overrides(args)
+    sketch = _sketch_of_bag(args)
+    cloud = (_of_photons(args) if sketch is None else api.reconstruct(sketch, **common.given(args, METHOD_OPTIONS)))
+    cloud = cloud.ordered(args.surface_order)
+    cloud.save(args.output)
+    facts = cloud.facts | {"output": str(args.output)}
+    common.print_notes(cloud.notes)     # only now: a mistake is one line
+    sketched = (" → sketch of {sketch_size}" * bool(facts["frequencies"])
+                + " in {sketch_ms:.1f} ms" * (facts["sketch_ms"] is not None))
+    common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
+                        + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
+    return 0
+
+
+def _sketch_of_bag(args: argparse.Namespace) -> "Sketch | None":
+    """The sketch that the input has instead of photons; InvalidInput for options that only photons can follow."""
+    from srt3d_ros.datasets.bag import is_bag
+    from srt3d_ros.datasets.bag_photons import read_sketch
+    from srt3d_ros.results import Sketch
+
+    found = read_sketch(args.input, args.frame, args.photons_topic) if is_bag(args.input) else None
+    if found is None:
+        return None
+    for name in ("sketch_size", "frequencies", "gate", "dark", *common.SENSOR_OVERRIDES):
+        given = getattr(args, name)
+        require(given in (None, OFF), name, given, "nothing: the bag has sketches, made without it")
+    sensor, sketch = found
+    return Sketch(**vars(sketch), sensor=sensor)
+
+
+def _of_photons(args: argparse.Namespace) -> "Cloud":
+    from srt3d_ros import api
+
+    method, overrides = find(args.method), common.overrides(args)
     photons = api.open(args.input, args.frame, args.photons_topic, **overrides)
     sensor = photons.sensor
     if args.dark is not None:
@@ -72,15 +107,8 @@ def run(args: argparse.Namespace) -> int:
         require(args.background != "flat", "background", args.background, "auto or sensor, with a dark frame")
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
         sensor = _with_dark_frame(sensor, api.open(args.dark, **(known | overrides)).read_whole())
-    cloud = api.reconstruct(photons, sensor=sensor, gate=args.gate if args.gate == AUTO else OFF,
-                            **common.given(args, METHOD_OPTIONS)).ordered(args.surface_order)
-    cloud.save(args.output)
-    facts = cloud.facts | {"output": str(args.output)}
-    common.print_notes(cloud.notes)     # only now: a mistake is one line
-    sketched = " → sketch of {sketch_size} in {sketch_ms:.1f} ms" if facts["frequencies"] else ""
-    common.print_facts(args, facts, "{photons:,} photons of {rows} × {cols} pixels, T = {num_bins} bins" + sketched
-                        + " → {points:,} points in {reconstruct_ms:.1f} ms by {method} on {device}\n{output}")
-    return 0
+    return api.reconstruct(photons, sensor=sensor, gate=args.gate if args.gate == AUTO else OFF,
+                           **common.given(args, METHOD_OPTIONS))
 
 
 def _with_dark_frame(sensor, dark):

@@ -40,6 +40,7 @@ from srt3d_ros.kernels.constants import (
 
 DEFAULT_FALSE_ALARM_RATE = 1e-4
 MAX_SURFACES = 4
+TINY = 1e-9
 
 
 class Pooled:
@@ -79,9 +80,9 @@ class Pooled:
         self._square = array(np.ones(WINDOW, np.float32))
         self._near = self._used / self._sums_near(self._used + 1e-6)
         self._scratch = self.kernels.Scratch()
-        self._cold_frames, self._warm_frames = (self.kernels.FrameStream(partial(self._points, warm))
-                                                for warm in (False, True))
+        self._begin_streams()
         self._warm_start, self._next_is_warm, self._is_first = warm_start, False, True
+        self._added_variance = 0.0
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch; of a first one, as often as its background takes to settle."""
@@ -103,6 +104,9 @@ class Pooled:
         uneven background out is reconstructed from two starts, and the better is kept.
         """
         self._matcher.check(sketch)
+        if sketch.added_variance != self._added_variance:
+            self._added_variance = sketch.added_variance
+            self._begin_streams()
         self._is_first, warm, self._next_is_warm = False, self._next_is_warm, self._warm_start
         starts = self._background.starts(sketch)
         if not starts:
@@ -134,6 +138,11 @@ class Pooled:
         self._next_is_warm, self._is_first = False, True
         self._background.forget()
 
+    def _begin_streams(self) -> None:
+        """Frames by kernels, which a GPU records with their thresholds."""
+        self._cold_frames, self._warm_frames = (self.kernels.FrameStream(partial(self._points, warm))
+                                                for warm in (False, True))
+
     def _begin(self, sketch: Sketch, belief: Belief, warm: bool) -> Callable[[], tuple]:
         """Begin a frame; the function returned waits for cloud, the belief before and after it, and its misfit."""
         frames = self._warm_frames if warm else self._cold_frames
@@ -158,8 +167,9 @@ class Pooled:
             clutter: `MatchedFrame.clutter`.
         """
         kernels, scratch, sensor = self.kernels, self._scratch, self._matcher.sensor
-        found = score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
-        continued = continuation_threshold(self.false_alarm_rate)
+        wider = (1 + self._added_variance)**0.5         # scores spread by as much
+        found = wider * score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
+        continued = wider * continuation_threshold(self.false_alarm_rate)
 
         # Match: take delay, gain and IRF of each pixel out of the data term.
         taken = None if background is None else self._sums_near(background * self._used) * self._near
@@ -243,8 +253,16 @@ class Pooled:
 
     def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
         depth, intensity, std, *slopes = values
+        if self._added_variance:
+            std = std * self._widening(intensity, background[row, col])
         cloud = PointCloud(row, col, depth, intensity, std, xyz, rank, background, stamp_ns)
         return cloud if self.upsampling == 1 else refine(cloud, self.upsampling, self.sensor, *slopes)
+
+    def _widening(self, intensity, background) -> np.ndarray:
+        """By how much the added variance widens standard deviations of depth: that of photons is in them."""
+        signal, even = self._matcher.moments
+        share = intensity / np.maximum(intensity + background, TINY)
+        return np.sqrt(1 + self._added_variance * even / (share * signal + (1 - share) * even)).astype(np.float32)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others.

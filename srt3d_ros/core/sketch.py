@@ -37,12 +37,14 @@ class Sketch:
         sums: complex64 [rows, cols, m]; may lie on a device, as a tensor, like the photons.
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, see WindowSketcher.
+        added_variance: of each part of the sums, by rounding on the way, over the n/2 that photon noise gives it.
     """
 
     frequencies: tuple[int, ...]
     sums: np.ndarray
     photons: np.ndarray
     stamp_ns: int = 0
+    added_variance: float = 0.0
 
     def __post_init__(self) -> None:
         require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,
@@ -75,7 +77,8 @@ class Sketch:
         if photons.max(initial=0) > MAX_PHOTONS:
             sums = sums * (MAX_PHOTONS / np.maximum(photons, MAX_PHOTONS))[..., None].astype(np.float32)
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
-                       stamp_ns=min(self.stamp_ns, other.stamp_ns))
+                       stamp_ns=min(self.stamp_ns, other.stamp_ns),
+                       added_variance=max(self.added_variance, other.added_variance))
 
 
 def _numpy(values: Any) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 import io
 import sqlite3
-import sys
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -11,6 +10,7 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import BinaryIO, NamedTuple
 
+from srt3d_ros import zstd
 from srt3d_ros.errors import InvalidInput, require
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -166,20 +166,10 @@ class _BoundedFile(io.BufferedReader):
         return data
 
 
-def _zstd():
-    """The module zstd, which rosbags uses."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
-    return zstd
-
-
 def _check_unpacked_size(data: bytes) -> None:
     """Raise ValueError if data unpack to more than MAX_BYTES; those that do not unpack are left to rosbags."""
     import lz4.frame
 
-    zstd = _zstd()
     for open_packed in (zstd.open, lz4.frame.open):
         size = 0
         try:
@@ -194,7 +184,7 @@ def _check_unpacked_size(data: bytes) -> None:
 
 def _unpacked(raw: bytes) -> bytes:
     """A message that was compressed by itself."""
-    decompressor = _zstd().ZstdDecompressor()
+    decompressor = zstd.ZstdDecompressor()
     message = decompressor.decompress(raw, max_length=MAX_BYTES)
     if not decompressor.eof:
         raise ValueError(f"cut off, or more than {MAX_BYTES} bytes unpacked")
@@ -204,7 +194,7 @@ def _unpacked(raw: bytes) -> bytes:
 def _unpacked_file(path: Path, folder: Path) -> Path:
     """Unpack a storage file into the folder; InvalidInput if it becomes far too large."""
     most = max(MAX_BYTES, MAX_RATIO * path.stat().st_size)
-    with _zstd().open(path, "rb") as packed, (folder / path.stem).open("wb") as file:
+    with zstd.open(path, "rb") as packed, (folder / path.stem).open("wb") as file:
         while part := packed.read(READ_BYTES):
             require(file.tell() + len(part) <= most, f"{path.name} size", f"more than {most} bytes unpacked",
                     f"at most {most}")

@@ -1,4 +1,4 @@
-"""player: a photon file, the simulator or a bag → `photons`, `gates` or `histograms`, with the latched `sensor`."""
+"""player: a photon file, the simulator or a bag → `photons`, `gates`, `histograms` or `sketch`, and their sensor."""
 
 import sys
 import time
@@ -59,7 +59,8 @@ PARAMETERS = (
     Parameter("bag_start_s", 0.0, "Bag: start this long after its first message.", "s", 0, 10**6),
     Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
               choices=("original", "now")),
-    Parameter("bag_photons_topic", "", "Bag: the topic of the photons, in whichever form; needed if there are several.",
+    Parameter("bag_photons_topic", "", "Bag: the topic of the photons, in whichever form, or of sketches; needed if "
+              "there are several.",
               form="a topic's full name"),
     Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
               form="a topic's full name"),
@@ -73,13 +74,15 @@ SPEC = NodeSpec(
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
     outputs=(topics.SENSOR,
              *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
+             *(replace(topic, when="the bag has sketches and no photons")
+               for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
     limits=("A frame counts as received when it is due.",
             "At a rate that the machine cannot keep, frames are late; none is skipped.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
-            "Of a bag, only the photons and their sensor are played."),
+            "Of a bag, only the photons and their sensor are played, or, if it has none, the sketches and theirs."),
 )
 
 
@@ -98,7 +101,7 @@ class PlayerNode(PipelineNode):
         self._unanswered: deque[int] = deque()
         self._sensors: Publisher | None = None
         if self._source.sensor is not None:
-            self._sensors = self.advertise("sensor")
+            self._sensors = self.advertise(self._source.describes)
         self._publisher = self.advertise(self._source.output)
         self._clock_timer: Timer | None = None
         if self.parameters["clock"]:
@@ -171,7 +174,7 @@ class PlayerNode(PipelineNode):
                 begun, self._first_ns = time.monotonic(), super().now_ns()
             due_at = begun + item.due_ns * 1e-9
             self._recorded = item.time_ns, due_at
-            if item.topic == "sensor":
+            if item.topic == self._source.describes:
                 self._send_sensor(item, due_at)
                 continue
             self._wait_for_answers(self.parameters["in_flight"] - 1)

@@ -248,9 +248,9 @@ class SketcherNode(PipelineNode):
         self.worker.messages_per_frame = frame.packets
         try:
             kept = frame.photons if self._sketcher.gate is None else min(self._sketcher.kept, frame.photons)
-            sketch = self._sketcher.end_frame()
-            values = self.parameters
-            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"])
+            sketch, values = self._sketcher.end_frame(), self.parameters
+            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"],
+                                             values["coding_step"])
             if not self._described:
                 self._announce()
             self.publish_frame(self._sketches, data, sketch.stamp_ns, packets=frame.packets, photons=kept)

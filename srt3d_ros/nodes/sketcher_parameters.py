@@ -6,6 +6,7 @@ from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.gate import FORM, OFF
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.core.window import WINDOW_STAMPS
+from srt3d_ros.messages.coded_sketch import DEFAULT_STEP, MAX_STEP, MIN_STEP
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
 from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Service
@@ -43,8 +44,12 @@ PARAMETERS = (
               "acquisition of its newest frame, of its oldest, or half-way between. With `newest`, tf is right for "
               "the newest photons, and the oldest are off by the sensor's motion since; with `middle`, both by half of "
               "it.", choices=tuple(WINDOW_STAMPS)),
-    Parameter("layout", "float32", "Type of the sketch on the wire; int16 halves the bandwidth.",
-              choices=("float32", "int16"), live=True),
+    Parameter("layout", "float32", "Form of the sketch on the wire; int16 halves the bandwidth, coded takes about a "
+              "tenth: it rounds to a share of the photon noise, and packs.", choices=("float32", "int16", "coded"),
+              live=True),
+    Parameter("coding_step", DEFAULT_STEP, "For coded: sums are rounded to multiples of so many standard deviations of "
+              "their photon noise. Rounding adds coding_step² / 12 to its variance; twice the step saves two bits of "
+              "each complex number.", "σ", MIN_STEP, MAX_STEP, live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     LOSSLESS,
 )

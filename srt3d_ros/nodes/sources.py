@@ -1,7 +1,8 @@
 """What the player plays: a photon file, the simulator or a bag, each as messages that are due one after the other.
 
 Both sources have `items()`, the messages from the beginning, with a sensor only where it changes; `close()`; and
-    output      the topic of the frames: "photons", "gates" or "histograms"
+    output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
+    describes   "sensor", or of sketches "sketch/sensor"
     sensor      the serialised description to begin with, or None
     rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
     start_ns    when the recording began; 0 if nothing was recorded
@@ -33,7 +34,7 @@ class Item(NamedTuple):
     """A message to send.
 
     Args:
-        topic: "photons", "gates", "histograms" or "sensor".
+        topic: that of `output` or of `describes`.
         raw: serialised.
         due_ns: when, at the pace of play, from the beginning.
         acquired_ns: its stamp, from the beginning.
@@ -80,6 +81,7 @@ class FrameSource:
     """
 
     start_ns = 0
+    describes = "sensor"
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
@@ -118,7 +120,7 @@ class FrameSource:
 
 
 class BagSource:
-    """The photons of a bag and the descriptions of their sensor, as and when they were recorded.
+    """The photons of a bag, or its sketches, and the descriptions of their sensor, as and when they were recorded.
 
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
@@ -134,6 +136,7 @@ class BagSource:
         self._bag = Bag(parameters["input"])
         topics = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
         self.output, self._frames = topics.output, topics.frames
+        self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
         self._played = (topics.frames,) if topics.sensor is None else (topics.frames, topics.sensor)
         self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
         self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
@@ -150,7 +153,7 @@ class BagSource:
         while True:
             if described != self.sensor:
                 described = self.sensor
-                yield Item("sensor", described, self._paced(begun_ns), time_ns=self.start_ns)
+                yield Item(self.describes, described, self._paced(begun_ns), time_ns=self.start_ns)
             for k, message in enumerate(self._bag.messages(self._played, self.start_ns)):
                 passed_ns = message.time_ns - self.start_ns
                 if self._is_late(message.time_ns):
@@ -162,7 +165,7 @@ class BagSource:
                     yield Item(self.output, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
                 elif message.raw != described:
                     described = message.raw
-                    yield Item("sensor", described, due_ns, time_ns=message.time_ns)
+                    yield Item(self.describes, described, due_ns, time_ns=message.time_ns)
             if not self._loop:
                 return
             begun_ns += longest_ns or ALONE_NS      # the mean interval after the last message

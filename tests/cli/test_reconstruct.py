@@ -18,7 +18,7 @@ from srt3d_ros.datasets import npz, open_photons
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
-from srt3d_ros.messages import photon_frames
+from srt3d_ros.messages import cdr, photon_frames, sketch
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 
@@ -224,6 +224,29 @@ def test_histograms_in_a_bag_are_reconstructed_as_their_photons(photons, reconst
     _, from_bag = reconstruct(*options, source=tmp_path / "bag")
     one, other = (np.load(path)["xyz"] for path in (from_file, from_bag))
     assert one.shape == other.shape and np.allclose(one, other, atol=1e-3)      # sums of float32 products
+
+
+def test_a_frame_of_a_bag_of_sketches_is_reconstructed_as_its_photons(photons, srt3d, reconstruct, tmp_path):
+    sketched = sketch_photons(photons[1], SENSOR, (1, 2, 5, 9))
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/spad/sketch", "sensor_msgs/msg/PointCloud2", [Offer()])
+    writer.add_topic("/spad/sketch/sensor", "std_msgs/msg/String", [Offer()])
+    writer.write("/spad/sketch/sensor", 0, cdr.write_text(sketch.encode_sensor(SENSOR, (1, 2, 5, 9), 1).data))
+    for k, layout in enumerate(("coded", "float32")):
+        writer.write("/spad/sketch", k + 1, sketch.encode_cdr(sketched, "lidar", layout))
+    writer.close()
+    _, from_file = reconstruct("--frequencies", "1,2,5,9", "--surfaces", "2", out="file.npz")
+    _, from_bag = reconstruct("--frame", "1", "--surfaces", "2", source=tmp_path / "bag")
+    _, from_coded = reconstruct("--frame", "0", "--surfaces", "2", source=tmp_path / "bag", out="coded.npz")
+    wanted, found, coded = (np.load(path) for path in (from_file, from_bag, from_coded))
+    assert np.allclose(wanted["xyz"], found["xyz"], rtol=1e-4)
+    assert len(coded["xyz"]) == pytest.approx(len(wanted["xyz"]), rel=0.02) and len(coded["xyz"]) > 400
+    assert coded["depth_bins"].mean() == pytest.approx(wanted["depth_bins"].mean(), abs=1)
+    for option, field in ((("--sketch-size", "3"), "sketch_size is 3: expected nothing"),
+                          (("--gate", "1:40"), "gate is 1:40: expected nothing"),
+                          (("--method", "rt3d"), "method is rt3d: expected one of sketches")):
+        code, _, err = srt3d("reconstruct", tmp_path / "bag", *OUT, *option)
+        assert code == 2 and field in err and len(err.splitlines()) == 1
 
 
 OUT = ("-o", "a.npz")

@@ -14,17 +14,20 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from srt3d_ros import zstd
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import bag as bags
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.bag_photons import find_photons
+from srt3d_ros.datasets.bag_photons import find_photons, read_sketch
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.datasets.photons import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketches
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 LATCHED = Offer(durability="transient_local", depth=1)
@@ -179,7 +182,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused(tmp_path, small_bo
 
 
 @pytest.mark.parametrize("packed", [
-    lz4.frame.compress(bytes(2**26)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + bags._zstd().compress(
+    lz4.frame.compress(bytes(2**26)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + zstd.compress(
         bytes(2**26)), 28 * b"a" + struct.pack("<I", 3) + b"lz4" + bytes(8) + lz4.frame.compress(bytes(2**26)),
 ], ids=["lz4", "zstd after a frame to skip", "record of a chunk"])
 def test_no_read_gives_rosbags_what_unpacks_to_far_too_much(tmp_path, small_bounds, packed):
@@ -275,10 +278,22 @@ def test_histograms_are_read_as_they_are(tmp_path, storage, dtype):
         assert open_photons(tmp_path / "bag", gate=(10, 30)).frame.photons == 2 * 3 * 30
 
 
+def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
+    bag = write(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED)])
+    with pytest.raises(InvalidInput, match="expected one of photons; it has sketches of them$"):
+        open_photons(bag)
+    sensor, sketch = read_sketch(bag)
+    assert sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
+    assert read_sketch(write(tmp_path / "photons", RECORDED)) is None
+
+
 PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"
 HISTOGRAMS = histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")
 PICTURE = cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))
 DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
+CODED = sketches.encode_cdr(sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)),
+                            "lidar", "coded")
+SKETCHED = cdr.write_text(sketches.encode_sensor(SENSOR, (1,), 1).data)
 
 
 @pytest.mark.parametrize("messages, given, found", [
@@ -294,6 +309,12 @@ DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
     ([("/photons", CLOUD, PHOTONS)], {}, ("photons", "/photons", None)),
     ([("/tof/raw", IMAGE, HISTOGRAMS), ("/image", IMAGE, PICTURE), ("/tof/info", TEXT, DESCRIBED)], {},
      ("histograms", "/tof/raw", "/tof/info")),
+    ([("/a/sketch", CLOUD, CODED), ("/a/sketch/sensor", TEXT, SKETCHED), ("/b/sketch/sensor", TEXT, SKETCHED),
+      ("/a/sensor", TEXT, DESCRIBED)], {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
+    ([("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED), ("/raw", CLOUD, PHOTONS),
+      ("/sensor", TEXT, DESCRIBED)], {}, ("photons", "/raw", "/sensor")),
+    ([("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED), ("/raw", CLOUD, PHOTONS)],
+     {"photons_topic": "/sketch"}, ("sketch", "/sketch", "/sketch/sensor")),
 ])
 def test_the_photons_are_found_under_whatever_name(tmp_path, messages, given, found):
     with Bag(write(tmp_path / "bag", messages)) as opened:

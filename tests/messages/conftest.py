@@ -79,6 +79,7 @@ CODECS = {
     "histograms_32FC5": _histograms(np.float32, -10),
     "sketch_float32": _codec(sketch, PointCloud2, SKETCH, ("lidar",), (FREQUENCIES, SENSOR)),
     "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (FREQUENCIES, SENSOR)),
+    "sketch_coded": _codec(sketch, PointCloud2, SKETCH, ("lidar", "coded"), (FREQUENCIES, SENSOR)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
     "points_xyzi_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "xyzi", None, True), ()),

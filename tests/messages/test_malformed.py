@@ -235,5 +235,5 @@ def test_content_that_breaks_the_contract_is_not_written(codecs, small_sensor):
     whole = codecs["sketch_float32"].content
     with pytest.raises(InvalidInput, match="^sketch is nan"):
         sketch.encode_cdr(type(whole)(whole.frequencies, whole.sums * np.float32(NAN), whole.photons), "lidar")
-    with pytest.raises(InvalidInput, match="^layout is float64: expected float32 or int16"):
+    with pytest.raises(InvalidInput, match="^layout is float64: expected float32 or int16 or coded"):
         sketch.encode_cdr(whole, "lidar", "float64")
