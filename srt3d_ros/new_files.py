@@ -25,6 +25,14 @@ def appearing_whole(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def check_place(path: Path) -> None:
+    """Raise InvalidInput unless a file could be written to `path`, as far as can be known before it is."""
+    folder = path.parent
+    require(not os.path.isdir(path), "output", str(path), "a file, not a directory")
+    require(os.path.isdir(folder), "output", str(path), f"a directory {folder} that exists")
+    require(os.access(folder, os.W_OK), "output", str(path), f"a directory {folder} that can be written to")
+
+
 def check_not_input(output: str | Path, *inputs: str | Path | None) -> None:
     """Raise InvalidInput if `output` is one of the files or folders that are read, whatever its path is spelled as."""
     for path in inputs:

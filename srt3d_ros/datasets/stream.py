@@ -9,6 +9,7 @@ import numpy as np
 
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.progress import DELAY_S
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
@@ -24,8 +25,6 @@ from srt3d_ros.datasets.photons import (
 )
 from srt3d_ros.datasets.survey import Survey, events_of
 from srt3d_ros.errors import require
-
-BAR_DELAY_S = 2.0           # a progress bar appears after this long
 
 
 class Events(NamedTuple):
@@ -157,7 +156,7 @@ class PhotonStream:
         """The file from its beginning; a progress bar on a terminal if it takes long."""
         from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
 
-        with tqdm(desc=f"reading {self.name}", total=100, delay=BAR_DELAY_S, disable=None, leave=False,
+        with tqdm(desc=f"reading {self.name}", total=100, delay=DELAY_S, disable=None, leave=False,
                   bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
             for chunk in self._recording.chunks():
                 bar.update(100 * chunk.done - bar.n)

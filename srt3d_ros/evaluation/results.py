@@ -145,6 +145,8 @@ def _cells(row: dict) -> list[str]:
 
 def _held_out_cells(row: dict) -> list[str]:
     """Nats ± standard error, then what rim and interior add, with their share of the pixels."""
+    if not row["held_out"]:
+        return [NOTHING] * len(HELD_OUT_HEADINGS)
     cells = [" ± ".join(_shown(row[f"held_out_{part}{figure}"], 1) for figure in ("nats", "std"))
              for part in ("", "rim_", "interior_")]
     shares = ["", *(f" ({row[f'held_out_{part}_percent']:.0f} %)" for part in ("rim", "interior"))]

@@ -1,6 +1,5 @@
 """Save a point cloud: .npz with everything, .ply and .pcd for other programs, .rrd for the rerun viewer; or draw it."""
 
-import os
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,7 +10,7 @@ from srt3d_ros.colours import levels, percentile_range, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, printable, require
-from srt3d_ros.new_files import appearing_whole
+from srt3d_ros.new_files import appearing_whole, check_place
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _JPEG_QUALITY = 90
@@ -47,9 +46,7 @@ def check(path) -> Path:
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
     package, extra = _NEEDS.get(path.suffix.lower(), ("numpy", ""))
     require(find_spec(package) is not None, "output", path.suffix, f"pip install 'srt3d_ros[{extra}]' to have been run")
-    require(not os.path.isdir(path), "output", str(path), "a file, not a directory")
-    require(os.path.isdir(path.parent), "output", str(path), f"a directory {path.parent} that exists")
-    require(os.access(path.parent, os.W_OK), "output", str(path), f"a directory {path.parent} that can be written to")
+    check_place(path)
     return path
 
 

@@ -11,6 +11,7 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.new_files import check_place
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import cloud_files, schema
@@ -29,7 +30,7 @@ _SWING_DEG = 40             # a cloud seen from one side has no back to show
 def check_output(output: Path, suffixes: tuple[str, ...]) -> None:
     """Check suffix and directory of an output before any work; InvalidInput if they do not suit."""
     require(output.suffix.lower() in suffixes, "output", str(output), f"a file name that ends in {', '.join(suffixes)}")
-    require(output.parent.is_dir(), "output", str(output), f"a directory {output.parent} that exists")
+    check_place(output)
 
 
 def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = "auto") -> None:

@@ -87,6 +87,7 @@ def test_without_a_reference_photons_are_held_out_and_it_is_said(run):
     assert code == 0 and [rows[name]["held_out"] for name in ("bare", "few", "layers")] == ["0.4", "", ""]
     assert float(rows["bare"]["held_out_nats"]) > 0 and float(rows["layers"]["photons_per_pixel"]) > 50
     assert "bare: no reference: clouds of 60% of the photons are judged by how well" in printed.err
+    assert "| – ± –" not in printed.out and "nan" not in printed.out
     assert "few: no reference, and too few photons" in printed.err and "layers: no" not in printed.err
     code, printed, _ = run("bare.npz", "--methods", "pooled", "--surfaces", "2")
     assert "held-out nats" in printed.out and "–" not in printed.out and "TD %" not in printed.out

@@ -95,3 +95,5 @@ def test_convert_never_destroys_its_input(refusal, wall, tmp_path):
     assert refusal("convert", wall, tmp_path / "b.ply").startswith("output is b.ply: expected a name that ends in .npz")
     assert wall.read_bytes() == before and not (tmp_path / "b.npz").exists()
     assert refusal("info", wall, "-o", "a.jpg").startswith("output is a.jpg")
+    for command in (("convert", wall, "absent/a.npz"), ("info", wall, "-o", "absent/a.png")):
+        assert refusal(*command).endswith(": expected a directory absent that exists\n")

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor import SensorModel
 
 ITERATIONS = 25
@@ -28,7 +29,7 @@ def plug_and_play(step: Callable, depth, intensity, exposure, faintest: float, s
         kernels: has `apss`.
     """
     depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
-    for iteration in range(ITERATIONS + 1):
+    for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
         step(depth, intensity)
         intensity[intensity < faintest] = 0
         if iteration < ITERATIONS:

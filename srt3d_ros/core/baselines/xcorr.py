@@ -14,6 +14,7 @@ from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, e
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.pooled import check_options
+from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
@@ -80,7 +81,7 @@ def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
     filters = _Filters(sensor)
     several = max(CELLS // sensor.num_bins, 1)
     parts = [filters.peaks(photons, first, min(first + several, sensor.pixels), surfaces)
-             for first in range(0, sensor.pixels, several)]
+             for first in progress(range(0, sensor.pixels, several), "correlating")]
     depth, signal, chance = (np.concatenate([part[n] for part in parts], axis=1) for n in range(3))     # [K, pixels]
     background = np.concatenate([part[3] for part in parts])
     if sensor.delay_bins is not None:
