@@ -78,7 +78,7 @@ def test_ros2_run_finds_the_nodes(prefix, monkeypatch):
 def test_a_node_found_so_runs_and_gets_its_ros_arguments(prefix, environment, tmp_path):
     done = subprocess.run([prefix / "lib" / "srt3d_ros" / "sketcher", "--ros-args", "-p", "layout:=a b"], cwd=tmp_path,
                           env={**os.environ, **environment}, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (2, "layout is a b: expected float32 or int16 or coded\n")
+    assert (done.returncode, done.stderr) == (2, "srt3d: error: layout is a b: expected float32 or int16 or coded\n")
 
 
 def test_the_command_is_on_path(prefix, environment, tmp_path):
