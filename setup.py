@@ -25,7 +25,7 @@ ROSBAGS = "rosbags>=0.11.9,<0.12"
 # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
 TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
 # Readers of laboratories' files. `lab` is all of them.
-LAB = {"ptu": ["ptufile>=2026.2"], "sdt": ["sdtfile>=2026.2"], "spc": ["phconvert>=0.10,<0.11"],
+LAB = {"ptu": ["ptufile>=2026.2,<2028"], "sdt": ["sdtfile>=2026.2,<2028"], "spc": ["phconvert>=0.10,<0.11"],
        "hdf5": ["h5py>=3.10,<4"]}
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",

@@ -88,8 +88,9 @@ def damaged(examples: list[bytes], rng: random.Random) -> bytes:
 
 def targets() -> dict[str, Target]:
     """All targets by name."""
-    from robustness import targets_files, targets_messages
-    return {target.name: target for module in (targets_messages, targets_files) for target in module.TARGETS}
+    from robustness import targets_devices, targets_files, targets_messages
+    modules = targets_messages, targets_files, targets_devices
+    return {target.name: target for module in modules for target in module.TARGETS}
 
 
 def _peak_kb() -> int:

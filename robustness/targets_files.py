@@ -8,6 +8,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,36 @@ def _mat_files() -> list[bytes]:
         {"data_processed": cells, "mm": np.int32(0), "MM": np.int32(9_000)})]
 
 
+def _cube() -> np.ndarray:
+    """Counts [rows, cols, bins] of a few photons."""
+    counts = np.zeros((2, 3, 20), np.uint16)
+    counts[0, 1, 5], counts[1, 2, 19] = 2, 1
+    return counts
+
+
+def _ptu_files() -> list[bytes]:
+    """Two frames of a scan, in records of two kinds."""
+    import ptufile
+
+    return [_saved(ptufile.imwrite, np.stack([_cube()] * 2), 2e-9, 1e-10, has_frames=True, record_type=kind)
+            for kind in (ptufile.PtuRecordType.PicoHarpT3, ptufile.PtuRecordType.GenericT3)]
+
+
+def _hdf5_files() -> list[bytes]:
+    import h5py
+
+    file = io.BytesIO()
+    with h5py.File(file, "w") as content:
+        content["counts"] = _cube()
+    return [file.getvalue()]
+
+
+def _linospad2_file() -> bytes:
+    words = np.zeros((2, 65, 4), np.uint32)
+    words[0, 2, :2], words[1, 63, 0] = (2**31 + 5, 2**31 + 2**28 + 999), 2**31 + 7
+    return words.tobytes()
+
+
 def _bag(storage: str, pattern: str) -> Made:
     """The bytes are one of the files of a bag."""
     folder = own_folder() / "bag"
@@ -157,9 +188,21 @@ TARGETS = (
         np.savez, depth_m=np.linspace(2, 2.5, 12).reshape(3, 4), valid=np.ones((3, 4), bool))], 30_000),
     _target("sketch_file", "s.npz", sketch_file.read, lambda: [_sketch_file()], 40_000),
     _target("sensor_file", "b.json", open_sensor, lambda: SENSOR_TEXTS, 40_000),
+    _target("npy_cube", "b.npy", partial(open_photons, irf=[1, 3, 1], bin_width_s=1e-10),
+            lambda: [_saved(np.save, _cube())], 20_000),
+    _target("npz_cube", "b.npz", partial(open_photons, irf=[1, 3, 1]),
+            lambda: [_saved(np.savez, counts=_cube(), bin_width_s=1e-10)], 20_000),
+    _target("linospad2", "b.dat", partial(open_photons, irf=[1, 3, 1], num_bins=400), lambda: [_linospad2_file()],
+            20_000),
     _target("mat", "b.mat", partial(open_photons, irf=[1, 3, 1]), _mat_files, 2_000),
     Target("bag_mcap", partial(_bag, "mcap", "*.mcap"), 20_000),
     Target("bag_sqlite3", partial(_bag, "sqlite3", "*.db3"), 10_000),
     Target("bag_metadata", partial(_bag, "mcap", "metadata.yaml"), 10_000),
     _target("rrd", "b.rrd", _review, _recordings, 300),
 )
+# Of files whose reader is an extra.
+OPTIONAL = {
+    "ptufile": _target("ptu", "b.ptu", partial(open_photons, irf=[1, 3, 1]), _ptu_files, 20_000),
+    "h5py": _target("hdf5", "b.h5", partial(open_photons, irf=[1, 3, 1], bin_width_s=1e-10), _hdf5_files, 300),
+}
+TARGETS += tuple(target for library, target in OPTIONAL.items() if find_spec(library))

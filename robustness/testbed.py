@@ -14,7 +14,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.pipeline_probe import PipelineProbe
-from srt3d_ros.processes import READY_TIMEOUT_S, Process, Processes, join_private_network
+from srt3d_ros.private_network import join_private_network
+from srt3d_ros.processes import READY_TIMEOUT_S, Process, Processes
 
 BALANCE_S = 20.0            # until all frames in transit have arrived and are reported; a node reports once a second
 IN_TRANSIT = ("unaccounted_frames", "unaccounted_photons", "under_way", "photons_under_way")

@@ -2,7 +2,6 @@
 
 import json
 import os
-import random
 import signal
 import socket
 import subprocess
@@ -24,40 +23,6 @@ READY_TIMEOUT_S = 900.0                 # the reconstructor compiles: on a slow 
 LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
 POLL_S = 0.01
 SOURCE_TREE = Path(__file__).resolve().parents[1]       # or site-packages
-
-_claims: list[socket.socket] = []       # open as long as this process lives
-
-
-def claim_domain() -> int:
-    """A ROS domain (1 to 100) that no program on this machine uses or has claimed; this process keeps it until it ends.
-
-    The claim is the domain's last UDP port (DDS reserves 7400 + 250 domain and the 249 above), bound and never read;
-    its second participant port tells a domain that another program's nodes use. Raises OSError where none is free.
-    """
-    for domain in random.SystemRandom().sample(range(1, 101), 100):
-        first_port = 7400 + 250 * domain
-        claim = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            claim.bind(("", first_port + 249))
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as discovery:
-                discovery.bind(("", first_port + 10))
-        except OSError:
-            claim.close()
-        else:
-            _claims.append(claim)
-            return domain
-    raise OSError("every ROS domain from 1 to 100 is in use on this machine")
-
-
-def join_private_network() -> None:
-    """Keep to this machine and clear of any other ROS 2 on it. The nodes inherit it; set before rclpy is imported.
-
-    SIGTERM and SIGHUP then end this process as Ctrl-C does, so that the nodes are ended in order.
-    """
-    os.environ["ROS_DOMAIN_ID"] = str(claim_domain())
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    for ending in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ending, signal.default_int_handler)
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:

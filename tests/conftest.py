@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from srt3d_ros.processes import claim_domain
+from srt3d_ros.private_network import claim_domain
 
 # Before anything imports rclpy; the nodes that tests start inherit it. Each worker of pytest-xdist has its own.
 os.environ["ROS_DOMAIN_ID"] = str(claim_domain())

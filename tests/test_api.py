@@ -16,7 +16,7 @@ from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import GateWords
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz, stream
+from srt3d_ros.datasets import npz, stream, survey
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from tools import api_page
@@ -73,7 +73,7 @@ def test_a_file_is_read_with_the_options(tmp_path):
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_path, monkeypatch, dtype):
-    monkeypatch.setattr(stream, "MAX_KEPT", 3_000)
+    monkeypatch.setattr(survey, "MAX_KEPT", 3_000)
     np.save(tmp_path / "counts.npy", COUNTS.astype(dtype))
     opened = srt3d_ros.open(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
     assert isinstance(opened, stream.PhotonStream)

@@ -68,7 +68,8 @@ def running(nodes: dict[str, dict]) -> Iterator[tuple]:
 
     The folder is removed at the end, unless a node failed (PartFailed): the logs are in it.
     """
-    from srt3d_ros.processes import Processes, join_private_network
+    from srt3d_ros.private_network import join_private_network
+    from srt3d_ros.processes import Processes
     join_private_network()
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
     folder = Path(tempfile.mkdtemp(prefix="srt3d-benchmark-"))

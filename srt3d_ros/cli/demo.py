@@ -20,7 +20,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import require
-from srt3d_ros.processes import Processes, join_private_network
+from srt3d_ros.private_network import join_private_network
+from srt3d_ros.processes import Processes
 
 SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head

@@ -13,7 +13,7 @@ def add_parser(subparsers) -> None:
         "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
         description="Publish the photons of a file, of a bag, or of the simulator's moving scene, as a sensor's driver "
                     "would. What is left out keeps the default of the player node.")
-    parser.add_argument("input", metavar="INPUT", help="photon file (.npz, or .mat as published), a bag (its folder, "
+    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), a bag (its folder, "
                                                        ".mcap or .db3 file), or: simulator")
     parser.add_argument("--duration-s", type=float, metavar="S", help="stop after this time")
     parser.add_argument("--frames", type=int, metavar="N", help="stop after this many frames")

@@ -18,6 +18,7 @@ from srt3d_ros.errors import require
 CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more
 MAX_ROW_BYTES = 2**29
 MAX_CUBE_BYTES = 2**46
+MAX_COUNT = 2**31 - 1
 NAMES = ("counts", "cube", "histograms", "data")        # of the array that is meant, if there are several
 GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "fov_deg")
 
@@ -51,8 +52,8 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
         with one_error(path, "a whole file of counts"):
             for part in read(at_once * (1 if len(shape) == 3 else cols)):
                 counts = np.ascontiguousarray(part).reshape(-1, cols, bins)
-                finite = dtype.kind != "f" or bool(np.isfinite(counts).all())
-                require(finite, "counts", "not finite in places", "numbers")
+                possible = dtype.itemsize < 4 or bool((np.abs(counts) <= MAX_COUNT).all())      # NaN is not
+                require(possible, "counts", f"beyond {MAX_COUNT} or not finite in places", "photons in a bin")
                 yield Rows(first, counts, (first + len(counts)) / rows)
                 first += len(counts)
     return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given)

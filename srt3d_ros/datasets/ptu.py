@@ -142,7 +142,7 @@ def _scan(ptu, records: Callable[[], Iterator[Records]], options: dict) -> tuple
         require(ticks * cols <= MAX_LINE_TICKS, "line", ticks * cols, f"at most {MAX_LINE_TICKS} ticks")
         column_at = sinusoidal_correction(amount, round(ticks * cols), cols)
     if marks.within_frame:
-        notes += (f"{marks.lines} lines before the first frame begins are left out",)
+        notes += ("lines before the first frame begins are left out",)
     bidirectional = bool(ptu.tags.get("ImgHdr_BiDirect", False))
     return partial(LineScan, rows, cols, ticks, "ImgHdr_Frame" in ptu.tags, bidirectional, column_at,
                    marks.within_frame), notes

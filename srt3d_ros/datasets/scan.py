@@ -79,13 +79,13 @@ class LineScan:
             first = int(np.argmax(new_frame)) if new_frame.any() else len(at)
             begun[:first], self.skipping = -1, not new_frame.any()
         rows, begun = np.append(self._row, lines - before - 1), np.append(self._begun, begun)
-        newest = np.cumsum(is_mark)
+        self._row, self._begun = int(rows[-1]), int(begun[-1])
+        events = np.diff(at, prepend=0, append=len(marks))      # up to the first mark, and from each to the next
+        row, begun = np.repeat(rows, events), np.repeat(begun, events)
         if self.pixels_marked:
-            col = self._cols_by_marks(marks, at[begins], np.append(0, lines)[newest])
+            col = self._cols_by_marks(marks, at[begins], np.repeat(np.append(0, lines), events))
         else:
-            col = self._cols_by_time(rows[newest], time - begun[newest])
-        row, begun = rows[newest], begun[newest]
-        self._row, self._begun = (int(rows[-1]), int(begun[-1])) if len(begun) else (self._row, self._begun)
+            col = self._cols_by_time(row, time - begun)
         row = row if self.frames_marked else row % self.rows
         inside = (marks == 0) & (begun >= 0) & (row >= 0) & (row < self.rows) & (col >= 0) & (col < self.cols)
         return np.where(inside, row * self.cols + col, -1)
@@ -121,7 +121,7 @@ class Marks(NamedTuple):
     """What the first marks of a recording say.
 
     Args:
-        lines: how many lines were seen, up to the first FRAME mark or the length of a frame.
+        lines: how many lines were seen.
         line_ticks: median length of a line, up to the next mark.
         within_frame: the recording begins within a frame, whose rows cannot be told.
         frames, pixels: whether frames and pixels are marked.
@@ -135,7 +135,7 @@ class Marks(NamedTuple):
 
 
 def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
-    """Look at the first marks of a recording: up to the second frame."""
+    """Look at the first marks of a recording: of a frame and the beginning of the next."""
     times, kinds = [], []
     lines, framed = 0, False
     for part in records:
@@ -144,7 +144,7 @@ def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
         kinds.append(part.marks[at])
         framed = framed or bool((kinds[-1] & FRAME).any())
         lines += int(np.count_nonzero(kinds[-1] & LINE))
-        if framed or lines > rows:
+        if lines > rows:
             break
     time, kind = np.concatenate(times or [np.zeros(0)]), np.concatenate(kinds or [np.zeros(0, np.uint8)])
     pixels = bool((kind & PIXEL).any())

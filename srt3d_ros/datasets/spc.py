@@ -18,6 +18,8 @@ PIECE = 2**20                   # records that phconvert is given at once: 100 M
 MAX_SETTINGS_BYTES = 2**24
 MARKS = {1: PIXEL, 2: LINE, 4: FRAME}       # bits of a marker's number: pixel, line and frame clock
 OLD_CARDS = (0x21, 0x22)        # SPC-600 and 630: 48 bits a record if the third word of the header is 0
+QC_CARDS = (0x8B, 0x8C, 0x8D, 0x8E)
+MARKER, INVALID = np.uint32(0x90000000), np.uint32(1 << 31)     # bits of a record, of cards that are neither
 
 
 def read(path: Path, options: dict) -> Recording:
@@ -68,6 +70,9 @@ def _records(path: Path, settings: Path) -> Iterator[Records]:
         file.seek(bytes_each)
         while piece := file.read(PIECE * bytes_each):
             piece = piece[:len(piece) // bytes_each * bytes_each]
+            if card not in (*OLD_CARDS, *QC_CARDS):     # their markers count as invalid, and phconvert leaves those out
+                words = np.frombuffer(piece, "<u4")
+                piece = np.where(words & MARKER == MARKER, words & ~INVALID, words).astype("<u4").tobytes()
             # phconvert counts the clock's overflows within what it is given: a record at tick 0 has them all.
             found = _decoded(head[:bytes_each] + piece + bytes(bytes_each), settings)
             time = found["timestamps"].astype(np.uint64) + carried

@@ -23,9 +23,8 @@ from srt3d_ros.datasets.photons import (
     outside_note,
     still_assumed,
 )
+from srt3d_ros.datasets.survey import Survey, events_of
 from srt3d_ros.errors import require
-
-MAX_KEPT = 2**24            # photons kept of the first pass: 100 MB. Files with fewer are read once and kept whole
 
 
 class Events(NamedTuple):
@@ -80,8 +79,8 @@ class PhotonStream:
         notes: one line each for what was assumed, estimated or left out.
         photons: number of photons inside pixels and gate; of fractional counts, their sum.
         histogram, counts: float64 [T] and [rows, cols], photons of all pixels in each bin, and in each pixel.
-        sample: Photons of some pixels, all that its sensor does not mask, to choose frequencies by.
-        whole: all Photons if there are at most MAX_KEPT, else None.
+        sample: Photons of some pixels, those that its sensor does not mask, to choose frequencies by.
+        whole: all Photons if they are few enough to be kept (survey.MAX_KEPT), else None.
 
     Raises:
         InvalidInput: naming the option or the part of the file that cannot be used.
@@ -93,7 +92,9 @@ class PhotonStream:
         self._first, self._bins = options.get("gate", (0, self._num_bins(options)))
         # Checked before anything is read.
         plain = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, np.ones(1))
-        events, step, outside, self._countable = self._survey()
+        survey, outside = self._survey()
+        self.photons, self._countable, events = survey.photons, survey.countable, survey.sample
+        self.histogram, self.counts = survey.histogram, survey.counts.reshape(recording.rows, recording.cols)
         notes, irf = list(recording.notes), options.get("irf")
         if irf is None:
             irf, note = irfs.estimated(events, self._bins, guess_irf)
@@ -105,10 +106,10 @@ class PhotonStream:
         self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
         last = self._first + self._bins - 1
         self.notes = (*notes, *outside_note(outside, round(self.photons + outside), self._first, last))
-        sampled = np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) % step == 0
-        sample_sensor = self.sensor if step == 1 else self.sensor.replace(mask=sampled)
+        sampled = np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) % survey.step == 0
+        sample_sensor = self.sensor if survey.step == 1 else self.sensor.replace(mask=sampled)
         self.sample = Photons(sample_sensor, events, None, self.name, self.notes)
-        self.whole = self.sample if step == 1 and self._countable else None
+        self.whole = self.sample if self._countable and events.photons == self.photons else None
 
     def with_sensor(self, sensor: SensorModel) -> "PhotonStream":
         """The same photons, of a sensor with as many pixels and bins."""
@@ -167,55 +168,25 @@ class PhotonStream:
         require(2 <= bins <= MAX_BINS, "num_bins", bins, f"2 to {MAX_BINS} bins: give num_bins, gate or bin_width_s")
         return bins
 
-    def _survey(self) -> tuple[PhotonEvents, int, int, bool]:
-        """Read the file once: count photons, keep a sample of whole pixels.
-
-        Returns:
-            The sample; the step from one of its pixels to the next; photons outside the gate; whether all counts are
-            whole photons.
-        """
-        self.photons, outside, countable, step, parts = 0, 0, True, 1, []
-        most_steps = self._recording.rows * self._recording.cols
-        self.histogram, by_pixel = np.zeros(self._bins), np.zeros(most_steps)
+    def _survey(self) -> tuple[Survey, int]:
+        """Read the file once; the number of photons outside the gate, too."""
+        survey, outside = Survey(self._recording.rows * self._recording.cols, self._bins), 0
         for chunk in self._chunks():
+            before = survey.photons
             if isinstance(chunk, Rows):
-                counts = self._gated(chunk.counts)
-                inside = counts.sum(dtype=np.float64)
-                outside += round(chunk.counts.sum(dtype=np.float64) - inside)
-                whole = counts.dtype.kind in "ub" or bool((counts >= 0).all() and (counts == np.floor(counts)).all())
-                countable &= whole
-                first, pixels = chunk.first_row * counts.shape[1], counts.reshape(-1, counts.shape[2])
-                self.histogram[:counts.shape[2]] += pixels.sum(axis=0, dtype=np.float64)
-                by_pixel[first:first + len(pixels)] += pixels.sum(axis=1, dtype=np.float64)
-                sampled = pixels[-first % step::step]
-                while sampled.sum(dtype=np.float64) > MAX_KEPT and step < most_steps:
-                    step *= 2
-                    sampled = pixels[-first % step::step]
-                part = _events_of(sampled, first + -first % step, step)
+                counts, found = self._gated(chunk.counts), chunk.counts.sum(dtype=np.float64)
+                survey.add_histograms(counts.reshape(-1, counts.shape[2]), chunk.first_row * counts.shape[1])
             else:
-                events = self._inside(chunk)
-                inside = events.photons
-                outside += int(np.count_nonzero(chunk.pixel >= 0)) - inside
-                part = _every(events, step)
-                self.histogram += np.bincount(events.toa, minlength=self._bins)
-                low = int(events.pixel.min(initial=most_steps))     # a chunk has the photons of few rows
-                here = np.bincount(events.pixel - np.uint32(low))
-                by_pixel[low:low + len(here)] += here
-            self.photons += inside
-            parts.append(part)
-            while sum(part.photons for part in parts) > MAX_KEPT and step < most_steps:
-                step *= 2
-                parts = [_every(part, step) for part in parts]
-        self.counts = by_pixel.reshape(self._recording.rows, self._recording.cols)
-        pixel = np.concatenate([part.pixel for part in parts] or [np.zeros(0, np.uint32)])
-        toa = np.concatenate([part.toa for part in parts] or [np.zeros(0, np.uint16)])
-        return PhotonEvents(pixel, toa), step, outside, countable
+                found = np.count_nonzero(chunk.pixel >= 0)
+                survey.add_events(self._inside(chunk))
+            outside += round(found - (survey.photons - before))
+        return survey, outside
 
     def _inside(self, chunk: Events | Rows) -> PhotonEvents:
         """The photons of a chunk that are in a pixel and inside the gate."""
         if isinstance(chunk, Rows):
             counts = self._gated(chunk.counts)
-            return _events_of(counts.reshape(-1, counts.shape[2]), chunk.first_row * counts.shape[1], 1)
+            return events_of(counts.reshape(-1, counts.shape[2]), chunk.first_row * counts.shape[1])
         kept = (chunk.pixel >= 0) & (chunk.toa >= self._first) & (chunk.toa < self._first + self._bins)
         return PhotonEvents(chunk.pixel[kept].astype(np.uint32), (chunk.toa[kept] - self._first).astype(np.uint16))
 
@@ -231,22 +202,6 @@ class PhotonStream:
         sketcher = Sketcher(strip, frequencies, gate=None if gate is None else Gate(strip, gate.first, gate.last))
         sketcher.add(PhotonHistograms(np.ascontiguousarray(counts)))
         return sketcher.sketch()
-
-
-def _every(events: PhotonEvents, step: int) -> PhotonEvents:
-    """The photons of every step-th pixel, a power of two."""
-    if step == 1:
-        return events
-    kept = events.pixel & np.uint32(step - 1) == 0
-    return PhotonEvents(events.pixel[kept], events.toa[kept])
-
-
-def _events_of(counts: np.ndarray, first: int, step: int) -> PhotonEvents:
-    """Counts [pixels, bins] of the pixels `first`, `first` + `step`, … as photons; negative ones are none."""
-    at = np.flatnonzero(counts)
-    photons = np.rint(np.maximum(counts.reshape(-1)[at], 0)).astype(np.int64)
-    pixel, toa = np.divmod(at, max(counts.shape[1], 1))
-    return PhotonEvents((first + step * pixel).astype(np.uint32).repeat(photons), toa.astype(np.uint16).repeat(photons))
 
 
 def _in_a_known_type(counts: np.ndarray) -> np.ndarray:

@@ -39,11 +39,11 @@ class Subscription:
                 from None
 
     def next(self, timeout_s: float) -> bytes | str | None:
-        """A message, CONNECTED or GONE, or None after the timeout."""
+        """A message, CONNECTED or GONE, or None after the timeout; GONE after all messages that came before."""
         ready = dict(self._poller.poll(timeout_s * 1e3))
-        if self._events in ready:
-            return self._names[self._event()]
-        return b"".join(self._socket.recv_multipart()) if self._socket in ready else None
+        if self._socket in ready:
+            return b"".join(self._socket.recv_multipart())
+        return self._names[self._event()] if self._events in ready else None
 
     def close(self) -> None:
         """Leave."""

@@ -80,7 +80,7 @@ def counts(field: str, rows: list, shape: tuple[int, ...]) -> np.ndarray:
     """Nested lists as int32 counts; InvalidInput unless they are numbers of this shape, −1 for any length."""
     try:
         values = np.array(rows, np.float64)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         values = np.empty(0)
     fits = values.ndim == len(shape) and all(wanted in (-1, found) for wanted, found in zip(shape, values.shape))
     sizes = " × ".join("n" if wanted < 0 else str(wanted) for wanted in shape)

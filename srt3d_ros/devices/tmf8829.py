@@ -48,7 +48,9 @@ def read(path: Path) -> Iterator[Reading]:
     for k, frame in enumerate(log["Result_Set"]):
         try:
             yield _of_log(frame, configuration if isinstance(configuration, dict) else {}, f"{path.name} frame {k}")
-        except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        except InvalidInput:
+            raise
+        except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
             raise InvalidInput(f"{path.name} frame {k}", f"without {error}", "mp_histo and ref_histo") from None
 
 

@@ -65,5 +65,5 @@ def reading(capture: dict, name: str) -> Reading:
 def _stamp_ns(capture: dict) -> int:
     try:
         return int(capture["distances"][0]["tick"]) * TICK_NS
-    except (LookupError, TypeError, ValueError):
+    except (LookupError, TypeError, ValueError, OverflowError):
         return 0

@@ -64,6 +64,7 @@ def _of_table(lines: list[str], name: str) -> Iterator[np.ndarray]:
     rows = csv.reader(lines)
     found = {tuple(map(int, match.groups()))[::-1]: k for k, column in enumerate(next(rows))
              if (match := COLUMN.fullmatch(column.strip()))}
+    require(bool(found), name, "without columns of bins", "cnh__hist_bin_0_a0, …")
     zones, bins = (1 + max(place[axis] for place in found) for axis in (0, 1))
     require(len(found) == zones * bins, name, f"{len(found)} columns of bins", f"{zones} × {bins}, one for each")
     columns = [found[zone, bin_] for zone in range(zones) for bin_ in range(bins)]

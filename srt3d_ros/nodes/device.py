@@ -87,12 +87,12 @@ class DeviceNode(PipelineNode):
             while not self.halted.is_set():
                 came = stream.next(POLL_S)
                 if came == CONNECTED:
-                    self.diagnostics.count(connections=1)
                     self.diagnostics.wait_for(f"a measurement of {address}")
+                    self.diagnostics.count(connections=1)
                     self.get_logger().info(f"{address} is connected")
                 elif came == GONE:
-                    self.diagnostics.count(disconnections=1)
                     self.diagnostics.wait_for(f"{address}, which is gone")
+                    self.diagnostics.count(disconnections=1)
                     self.get_logger().warning(f"{address} is gone: waiting for it")
                 elif came is not None:
                     self.diagnostics.wait_for("")

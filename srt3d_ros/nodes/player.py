@@ -30,7 +30,7 @@ CLOCK_PERIOD_S = 0.01
 LONG_AGO_S = 60.0           # older stamps are of an old recording
 
 PARAMETERS = (
-    Parameter("input", SIMULATOR, "Photon file (.npz, or .mat as published), bag (its folder, .mcap or .db3 file), or "
+    Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), bag (its folder, .mcap or .db3 file), or "
               "the simulator's moving scene.", form="a path or simulator"),
     Parameter("output", "photons", "File and simulator: the topic; gates suit small arrays with few photons a pixel, "
               "histograms few bins with many.", choices=tuple(CODECS)),

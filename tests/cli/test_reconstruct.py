@@ -18,6 +18,7 @@ from srt3d_ros.datasets import npz, open_photons
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 
@@ -135,7 +136,7 @@ def test_a_file_of_too_many_photons_to_keep_is_sketched_in_parts(srt3d, wall, tm
              toa_offset_bins=1_000)
     clouds = []
     for kept in (2**24, 8_000):
-        monkeypatch.setattr("srt3d_ros.datasets.stream.MAX_KEPT", kept)
+        monkeypatch.setattr("srt3d_ros.datasets.survey.MAX_KEPT", kept)
         code, printed, _ = srt3d("reconstruct", tmp_path / "cube.npz", "-o", tmp_path / "cloud.npz", "--gate", gate,
                                  "--frequencies", "consecutive", "--json")
         assert code == 0
@@ -209,6 +210,20 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
     _, from_file = reconstruct(out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--photons-topic", "/left/photons", source=tmp_path / "bag")
     assert np.array_equal(np.load(from_file)["xyz"], np.load(from_bag)["xyz"])
+
+
+@pytest.mark.parametrize("options", [(), ("--gate", "auto"), ("--gate", "60:230")])
+def test_histograms_in_a_bag_are_reconstructed_as_their_photons(photons, reconstruct, tmp_path, options):
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/tof/raw", "sensor_msgs/msg/Image", [Offer()])
+    writer.add_topic("/sensor", "std_msgs/msg/String", [Offer()])
+    writer.write("/sensor", 0, sensor_message.encode_cdr(SENSOR))
+    writer.write("/tof/raw", 1, photon_frames.encode_cdr(photons[1], "histograms", SENSOR))
+    writer.close()
+    _, from_file = reconstruct(*options, out="file.npz")
+    _, from_bag = reconstruct(*options, source=tmp_path / "bag")
+    one, other = (np.load(path)["xyz"] for path in (from_file, from_bag))
+    assert one.shape == other.shape and np.allclose(one, other, atol=1e-3)      # sums of float32 products
 
 
 OUT = ("-o", "a.npz")

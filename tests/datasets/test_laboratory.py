@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import open_photons, open_stream, ptu
+from srt3d_ros.datasets import open_photons, open_stream, ptu, spc
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 
@@ -127,6 +127,30 @@ def test_sdt_images(tmp_path):
         open_photons(path, irf=IRF, channel=2)
 
 
+@pytest.mark.parametrize("at_once", [2**20, 3])
+def test_spc_photons_and_markers(tmp_path, monkeypatch, at_once):
+    pytest.importorskip("phconvert")
+    monkeypatch.setattr(spc, "PIECE", at_once)
+
+    def photon(tick: int, toa: int, routing: int = 0) -> int:
+        return 4095 - toa << 16 | routing << 12 | tick
+
+    pixel, line, frame = (9 << 28 | bit << 12 for bit in (1, 2, 4))
+    overflow = 1 << 30              # with a photon; several alone: 3 << 30 | number
+    records = [frame | 1, line | 2, photon(3, 9), pixel | 10, photon(11, 5), photon(12, 6, 1), pixel | 20,
+               photon(5, 7) | overflow, 3 << 30 | 2, line | 40, pixel | 41, photon(42, 8),
+               line | 50 | overflow, pixel | 51, photon(52, 9)]
+    path = files.spc(tmp_path / "a.spc", records, 1e-10)
+    photons = open_photons(path, irf=[1], rows=2, cols=2)
+    assert photons.sensor.num_bins == 4096 and photons.sensor.bin_width_s == 1e-10
+    assert photons.frame.pixel.tolist() == [0, 1, 2] and photons.frame.toa.tolist() == [5, 7, 8]
+    assert open_photons(path, irf=[1], rows=2, cols=2, channel=1).frame.toa.tolist() == [6]
+    assert open_photons(path, irf=[1]).frame.photons == 5
+    path.with_suffix(".set").unlink()
+    with pytest.raises(InvalidInput, match="without its .set file"):
+        open_photons(path)
+
+
 def test_photon_hdf5_detectors_are_pixels(tmp_path):
     h5py = pytest.importorskip("h5py")
     pixel, toa = np.nonzero(CUBE.reshape(48, 120))
@@ -188,7 +212,7 @@ def test_npy_cubes_of_any_type_and_order(tmp_path, array):
 @pytest.mark.parametrize(("array", "options", "said"), [
     (CUBE, {}, "a.npy bin_width_s is missing"), (CUBE[0, 0], {"bin_width_s": 1e-10}, "a.npy counts is uint16"),
     (CUBE, {"bin_width_s": 1e-10, "rows": 5}, "rows, cols is 5, 8"),
-    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy counts is not finite")])
+    (np.full((2, 2, 9), np.nan), {"bin_width_s": 1e-10}, "a.npy counts is beyond")])
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(InvalidInput) as refused:

@@ -9,7 +9,7 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import PhotonStream, open_photons, open_stream, stream
+from srt3d_ros.datasets import PhotonStream, open_photons, open_stream, stream, survey
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
@@ -35,7 +35,7 @@ def cube(events):
 @pytest.fixture
 def few_kept(monkeypatch):
     """Files of more than 2000 photons are streams, read in several chunks."""
-    monkeypatch.setattr(stream, "MAX_KEPT", 2000)
+    monkeypatch.setattr(survey, "MAX_KEPT", 2000)
     monkeypatch.setattr("srt3d_ros.datasets.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
 
 
@@ -119,6 +119,20 @@ def test_negative_and_fractional_counts_are_sketched(cube, tmp_path):
     np.testing.assert_allclose(found.sketch(FREQUENCIES).sums.reshape(expected.shape), expected, atol=0.02)
     with pytest.raises(InvalidInput, match="counts"):
         open_photons(tmp_path / "less.npy", **GIVEN)
+
+
+def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(survey, "MAX_KEPT", 2000)
+    counts = np.zeros((1, 2, 50), np.uint32)
+    counts[0, 0, 20:23] = 1_000_000
+    np.save(tmp_path / "bright.npy", counts)
+    found = open_stream(tmp_path / "bright.npy", bin_width_s=1e-10, irf=np.ones(3))
+    assert found.whole is None and found.photons == 3_000_000 and 1900 < found.sample.frame.photons <= 2000
+    assert found.sketch((1,)).photons.tolist() == [[3_000_000, 0]]
+    one = stream.Events(np.zeros(1500, int), np.full(1500, 20), 0.5)
+    point = PhotonStream(stream.Recording(1, 1, 50, 1e-10, lambda: iter([one] * 3), "a"), {"irf": np.ones(3)})
+    assert point.whole is None and point.photons == 4500 and point.sample.frame.photons == 1500
+    assert point.sketch((1,)).photons.tolist() == [[4500]]
 
 
 def test_events_outside_are_left_out():

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros.devices import as_dt1
+
 BIN_M = 299_792_458.0 / 2 * 0.8e-9      # of a TMF8829
 REFERENCE_AT = 3.2                      # where its reference pulse lies, bins
 AMBIENT = 100
@@ -18,6 +20,9 @@ PARTS = {       # rows and columns of the zones of each histogram frame
     3: [(range(first, 32, 2), columns) for first in (0, 1) for columns in COLUMNS_32],
     5: [(range(first, 32, 2), columns) for first in (0, 1) for columns in COLUMNS_48],
 }
+DT1_BIN_M, DT1_ZERO_M = 0.25, 0.4
+FULL_RINGS = (0, 12, 4, 16, 8, 20, 1, 13, 5, 17, 9, 21)       # bank_to_ring_full of the driver, and _half
+HALF_RINGS = (0, 6, 2, 8, 4, 10)
 SIZES = {0: (8, 8, 256), 2: (16, 16, 64), 3: (32, 32, 64), 5: (32, 48, 64)}
 
 
@@ -82,3 +87,24 @@ def tmf882x_log(path: Path, depths_bins: list[float], shots: float = 4e6) -> Pat
                          "distances": [{"tick": 5_000_000 * k}]})
     path.write_text(json.dumps(captures))
     return path
+
+
+def as_dt1_log(path: Path, banks: int, frames: int = 2) -> tuple[Path, np.ndarray]:
+    """A slanted wall in front of an AS-DT1; the path, and ranges [rows, 24]."""
+    rows = 2 * min(banks, 12)
+    row, col = np.mgrid[:rows, :24]
+    distance = 3 + 0.5 * col + 0.2 * row
+    counts = np.round(20 + 4000 * pulse(144, (distance - DT1_ZERO_M) / DT1_BIN_M, 1.5)).astype(int)
+    across, down = (col - 11.5) / 45, (row - (rows - 1) / 2) / 50
+    z = distance / np.sqrt(1 + across**2 + down**2)
+    data = np.zeros((frames, banks), as_dt1.BANK)
+    for bank in range(banks):
+        ring, second = (HALF_RINGS[bank], 1) if banks == 6 else (FULL_RINGS[bank % 12], 2)
+        data["bank"][:, bank], data["cpu_ms"][:, bank] = bank, 40 * np.arange(frames)
+        for dot in range(48):
+            at = ring + second * (dot // 24), dot % 24
+            data["dots"]["bins"][:, bank, dot] = counts[at]
+            for axis, metres in {"radial": distance, "x": down * z, "y": -across * z, "z": z}.items():
+                data["dots"]["first"][axis][:, bank, dot] = round(metres[at] * 4000) & 0x3FFFFF
+    path.write_bytes(data.tobytes())
+    return path, distance

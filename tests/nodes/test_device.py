@@ -4,7 +4,7 @@ import socket
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.devices import tmf8829
@@ -60,7 +60,7 @@ def test_a_device_that_goes_away_and_comes_back_is_followed(graph, port):
         finally:
             publisher.close()
         graph.reports("device", "disconnections", time)
-        assert "is gone" in graph.report("device")["message"]
+        assert "which is gone" in graph.report("device")["message"]
     assert process.text.count("is connected") == process.text.count("is gone: waiting for it") == 2
     sensor, = map(sensor_message.decode, sensors)
     expected = tmf8829.decode(made.message(ZONES), 0)
@@ -115,3 +115,14 @@ def test_the_middle_of_a_log_is_broken(graph, tmp_path):
     process = graph.start("device", log=path)
     assert process.code() == 1
     assert "log.json frame 1 is" in process.text and "Traceback" not in process.text
+
+
+def test_a_log_becomes_clouds(graph, tmp_path):
+    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(RANGES)] * 3)
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor").ready()
+    graph.start("sketcher").ready()
+    graph.start("device", log=path, rate_hz=5.0).ready()
+    graph.wait(lambda: clouds, "a cloud")
+    x, y, z = (np.frombuffer(bytes(clouds[-1].data), "<f4").reshape(-1, 4)[:, axis] for axis in range(3))
+    assert np.median(np.abs(np.sqrt(x**2 + y**2 + z**2).reshape(16, 16) - RANGES)) < 0.02

@@ -5,7 +5,7 @@ import signal
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -15,6 +15,7 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.topics import LATCHED
+from tests.devices import made
 
 STEPS = {"configure": Transition.TRANSITION_CONFIGURE, "activate": Transition.TRANSITION_ACTIVATE,
          "deactivate": Transition.TRANSITION_DEACTIVATE, "cleanup": Transition.TRANSITION_CLEANUP}
@@ -103,3 +104,20 @@ def test_impossible_transitions_and_services_are_refused_and_a_node_that_is_shut
     assert node.end(signal.SIGTERM) == 0
     assert node.text.count("]: finalized") == 1
     assert "shutting down" not in node.text and "Traceback" not in node.text
+
+
+def test_a_deactivated_device_leaves_its_publisher_and_comes_again(graph, change):
+    zmq = pytest.importorskip("zmq")
+    with zmq.Context() as context, context.socket(zmq.PUB) as publisher:
+        port = publisher.bind_to_random_port("tcp://127.0.0.1")
+        frames = graph.collect(Image, "histograms", raw=True)
+        graph.start("device", connect=f"tcp://127.0.0.1:{port}").ready()
+        message = made.message(made.zones_16(1.0))
+        for time in (1, 2):
+            graph.reports("device", "connections", time)
+            before = len(frames)
+            graph.wait(lambda: publisher.send(message) or len(frames) > before, "a frame")
+            assert change("device", "deactivate")
+            assert change("device", "activate")
+        assert change("device", "deactivate") and change("device", "cleanup")
+        publisher.setsockopt(zmq.LINGER, 0)
