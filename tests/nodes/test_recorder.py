@@ -348,7 +348,7 @@ def test_a_recording_has_all_that_the_nodes_published_said_and_were_told(graph, 
     for cloud in recorded:
         columns = published[cloud.stamp_ns]
         assert sorted(map(bytes, cloud.xyz)) == sorted(map(bytes, columns["xyz"]))
-        assert np.array_equal(cloud.intensity, np.sort(columns["intensity"].astype(np.float16)))
+        assert np.array_equal(np.sort(cloud.intensity), np.sort(columns["intensity"].astype(np.float16)))
         assert np.array_equal(np.sort(cloud.depth_std_m), np.sort(columns["depth_std"].astype(np.float16)))
     for name in ("/depth", "/intensity", "/background", "/photons"):
         assert len(list(reader.images(name))) >= frames - 1, name       # before it was seen to listen
