@@ -107,7 +107,7 @@ def test_what_has_to_be_compiled_for_a_command_is_said_in_one_line(repository, t
         file.unlink()
     photons = tmp_path / "a.npz"
     np.savez(photons, pixel=np.zeros(9, np.uint32), toa=np.arange(9, dtype=np.uint16), rows=1, cols=1, num_bins=10,
-             bin_width_s=1e-10, irf=np.ones(3))
+             bin_width_s=1e-10, irf=np.ones(3), fov_deg=30)
     done = srt3d(package.parent, "reconstruct", photons, "-o", tmp_path / "a.ply", "--method", "smle")
     first, *others = done.stderr.splitlines()
     assert done.returncode == 0
