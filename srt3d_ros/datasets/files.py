@@ -17,6 +17,8 @@ MAX_BYTES = 3 * 2**30       # of all arrays that are read from a file: 12 bytes 
 MAX_MEMBERS = 1000
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)     # what NumPy writes; others unpack without bounds
 MAX_SIDES = 8
+# What a reader raises where it trusts a damaged file: their texts speak of its code, not of the file.
+OF_THE_READER = (NameError, TypeError, AttributeError, LookupError, AssertionError, ArithmeticError)
 ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -60,6 +62,8 @@ def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
         raise
     except Exception as error:      # each library has its own, and Python's where it trusts the file
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        if isinstance(error, OF_THE_READER):
+            why = "its reader failed"
         raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
     finally:
         log.setLevel(level)
