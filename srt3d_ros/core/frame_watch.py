@@ -101,13 +101,6 @@ class FrameWatch:
         return FrameHistogram(np.sum(self._looks, axis=0))
 
 
-def frame_histogram(frame: PhotonFrame, sensor: SensorModel) -> FrameHistogram:
-    """The histogram of one frame."""
-    watch = FrameWatch(sensor)
-    watch.add(frame)
-    return watch.end_frame()
-
-
 def _sample(frame: PhotonFrame, sensor: SensorModel, step: int) -> np.ndarray:
     """Bins of every `step`-th photon, or of all photons of every `step`-th cycle, of pixels in use, without delay."""
     alike = sensor.mask is None and sensor.delay_bins is None

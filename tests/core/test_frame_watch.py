@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core import frame_watch
-from srt3d_ros.core.frame_watch import LOOK_NS, LOOKS, FrameHistogram, FrameWatch, frame_histogram
+from srt3d_ros.core.frame_watch import LOOK_NS, LOOKS, FrameHistogram, FrameWatch
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 
 ROWS, COLS, T = 8, 10, 200
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
+
+
+def frame_histogram(frame, sensor):
+    """The histogram of one frame."""
+    watch = FrameWatch(sensor)
+    watch.add(frame)
+    return watch.end_frame()
 
 
 def frame(seed=0, background=4000, scene=(), stamp_ns=0, dtype=np.uint16) -> PhotonEvents:

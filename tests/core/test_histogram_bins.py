@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame_watch import frame_histogram
+from srt3d_ros.core.frame_watch import FrameWatch
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.light_meter import light_of
@@ -64,7 +64,9 @@ def photons(bins, level, seed=0):
 @pytest.mark.parametrize("first_bin", [20.0, 20 + np.arange(6.0).reshape(SHAPE) * 2])
 def test_a_frame_watch_sees_histograms_on_the_axis(first_bin):
     own, frame = photons(HistogramBins(30, first_bin, 2.0), 5)
-    found = frame_histogram(frame, own)
+    watch = FrameWatch(own)
+    watch.add(frame)
+    found = watch.end_frame()
     assert found.counts.sum() == frame.photons and abs(int(found.counts.argmax()) - 60) <= 1
 
 
