@@ -40,7 +40,10 @@ def test_a_log_opens_as_a_photon_file_does(tmp_path):
         devices.open_stream(tmp_path / "absent.npz")
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe\0\0", gzip.compress(b"[" * 1000, mtime=0)[:30], b"\x1f\x8b\x08nonsense"],
+CUT_OFF = gzip.compress(b"[" * 1000, mtime=0)[:30]
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\0\0", CUT_OFF, b"\x1f\x8b\x08nonsense"],
                          ids=["binary", "cut off", "no gzip"])
 def test_damaged_logs_are_refused(tmp_path, content):
     path = tmp_path / "log.json.gz"
