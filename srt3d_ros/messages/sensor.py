@@ -18,11 +18,11 @@ OBJECTS = {"gates": GateWords, "histograms": HistogramBins}
 PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
-def encode(sensor: SensorModel) -> "String":
-    """The message of a sensor."""
+def encode(sensor: SensorModel, **own: str) -> "String":
+    """The message of a sensor, with keys of the writer's own that begin with `x_`."""
     from std_msgs.msg import String
 
-    return String(data=to_json(sensor))
+    return String(data=json_text.dump(to_object(sensor) | own))
 
 
 def decode(message: "String") -> SensorModel:

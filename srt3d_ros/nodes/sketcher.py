@@ -65,12 +65,13 @@ class SketcherNode(PipelineNode):
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
-        self._own_description = ""      # as published on `sensor` and not received back yet
+        self._own_description = ""      # as published on `sensor`, from where it comes back
         self._choice.begin()
         if self._choice.file is None:
             self.hold_frames_for("a sensor description on sensor")
         else:
-            message = sensor_message.encode(self._choice.file)
+            writer = f"{self.get_fully_qualified_name()} {self.now_ns()}"   # a driver's may say the same
+            message = sensor_message.encode(self._choice.file, x_writer=writer)
             self._file_publisher.publish(message)
             self._own_description = message.data
             self.worker.call(self._update_sensor)
@@ -110,8 +111,7 @@ class SketcherNode(PipelineNode):
             self._silence = self.create_timer(CHECK_SILENCE_S, self._end_if_silent)
 
     def _on_sensor(self, message: String) -> None:
-        if message.data == self._own_description:       # which must not end a driver's contradiction
-            self._own_description = ""
+        if message.data == self._own_description:
             return
         described = sensor_message.decode(message)
         if self._choice.file is None:

@@ -36,7 +36,7 @@ def test_the_sensor_may_come_from_a_file_and_its_lens_from_a_camera_info(graph, 
     process = graph.start("sketcher", sensor_file=sensor_file).ready()
     graph.wait(lambda: described and published, "the sensor of the file")
     assert sketch_message.decode_sensor(described[0])[0].same_as(sensor)
-    assert published[0].data == sensor_file.read_text()
+    assert sensor_message.decode(published[0]).same_as(sensor) and "x_writer" in published[0].data
 
     cameras = graph.matched(graph.publisher(CameraInfo, "sensor/camera_info"))
     lens = Pinhole(30.0, 31.0, 5.5, 7.5, PlumbBob(k1=-0.1))
