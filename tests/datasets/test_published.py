@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.datasets import Photons, open_photons
+from srt3d_ros.datasets.photons import ASSUMED_FOV
 
 PAIRS = {
     "head": ("Face_Depth_Reflectivity_Clean.mat", "polystyrene_head_142_full.npz", {}),
@@ -54,4 +55,6 @@ def test_a_measured_irf_can_be_given(shared_data):
 def test_every_npz_file_opens(shared_data):
     for path in sorted((shared_data / "photons").glob("*.npz")):
         photons = open_photons(path)
-        assert photons.frame.photons > 0 and photons.frame.is_sorted and photons.notes == ()
+        says_geometry = {"projection", "fov_deg"} & set(np.load(path).files)
+        assert photons.frame.photons > 0 and photons.frame.is_sorted
+        assert photons.notes == (() if says_geometry else (ASSUMED_FOV,))
