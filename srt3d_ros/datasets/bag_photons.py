@@ -68,8 +68,10 @@ def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Ph
     Raises:
         InvalidInput: the bag cannot be read, has no photons, no sensor or fewer frames.
     """
-    topics, described, raw = _read(path, number, photons_topic)
-    require(topics.output != "sketch", "bag", str(path), "one of photons; it has sketches of them")
+    with Bag(path) as bag:
+        topics = find_photons(bag, photons_topic)
+        require(topics.output != "sketch", "bag", str(path), "one of photons; it has sketches of them")
+        described, raw = _read(bag, topics, number)
     sensor = sensor_message.decode_cdr(described)
     frame = CODECS[topics.output].decode_cdr(raw, sensor)[1]
     notes = () if "projection" in json_text.parse(cdr.read_text(described), "sensor") else (ASSUMED_FOV,)
@@ -79,22 +81,22 @@ def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Ph
 
 def read_sketch(path: str | Path, number: int = 0, sketch_topic: str = "") -> tuple[SensorModel, Sketch] | None:
     """One frame of a bag of sketches, with its sensor; None if the bag has photons. InvalidInput as `read_frame`."""
-    topics, described, raw = _read(path, number, sketch_topic)
-    if topics.output != "sketch":
-        return None
+    with Bag(path) as bag:
+        topics = find_photons(bag, sketch_topic)
+        if topics.output != "sketch":
+            return None
+        described, raw = _read(bag, topics, number)
     sensor, frequencies, _ = sketch_message.decode_sensor_cdr(described)
     return sensor, sketch_message.decode_cdr(raw, frequencies, sensor)[1]
 
 
-def _read(path: str | Path, number: int, topic: str) -> tuple[PhotonTopics, bytes, bytes]:
-    """The topics, the serialised description and the serialised frame."""
-    with Bag(path) as bag:
-        topics = find_photons(bag, topic)
-        require(topics.sensor is not None, f"bag {bag.path.name}", "without a sensor",
-                f"a description of the sensor beside {topics.frames.name}; it has {bag.content()}")
-        last = topics.frames.messages - 1
-        require(0 <= number <= last, "frame", number, f"0 to {last}, the messages on {topics.frames.name}")
-        return topics, *_frame_with_sensor(bag, topics, number)
+def _read(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
+    """The serialised description and the serialised frame; InvalidInput if there is none."""
+    require(topics.sensor is not None, f"bag {bag.path.name}", "without a sensor",
+            f"a description of the sensor beside {topics.frames.name}; it has {bag.content()}")
+    last = topics.frames.messages - 1
+    require(0 <= number <= last, "frame", number, f"0 to {last}, the messages on {topics.frames.name}")
+    return _frame_with_sensor(bag, topics, number)
 
 
 def _frame_with_sensor(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:

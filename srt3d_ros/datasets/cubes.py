@@ -86,8 +86,7 @@ def read_npz(path: Path, options: dict) -> Recording:
     def member() -> Iterator[BinaryIO]:
         with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
             yield stream
-    given = given_by({key: value for key, value in read_npz_arrays(path, GIVEN).items()})
-    return _from_stream(path, member, sizes[name].file_size, options, given)
+    return _from_stream(path, member, sizes[name].file_size, options, given_by(read_npz_arrays(path, GIVEN)))
 
 
 def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:

@@ -13,11 +13,10 @@ import numpy as np
 from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
-from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.cubes import cube, given_by, parts_of
 from srt3d_ros.datasets.files import naming_file, require_file
 from srt3d_ros.datasets.mat_variables import EXPECTED, LAYOUTS, Layout, variables_of
-from srt3d_ros.datasets.photons import ASSUMED_FOV, MAX_PHOTONS, Photons, apply_options, gate_events, number
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, described, gate_events, number
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import InvalidInput, require
 
@@ -53,19 +52,12 @@ def read(path: str | Path, options: dict, guess_irf: bool = False) -> Photons | 
     first, bins, may_drop = _window(layout, variables, options, width_s, toa, content.bins)
     events, dropped = gate_events(PhotonEvents(content.pixel, toa), first, bins)
     require(may_drop or not dropped, "num_bins", bins, f"above {toa.max(initial=0)}, the largest ToA; or give a gate")
-    irf = options.get("irf")
-    if irf is None:
-        irf, note = irfs.estimated(events, bins, guess_irf)
-        dropped += (note,)
-    sensor = SensorModel(content.rows, content.cols, bins, width_s, irf)
-    if "fov_deg" not in options:
-        dropped += (ASSUMED_FOV,)
-    sensor = apply_options(sensor, {name: value for name, value in options.items() if name not in ("num_bins", "irf")})
-    sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first)
+    plain = SensorModel(content.rows, content.cols, bins, width_s, np.ones(1))
+    sensor, assumed = described(plain, options, events, first, guess_irf)
     reference = _reference(layout, variables, first, bins, (content.rows, content.cols))
     if reference is not None:       # these are numbers of bins
         reference = reference + np.float32(sensor.first_bin_center)
-    return Photons(sensor, events, reference, path.stem, notes + dropped)
+    return Photons(sensor, events, reference, path.stem, notes + dropped + assumed)
 
 
 class _Content(NamedTuple):
@@ -92,10 +84,7 @@ def _from_counts(layout: Layout, variables: dict, options: dict) -> _Content:
     counts = variables[layout.variable]
     bins, pixels = counts.shape
     rows, cols = _counted_shape(layout, variables, options, pixels)
-    require(bool((counts >= 0).all() and (counts == np.floor(counts)).all()), layout.variable,
-            "negative or fractional in places", "photons per bin")
-    total = float(counts.sum(dtype=np.float64))
-    require(total <= MAX_PHOTONS, f"{layout.variable} photons", total, f"at most {MAX_PHOTONS}")
+    _check_counts(layout, counts)
     by_pixel = np.ascontiguousarray(counts.reshape(bins, cols, rows).transpose(2, 1, 0)).ravel()
     at = np.flatnonzero(by_pixel)
     photons = by_pixel[at].astype(np.int64)
@@ -108,15 +97,20 @@ def _from_sparse(layout: Layout, variables: dict, options: dict) -> _Content:
     require(pixels <= MAX_PIXELS, f"{layout.variable} pixels", pixels, f"at most {MAX_PIXELS}")
     rows, cols = _counted_shape(layout, variables, options, pixels)
     pixel, toa, photons = variables[layout.variable]
-    require(bool((photons >= 0).all() and (photons == np.floor(photons)).all()), layout.variable,
-            "negative or fractional in places", "photons per bin")
-    require(photons.sum() <= MAX_PHOTONS, f"{layout.variable} photons", float(photons.sum()), f"at most {MAX_PHOTONS}")
+    _check_counts(layout, photons)
     col, row = np.divmod(pixel.astype(np.int64), rows)
     pixel = row * cols + col
     order = np.lexsort((toa, pixel))
     photons = photons[order].astype(np.int64)
     return _Content(rows, cols, pixel[order].astype(np.uint32).repeat(photons),
                     toa[order].astype(np.int64).repeat(photons), bins)
+
+
+def _check_counts(layout: Layout, counts: np.ndarray) -> None:
+    require(bool((counts >= 0).all() and (counts == np.floor(counts)).all()), layout.variable,
+            "negative or fractional in places", "photons per bin")
+    total = float(counts.sum(dtype=np.float64))
+    require(total <= MAX_PHOTONS, f"{layout.variable} photons", total, f"at most {MAX_PHOTONS}")
 
 
 def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) -> tuple[int, int]:

@@ -153,6 +153,27 @@ def apply_options(sensor: SensorModel, options: dict) -> SensorModel:
     return sensor.replace(**changes) if changes else sensor
 
 
+def described(plain: SensorModel, options: dict, events: PhotonEvents, first: int, guess_irf: bool
+              ) -> tuple[SensorModel, tuple[str, ...]]:
+    """The sensor of a file that says little of it, and a line for each assumption.
+
+    Args:
+        plain: its pixels, bins and bin width.
+        options: what is known beside; without an `irf` the one that the photons show is taken.
+        first: bin of the file at which the sensor's bins begin.
+        guess_irf: take an IRF of one bin where none can be estimated, instead of refusing.
+    """
+    irf, notes = options.get("irf"), ()
+    if irf is None:
+        irf, note = irfs.estimated(events, plain.num_bins, guess_irf)
+        notes = (note,)
+    if "fov_deg" not in options:
+        notes += (ASSUMED_FOV,)
+    known = {name: value for name, value in options.items() if name not in ("num_bins", "irf", "irf_ref")}
+    sensor = apply_options(plain.replace(irf=irf, irf_ref=options.get("irf_ref")), known)
+    return sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first), notes
+
+
 def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
     """A pinhole with `fov_deg` across the larger side."""
     return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))

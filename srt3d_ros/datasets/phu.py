@@ -9,11 +9,11 @@ import numpy as np
 from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets.cubes import cube
 from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.ptu import HEADER_BYTES
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import require
 
 EXPECTED = "a PicoQuant .phu file, whole"
-HEADER_BYTES = 2**24            # what ptufile is given of a file, whose header may claim to be of any length
 MAX_CURVES = 2**16
 MAX_CURVE_BINS = 2**20
 

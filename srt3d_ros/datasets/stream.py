@@ -13,16 +13,7 @@ from srt3d_ros.core.progress import DELAY_S
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
-from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.photons import (
-    ASSUMED_FOV,
-    MAX_PHOTONS,
-    Photons,
-    apply_options,
-    number,
-    outside_note,
-    still_assumed,
-)
+from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, described, number, outside_note, still_assumed
 from srt3d_ros.datasets.survey import Survey, events_of
 from srt3d_ros.errors import require
 
@@ -95,18 +86,11 @@ class PhotonStream:
         survey, outside = self._survey()
         self.photons, self._countable, events = survey.photons, survey.countable, survey.sample
         self.histogram, self.counts = survey.histogram, survey.counts.reshape(recording.rows, recording.cols)
-        notes, irf = list(recording.notes), options.get("irf")
-        if irf is None:
-            irf, note = irfs.estimated(events, self._bins, guess_irf)
-            notes.append(note)
-        if "fov_deg" not in options:
-            notes.append(ASSUMED_FOV)
-        known = {name: value for name, value in options.items() if name not in ("num_bins", "irf", "irf_ref")}
-        sensor = apply_options(plain.replace(irf=irf, irf_ref=options.get("irf_ref")), known)
-        self.sensor = sensor.replace(toa_offset_bins=sensor.toa_offset_bins + self._first)
+        self.sensor, assumed = described(plain, options, events, self._first, guess_irf)
         last = self._first + self._bins - 1
-        self.notes = (*notes, *outside_note(outside, round(self.photons + outside), self._first, last))
-        sampled = np.arange(sensor.pixels).reshape(sensor.rows, sensor.cols) % survey.step == 0
+        left_out = outside_note(outside, round(self.photons + outside), self._first, last)
+        self.notes = recording.notes + assumed + left_out
+        sampled = np.arange(plain.pixels).reshape(plain.rows, plain.cols) % survey.step == 0
         sample_sensor = self.sensor if survey.step == 1 else self.sensor.replace(mask=sampled)
         self.sample = Photons(sample_sensor, events, None, self.name, self.notes)
         self.whole = self.sample if self._countable and events.photons == self.photons else None
@@ -129,7 +113,12 @@ class PhotonStream:
         sketcher = sums = photons = None
         for chunk in self._chunks():
             if isinstance(chunk, Rows):
-                strip = self._sketch_of_rows(chunk.counts, frequencies, gate)
+                counts = self._all_bins(chunk.counts)
+                if sketcher is None or sketcher.sensor.rows != len(counts):     # its tables serve all but the last
+                    sketcher = self._strip_sketcher(len(counts), frequencies, gate)
+                sketcher.reset()
+                sketcher.add(PhotonHistograms(counts))
+                strip = sketcher.sketch()
                 if sums is None:
                     sums, photons = (np.zeros((self.sensor.rows, *part.shape[1:]), part.dtype)
                                      for part in (strip.sums, strip.photons))
@@ -138,7 +127,7 @@ class PhotonStream:
             else:
                 sketcher = sketcher or Sketcher(self.sensor, frequencies, gate=gate)
                 sketcher.add(self._inside(chunk))
-        return Sketch(tuple(frequencies), sums, photons) if sketcher is None else sketcher.sketch()
+        return sketcher.sketch() if sums is None else Sketch(tuple(frequencies), sums, photons)
 
     def read_whole(self) -> Photons:
         """All photons in memory; InvalidInput if they are more than MAX_PHOTONS, or fractional counts."""
@@ -193,15 +182,18 @@ class PhotonStream:
     def _gated(self, counts: np.ndarray) -> np.ndarray:
         return counts[..., self._first:self._first + self._bins]
 
-    def _sketch_of_rows(self, counts: np.ndarray, frequencies, gate: Gate | None) -> Sketch:
-        """The sketch of histograms of some rows: fewer bins than T are its first ones."""
+    def _all_bins(self, counts: np.ndarray) -> np.ndarray:
+        """Histograms of T bins: fewer are the first ones."""
         counts = _in_a_known_type(self._gated(counts))
         missing = self._bins - counts.shape[2]
         counts = np.pad(counts, ((0, 0), (0, 0), (0, missing))) if missing else counts
-        strip = SensorModel(*counts.shape, self.sensor.bin_width_s, np.ones(1), toa_reference=self.sensor.toa_reference)
-        sketcher = Sketcher(strip, frequencies, gate=None if gate is None else Gate(strip, gate.first, gate.last))
-        sketcher.add(PhotonHistograms(np.ascontiguousarray(counts)))
-        return sketcher.sketch()
+        return np.ascontiguousarray(counts)
+
+    def _strip_sketcher(self, rows: int, frequencies, gate: Gate | None) -> Sketcher:
+        """Sketches histograms of so many rows."""
+        strip = SensorModel(rows, self.sensor.cols, self._bins, self.sensor.bin_width_s, np.ones(1),
+                            toa_reference=self.sensor.toa_reference)
+        return Sketcher(strip, frequencies, gate=None if gate is None else Gate(strip, gate.first, gate.last))
 
 
 def _in_a_known_type(counts: np.ndarray) -> np.ndarray:
