@@ -8,25 +8,22 @@ from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
 from srt3d_ros.core.framing import Framing, OpenFrame
-from srt3d_ros.core.gate import in_ranges
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
-from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sensor_choice import SensorChoice, in_words, read_lens
+from srt3d_ros.nodes.sensor_choice import SensorChoice, read_lens
+from srt3d_ros.nodes.sketch_output import SketchOutput
 from srt3d_ros.nodes.sketcher_parameters import SPEC, design_settings
 from srt3d_ros.nodes.worker import Dropped
 
 CHECK_SILENCE_S = 0.05
 LIKELY_PACKETS = 8          # of a period, before the first has ended
-ANNOUNCE_S = 0.2            # for a description to arrive before the first sketch that needs it
 STAMP = slice(4, 12)        # of a serialised message with a header
 
 
@@ -40,7 +37,6 @@ class SketcherNode(PipelineNode):
     _sensor: SensorModel | None = None
     _design: SketchDesign | None = None         # gate and frequencies, which may follow the photons
     _sketcher: WindowSketcher | None = None     # None while photons cannot be used
-    _described = False                          # whether sketch/sensor is that of the sketcher
     _framing: Framing | None = None             # which counts the open frame; None before the first activation
     _silence: Timer | None = None
 
@@ -53,8 +49,7 @@ class SketcherNode(PipelineNode):
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction
-        self._sketches = self.advertise("sketch")
-        self._sketch_sensor = self.advertise("sketch/sensor")
+        self._output = SketchOutput(self)
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
         self.parameters.on_change = self._on_change
@@ -177,22 +172,13 @@ class SketcherNode(PipelineNode):
             if values["window_frames"] == before.window_frames:
                 return
             before.resize(values["window_frames"])
-        self._describe_sketches()
+        self._output.describe(self._sketcher)
 
     def _sketch_by_design(self) -> None:
         """Begin a new window with the gate and the frequencies in force."""
         self._sketcher = WindowSketcher(self._sensor, self._design.frequencies, self.parameters["window_frames"],
                                         self.parameters["window_stamp"], self._design.gate)
-        self._described = False
-
-    def _describe_sketches(self) -> None:
-        gate, frequencies, frames = self._sketcher.gate, self._sketcher.frequencies, self._sketcher.window_frames
-        sensor = gate.sensor if gate else self._sensor
-        self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, frequencies, frames))
-        self._described = True
-        self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=frames,
-                              frequencies=" ".join(map(str, frequencies)), gate=in_ranges(gate))
-        self.release_frames()
+        self._output.begin()
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
@@ -248,12 +234,8 @@ class SketcherNode(PipelineNode):
         self.worker.messages_per_frame = frame.packets
         try:
             kept = frame.photons if self._sketcher.gate is None else min(self._sketcher.kept, frame.photons)
-            sketch, values = self._sketcher.end_frame(), self.parameters
-            data = sketch_message.encode_cdr(sketch, values["frame_id"] or self._frame_id, values["layout"],
-                                             values["coding_step"])
-            if not self._described:
-                self._announce()
-            self.publish_frame(self._sketches, data, sketch.stamp_ns, packets=frame.packets, photons=kept)
+            sketch = self._sketcher.end_frame()
+            self._output.publish(sketch, self._frame_id, self._sketcher, self._design, frame.packets, kept)
             self.diagnostics.drop("gate", frames=0, photons=frame.photons - kept)
         except Exception as error:
             self._failed(error, *frame)
@@ -271,12 +253,6 @@ class SketcherNode(PipelineNode):
         except InvalidInput as problem:
             self._failed(problem)       # a window that is too large with a gate: go on as before
         self.diagnostics.show(**self._design.light_in_words)
-
-    def _announce(self) -> None:
-        """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
-        self._describe_sketches()
-        self.get_logger().info(f"sketches of {in_words(self._design.sensor)}: {self._design.in_words}")
-        self.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
         """Drop a frame that did not end, if there is one, and begin a new window."""
