@@ -1,0 +1,132 @@
+"""Where a sensor was, and when: rigid motions, and trajectories that interpolate them."""
+
+from bisect import bisect_left
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from srt3d_ros.errors import require
+
+KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
+SMALL_RAD = 1e-6            # below it sin(a) / a is 1 to the last digit of a double
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid motion: x' = rotation · x + translation. As a pose: from the sensor's frame to a fixed one.
+
+    Args:
+        rotation: float64 [3, 3], orthonormal.
+        translation: float64 [3], metres.
+    """
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @classmethod
+    def from_quaternion(cls, xyzw, translation=(0, 0, 0)) -> Self:
+        """The pose of a unit quaternion (x, y, z, w), as ROS writes it, normalised here.
+
+        Raises:
+            InvalidInput: a number that is not finite, or a quaternion that is not of length 1 to 1 %.
+        """
+        x, y, z, w = quaternion = np.asarray(xyzw, np.float64)
+        translation = np.asarray(translation, np.float64)
+        require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")
+        length = float(np.linalg.norm(quaternion))
+        require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # NaN fails
+        x, y, z, w = quaternion / length
+        rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+        return cls(rotation, translation)
+
+    @classmethod
+    def turned(cls, rotation_vector) -> Self:
+        """A rotation by |v| radians about v (Rodrigues' formula)."""
+        vector = np.asarray(rotation_vector, np.float64)
+        angle = float(np.linalg.norm(vector))
+        x, y, z = vector
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        first = np.sin(angle) / angle if angle > SMALL_RAD else 1.0
+        second = (1 - np.cos(angle)) / angle**2 if angle > SMALL_RAD else 0.5
+        return cls(np.eye(3) + first * cross + second * cross @ cross)
+
+    @property
+    def rotation_vector(self) -> np.ndarray:
+        """Axis times angle in radians, 0 to π; float64 [3]: the inverse of `turned`."""
+        r = self.rotation
+        axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2      # times sin(angle)
+        sine, cosine = float(np.linalg.norm(axis)), (np.trace(r) - 1) / 2
+        angle = float(np.arctan2(sine, cosine))
+        if sine > SMALL_RAD:
+            return axis * (angle / sine)
+        if cosine > 0:
+            return axis
+        column = (r + np.eye(3))[:, np.argmax(np.diag(r))]      # half a turn: R = 2 a aᵀ − 1
+        return column / np.linalg.norm(column) * angle
+
+    def inverse(self) -> Self:
+        """The motion back."""
+        return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: Self) -> Self:
+        """First `other`, then this."""
+        return type(self)(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def __call__(self, xyz: np.ndarray) -> np.ndarray:
+        """Points [..., 3], moved."""
+        return xyz @ self.rotation.T + self.translation
+
+
+class Trajectory:
+    """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds."""
+
+    def __init__(self) -> None:
+        self._stamps_ns: list[int] = []
+        self._poses: list[Pose] = []
+
+    def add(self, stamp_ns: int, pose: Pose) -> None:
+        """Append a pose; InvalidInput unless it is later than the last one."""
+        if self._stamps_ns:
+            require(stamp_ns > self._stamps_ns[-1], "stamp", stamp_ns, f"later than the last, {self._stamps_ns[-1]} ns")
+        self._stamps_ns.append(stamp_ns)
+        self._poses.append(pose)
+        if self._stamps_ns[0] < stamp_ns - 2 * KEPT_NS:         # in large steps: cheap on average
+            old = bisect_left(self._stamps_ns, stamp_ns - KEPT_NS)
+            del self._stamps_ns[:old], self._poses[:old]
+
+    def add_turn(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
+        """Append the pose after a turn at this rate, in the sensor's frame, since the last one; as an IMU measures."""
+        if not self._stamps_ns:
+            return self.add(stamp_ns, Pose())
+        elapsed_s = (stamp_ns - self._stamps_ns[-1]) / 1e9
+        return self.add(stamp_ns, self._poses[-1] @ Pose.turned(np.asarray(rate_rad_s) * elapsed_s))
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The stamp of the last pose; None if there is none."""
+        return self._stamps_ns[-1] if self._stamps_ns else None
+
+    def covers(self, first_ns: int, last_ns: int) -> bool:
+        """Whether poses are known from first_ns to last_ns."""
+        return bool(self._stamps_ns) and self._stamps_ns[0] <= first_ns and last_ns <= self._stamps_ns[-1]
+
+    def at(self, stamp_ns: int) -> Pose:
+        """The pose at an instant that it covers; InvalidInput at another."""
+        stamps = self._stamps_ns
+        require(self.covers(stamp_ns, stamp_ns), "stamp", stamp_ns,
+                f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: no pose has come yet")
+        after = bisect_left(stamps, stamp_ns)
+        if stamps[after] == stamp_ns:
+            return self._poses[after]
+        before, then = self._poses[after - 1], self._poses[after]
+        share = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+        turn = Pose.turned(share * Pose(before.rotation.T @ then.rotation).rotation_vector)
+        return Pose(before.rotation @ turn.rotation,
+                    (1 - share) * before.translation + share * then.translation)
+
+    def motion(self, from_ns: int, to_ns: int) -> Pose:
+        """Where a point of the sensor's frame at from_ns lies in its frame at to_ns, if the world stands still."""
+        return self.at(to_ns).inverse() @ self.at(from_ns)
