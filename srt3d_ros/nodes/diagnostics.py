@@ -48,10 +48,12 @@ class Diagnostics:
     Attributes:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
             these diagnostics.
+        find_warning: likewise for a warning.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
         self.find_contradiction: Callable[[], str] = str
+        self.find_warning: Callable[[], str] = str
         self._node = node
         self._lock = threading.Lock()
         self._accounts = FrameAccounts(balances)
@@ -226,7 +228,7 @@ class Diagnostics:
             return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
         if untimely := self._untimely(new["frames_out"]):
             return DiagnosticStatus.WARN, untimely
-        return DiagnosticStatus.OK, ""
+        return (DiagnosticStatus.WARN, warning) if (warning := self.find_warning()) else (DiagnosticStatus.OK, "")
 
 
 def all_acknowledged(publisher: Publisher) -> bool:
