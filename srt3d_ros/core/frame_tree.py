@@ -2,8 +2,6 @@
 
 from srt3d_ros.core.motion import Pose
 
-DEEPEST = 100               # frames above a frame: a circle of frames ends here
-
 
 class FrameTree:
     """Poses of frames in their parents', as /tf_static says them; the last one of each frame counts."""
@@ -25,7 +23,7 @@ class FrameTree:
         """The frame and those above it, nearest first, each with the pose of the frame in it."""
         name = frame.lstrip("/")
         chain = {name: Pose()}
-        while name in self._above and len(chain) < DEEPEST:
+        while name in self._above and self._above[name][0] not in chain:       # which a circle would be
             parent, pose = self._above[name]
             chain[parent] = pose @ chain[name]
             name = parent

@@ -220,6 +220,8 @@ class Diagnostics:
             several = "".join(f"; {count} publish {topic}" for topic in self._topics
                               if (count := self._node.count_publishers(topic)) > 1)
             return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
+        if warning := self.find_warning():
+            return DiagnosticStatus.WARN, warning
         if no_clock := self._missing_clock():
             return DiagnosticStatus.WARN, no_clock
         if self._waiting_for:
@@ -228,7 +230,7 @@ class Diagnostics:
             return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
         if untimely := self._untimely(new["frames_out"]):
             return DiagnosticStatus.WARN, untimely
-        return (DiagnosticStatus.WARN, warning) if (warning := self.find_warning()) else (DiagnosticStatus.OK, "")
+        return DiagnosticStatus.OK, ""
 
 
 def all_acknowledged(publisher: Publisher) -> bool:

@@ -93,7 +93,7 @@ class MotionInput:
             try:
                 self._follow(raw, came_ns)
             except InvalidInput as problem:
-                self._refuse(self._topic, problem)
+                self._tell("motion_refused", f"{self._topic}: {problem}")
 
     def missing(self, first_ns: int, last_ns: int) -> tuple[str, bool]:
         """Why no trajectory covers this time, and whether one still may."""
@@ -121,7 +121,7 @@ class MotionInput:
             return moved_ranges(image, self._sensor, trajectory.motion(stamp_ns, to_ns))
         except InvalidInput as problem:
             self._depth = None
-            self._refuse("depth", problem)
+            self._tell("motion_refused", f"depth: {problem}")
             return None
 
     def _listen(self, topic: str, handle, depth: int):
@@ -148,15 +148,13 @@ class MotionInput:
         before = self._track.trajectory
         if why := self._track.add(report):
             self._before = before
-            self._node.diagnostics.count(motion_restarts=1)
-            self._node.get_logger().warning(f"{self._topic}: {why}; the trajectory begins again",
-                                            throttle_duration_sec=LOG_EVERY_S)
+            self._tell("motion_restarts", f"{self._topic}: {why}; the trajectory begins again")
         self._node.diagnostics.show(motion_latency_ms=f"{(came_ns - report.stamp_ns) / 1e6:.0f}")
 
-    def _refuse(self, topic: str, problem: InvalidInput) -> None:
-        self._node.diagnostics.count(motion_refused=1)
-        self._node.diagnostics.error(f"{topic}: {problem}", counted=False)
-        self._node.get_logger().warning(f"{topic}: {problem}; not used", throttle_duration_sec=LOG_EVERY_S)
+    def _tell(self, counted: str, problem: str) -> None:
+        self._node.diagnostics.count(**{counted: 1})
+        self._node.diagnostics.error(problem, counted=False)
+        self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)
 
     def _on_transforms(self, message) -> None:
         for one in message.transforms:
@@ -165,7 +163,7 @@ class MotionInput:
                 pose = Pose.from_quaternion((turn.x, turn.y, turn.z, turn.w), (at.x, at.y, at.z))
                 self._tree.add(one.header.frame_id, one.child_frame_id, pose)
             except InvalidInput as problem:
-                self._refuse(f"/tf_static, {one.child_frame_id}", problem)
+                self._tell("motion_refused", f"/tf_static, {one.child_frame_id}: {problem}")
         self._place()
 
     def _place(self) -> None:
