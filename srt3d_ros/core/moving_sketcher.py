@@ -140,9 +140,10 @@ class MovingSketcher(Sketcher):
             self.lost = 0
             empty = Sketch(self.frequencies, *self._empty(), frame.to_ns)
             return replace(reduce(add, (sketch for _, sketch in frame.parts), empty), stamp_ns=frame.to_ns)
-        sketch = self._deskewer(frame.parts, trajectory, frame.to_ns, range_m)
+        ranges = self._deskewer.filled(range_m)
+        sketch = self._deskewer(frame.parts, trajectory, frame.to_ns, ranges)
         self.lost = self._deskewer.lost
-        return self._window.add(sketch, trajectory, range_m)
+        return self._window.add(sketch, trajectory, ranges)
 
     def _split(self, frame: PhotonFrame) -> Iterator[tuple[int, int, int, PhotonFrame]]:
         """The parts that a packet's photons belong to: slot, instant (ns), weight of the instant, photons."""
