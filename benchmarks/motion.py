@@ -10,6 +10,7 @@ frame promises. Lines: true detections (TD) within 10 bins, %, and depth error (
     moved_unguided  without that
     moved_late      by odometry at 100 Hz whose stamps are off by up to 20 ms, with 5 % noise of the velocity
     window          ten moved frames
+    at_rest_window  the sensor stands, with the photons of ten frames
 """
 
 import argparse
@@ -142,10 +143,10 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Itera
     sensor = moving_sensor()
     view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
     last_s = drive.first_s + (WINDOW + frames) * FRAME_S
-    tracks = [trajectory(lambda t_s: view.sensor_pose(t_s), drive.first_s, last_s, **kind)
-              for kind in ({"rate_hz": 200.0}, FAULTY)]
+    tracks = [trajectory(view.sensor_pose, drive.first_s, last_s, **errors) for errors in ({}, FAULTY)]
     ways = {ppp: methods(sensor, frequencies, deskew_to, *tracks) for ppp in ppps}
-    still = {ppp: Pooled(sensor, frequencies) for ppp in ppps}
+    still = {ppp: {"at_rest": (1, Pooled(sensor, frequencies)), "at_rest_window": (WINDOW, Pooled(sensor, frequencies))}
+             for ppp in ppps}
     found: dict[tuple[float, str], list] = defaultdict(list)
     for k in tqdm(range(WINDOW - 1 + frames), desc=drive.name, unit="frame", leave=False):
         first_s = drive.first_s + k * FRAME_S
@@ -154,8 +155,8 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Itera
         range_m, reflectivity = view.at(to_s)
         truth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
         for ppp in ppps:
-            sketch = at_rest(range_m, reflectivity, sensor, frequencies, ppp, k)
-            clouds = {"at_rest": still[ppp](sketch)}
+            clouds = {name: way(at_rest(range_m, reflectivity, sensor, frequencies, frames_each * ppp, k))
+                      for name, (frames_each, way) in still[ppp].items()}
             parts = part_sketches(views, sensor, frequencies, first_s, ppp, k)
             frame = MovingFrame(parts, round(first_s * 1e9), round((first_s + FRAME_S) * 1e9), round(to_s * 1e9))
             clouds |= {name: way.cloud(frame) for name, way in ways[ppp].items()}
