@@ -25,7 +25,7 @@ from tqdm import tqdm
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.deskew import range_image
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.motion import Trajectory
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.photons import PhotonEvents
@@ -38,10 +38,14 @@ from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
 from srt3d_ros.datasets.room import Room, World
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.evaluation.cases import Observation
+from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds
 
 FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part
 SBR, TOLERANCE_BINS = 1.0, 10.0
 WINDOW = 10
+HEADINGS = {"at_rest": "at rest", "not_moved": "photons added", "moved": "parts moved, then added",
+            "window": "ten moved frames"}
 NOISE, JITTER_S = 0.05, 0.02
 FAULTY = {"noise": NOISE, "jitter_s": JITTER_S, "seed": 1}
 
@@ -76,7 +80,7 @@ class Views:
 def drives(scenes: FilePath | None) -> list[Drive]:
     """The room, and the depth maps of a folder."""
     found = sorted(scenes.glob("*.npz")) if scenes else []
-    return [Drive("room", Room(), walk, 2.0), *(Drive(path.stem, read_relief(path), hand) for path in found)]
+    return [Drive("room", Room(), walk, 6.4), *(Drive(path.stem, read_relief(path), hand) for path in found)]
 
 
 def packets(views: Views, sensor: SensorModel, ppp: float, seed: int) -> Iterator[list[PhotonEvents]]:
@@ -138,8 +142,11 @@ def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory,
             "moved_late": method(faulty), "window": method(exact, window_frames=WINDOW)}
 
 
-def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Iterator[dict]:
-    """A line for each number of photons and each method: means over the last frames, when the window is full."""
+def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str, strips: list[Strip]) -> Iterator[dict]:
+    """A line for each number of photons and each method: means over the last frames, when the window is full.
+
+    Adds to `strips` the last clouds of the last number of photons.
+    """
     sensor = moving_sensor()
     view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
     last_s = drive.first_s + (WINDOW + frames) * FRAME_S
@@ -163,6 +170,8 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Itera
             if k >= WINDOW - 1:
                 for name, cloud in clouds.items():
                     found[ppp, name].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
+    strips.append(_strip(f"{drive.name}, {ppp:g} photons a pixel", sensor, truth, clouds,
+                         {name: metrics[-1] for (of, name), metrics in found.items() if of == ppp}))
     for (ppp, name), metrics in found.items():
         means = {key: float(np.mean([getattr(one, key) for one in metrics]))
                  for key in ("true_detections", "false_detections", "dae_bins")}
@@ -172,14 +181,26 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Itera
                "frames": len(metrics)}
 
 
+def _strip(label: str, sensor: SensorModel, truth: np.ndarray, clouds: dict[str, PointCloud],
+           metrics: dict[str, Metrics]) -> Strip:
+    exact = Observation(None, truth[None]).true_cloud(sensor)
+    return Strip(label, sensor, [Panel("exact", exact, "")] + [
+        Panel(heading, clouds[name], f"{100 * metrics[name].true_detections:.1f} % within 10 cm, off by "
+              f"{metrics[name].dae_bins:.2f} cm") for name, heading in HEADINGS.items()])
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=FilePath, metavar="DIR", help="depth maps (docs/evaluation.md), .npz")
     parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
     parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
+    parser.add_argument("--picture", type=FilePath, metavar="FILE", help="draw the last clouds")
     parser.add_argument("--deskew-to", choices=("start", "middle", "end"), default="middle", help="(%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each scene, number of photons and method."""
+    strips: list[Strip] = []
     for drive in drives(args.scenes):
-        yield from judge(drive, args.ppp, args.frames, args.deskew_to)
+        yield from judge(drive, args.ppp, args.frames, args.deskew_to, strips)
+    if args.picture:
+        draw_clouds(args.picture, strips, "A frame of 0.1 s of a sensor that moves at 1 m/s and turns at 30°/s")
