@@ -13,6 +13,7 @@ from srt3d_ros.evaluation.machine import machine
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
+    "deskew": "time to move the parts of a frame to one instant, and a window of frames",
     "devices": "ranges of devices' logs against what is known of them",
     "frequencies": "expected and measured depth error for each rule that chooses frequencies, as a picture",
     "histograms": "histograms of two sizes through player and sketcher: losses, latency, CPU time",
