@@ -1,5 +1,6 @@
 """Where a sensor was, and when: rigid motions, and trajectories that interpolate them."""
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from typing import Self
@@ -33,10 +34,10 @@ class Pose:
         Raises:
             InvalidInput: a number that is not finite, or a quaternion that is not of length 1 to 1 %.
         """
-        x, y, z, w = quaternion = np.asarray(xyzw, np.float64)
+        quaternion = np.asarray(xyzw, np.float64)
         translation = np.asarray(translation, np.float64)
         require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")
-        length = float(np.linalg.norm(quaternion))
+        length = math.hypot(*quaternion)
         require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # NaN fails
         x, y, z, w = quaternion / length
         rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
