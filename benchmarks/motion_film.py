@@ -1,6 +1,6 @@
-"""Records a sensor that moves through the simulator's room (.rrd): its way, and two clouds of each frame beside each other.
+"""Records a sensor that moves through the simulator's room (.rrd): its way, and two clouds of each frame in two views.
 
-Left the photons of each frame are simply added, right its parts are moved to one instant before. Clouds of 15 frames are
+Left the photons of each frame are simply added, right its parts are moved to one instant before. 15 frames are
 shown at once, each where the sensor was. Open it with `srt3d view`.
 """
 
