@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.gate import Gate, parse
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.range_guide import moved_ranges
@@ -86,14 +86,14 @@ class Moving:
         for ms in at_ms:
             self.reports.publish(odometry(ms, **options))
 
-    def decoded(self, number: int, frequencies=FREQUENCIES):
+    def decoded(self, number: int):
         """The number-th sketch, once it has come."""
         self.graph.wait(lambda: len(self.sketches) > number, f"sketch {number}")
-        return sketch_message.decode_cdr(serialize_message(self.sketches[number]), frequencies, self.sensor)[1]
+        return sketch_message.decode_cdr(serialize_message(self.sketches[number]), FREQUENCIES, self.sensor)[1]
 
-    def expected(self, number: int, trajectory: Trajectory | None, ranges=None, frequencies=FREQUENCIES, **options):
+    def expected(self, number: int, trajectory: Trajectory | None, ranges=None, **options):
         """The core's sketch of a frame after those before it."""
-        sketcher = MovingSketcher(self.sensor, frequencies, **options)
+        sketcher = MovingSketcher(self.sensor, FREQUENCIES, **options)
         for packet in range((number + 1) * PACKETS):
             sketcher.add(self.packet(packet))
             if (packet + 1) % PACKETS == 0:
@@ -217,20 +217,21 @@ def test_frames_that_wait_go_on_with_a_reset_another_window_and_the_end(start, g
     assert (report["dropped"], report["under_way"]) == ("0", "0")
 
 
-def test_a_frame_that_waits_keeps_its_frequencies_when_the_light_asks_for_others(start, graph):
-    moving = start(frequencies="auto")
+def test_a_frame_that_waits_stays_without_the_gate_that_its_photons_ask_for(start, graph):
+    moving = start(gate="auto")
     described = graph.collect_latched(String, "sketch/sensor")
     moving.frame(0)
     moving.frame(1)
     moving.counts(under_way=2 * PACKETS)
     moving.odometry(*range(-20, 241, 20))
-    moving.decoded(1, choose("auto", moving.sensor))
-    ours = [sketch_message.decode_sensor(message)[1] for message in described]
-    assert len(ours) == len(set(ours)) == 2
-    trajectory = trajectory_of(*range(-20, 241, 20))
-    check_same(moving.decoded(0, ours[0]), moving.expected(0, trajectory, frequencies=ours[0]))
-    check_same(moving.decoded(1, ours[1]), moving.expected(1, trajectory, frequencies=ours[1]))
-    moving.counts(frames_deskewed=2, under_way=0)
+    graph.wait(lambda: len(moving.sketches) == 2, "both frames")
+    (wide, *_), (narrow, *_) = map(sketch_message.decode_sensor, described)
+    assert wide.same_as(moving.sensor) and narrow.num_bins < wide.num_bins
+    report, trajectory = moving.counts(frames_deskewed=2, under_way=0), trajectory_of(*range(-20, 241, 20))
+    check_same(moving.decoded(0), moving.expected(0, trajectory))
+    gate = Gate(moving.sensor, *parse(report["gate"].partition(",")[0]))
+    check_same(moving.decoded(1), moving.expected(1, trajectory, gate=gate))
+    assert int(report["photons_dropped.gate"]) > 1000
 
 
 def test_the_place_of_the_sensor_is_a_parameter_and_the_last_depths_give_parallax(start, graph, sensor):
