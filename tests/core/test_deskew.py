@@ -97,11 +97,11 @@ def test_parallax_needs_the_range_and_is_that_of_the_point():
     near, far = (moved(photons(), Pose(translation=np.array([0.1, 0, 0])), ranges, sensor)[0]
                  for ranges in (range_m, None))       # a wall at z = 2 m: by 40 · 0.1 / 2 = 2 columns
     before = sketch_photons(photons(), sensor, FREQUENCIES)
-    np.testing.assert_array_equal(near.photons[:, 2:], before.photons[:, :-2])
-    np.testing.assert_array_equal(far.photons, before.photons)
+    np.testing.assert_allclose(near.photons[:, 2:], before.photons[:, :-2], atol=1)         # rounded
+    np.testing.assert_allclose(far.photons, before.photons, atol=1)
     shift = (range_m[4, 7] - range_m[4, 5]) / sensor.bin_width_m
     turned = np.exp(2j * np.pi * np.array(FREQUENCIES) * shift / T)
-    np.testing.assert_allclose(near.sums[4, 7], before.sums[4, 5] * turned, atol=0.05)
+    np.testing.assert_allclose(near.z[4, 7], before.z[4, 5] * turned, atol=0.02)
 
 
 def test_photons_stay_on_a_slope_wherever_they_are_shared():
@@ -112,12 +112,12 @@ def test_photons_stay_on_a_slope_wherever_they_are_shared():
     normal = np.array([np.sin(np.radians(60)), 0, np.cos(np.radians(60))])
     turn = Pose.turned([0.004, 0.011, 0.002])
     at, to = ((3 / (rays @ n)) for n in (normal, turn.rotation @ normal))
-    toa = np.repeat((at / sensor.bin_width_m).astype(np.float32).ravel(), 4)
+    toa = np.repeat((at / sensor.bin_width_m % T).astype(np.float32).ravel(), 4)
     sketch, _ = moved(PhotonEvents(np.repeat(np.arange(sensor.pixels, dtype=np.uint32), 4), toa), turn,
                       to.astype(np.float32), sensor)
     inner = np.s_[2:-2, 2:-2]
     expected = np.exp(2j * np.pi * np.multiply.outer(to / sensor.bin_width_m, FREQUENCIES) / T)
-    np.testing.assert_allclose(sketch.z[inner], expected[inner], atol=0.02)     # 20 · 2π · 0.03 bins / T; 0.5 are lost
+    np.testing.assert_allclose(sketch.z[inner], expected[inner], atol=0.05)     # 0.08 bins; neighbours are 17 apart
 
 
 def test_photons_do_not_cross_an_edge():
