@@ -49,7 +49,7 @@ class Deskewer:
         _, self._kernels = kernels_for(device)
         on, shape = self._kernels.array, (sensor.rows, sensor.cols)
         self._rays, self._lens = on(sensor.rays), on(sensor.projection.lens)
-        self._late = on(np.zeros(shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins)
+        self._late = on(np.zeros(shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins.copy())
         self._used = on(np.ones(shape, np.float32) if sensor.mask is None else sensor.mask.astype(np.float32))
         self._bin_frequencies = on((np.array(self.frequencies) / sensor.num_bins).astype(np.float32))
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)

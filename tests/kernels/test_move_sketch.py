@@ -10,7 +10,8 @@ from srt3d_ros.kernels import reference
 from srt3d_ros.kernels.constants import MAX_PHOTONS
 
 M, METRES_PER_BIN, STEEPEST = 5, 0.02, 0.1
-LENSES = {"pinhole": Pinhole(40, 42, 10, 6), "distorted": Pinhole(40, 42, 10, 6, PlumbBob(-0.1, 0.02, 1e-3, -2e-3, 3e-3)),
+LENSES = {"pinhole": Pinhole(40, 42, 10, 6),
+          "distorted": Pinhole(40, 42, 10, 6, PlumbBob(-0.1, 0.02, 1e-3, -2e-3, 3e-3)),
           "scan": AngularScan(0.3, -0.02, 0.2, -0.02), "full turn": AngularScan(0.3, -2 * np.pi / 21, 0.2, -0.02)}
 
 
