@@ -20,8 +20,9 @@ from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 
 MOST_GROUPS = 64        # of pixels that look at about the same time: at 30°/s and 100 ms, 0.05° apart
-FAR_M = 1e3             # what is at no known range: its parallax is less than a pixel
+FAR_M = 100.0           # what is at no known range: its parallax in a frame is less than a pixel
 STEEPEST = 6.0          # tangent of the incidence, 80°, beyond which neighbouring pixels see two surfaces
+SMOOTHED = 2            # pixels to both sides: unsmoothed, the error of ten frames' window is 1.7 × as large (10 ppp)
 Parts = Sequence[tuple[int, Sketch]]
 Moved = tuple[Any, Any]         # sums and numbers of `move_sketch`
 
@@ -48,7 +49,7 @@ class Deskewer:
         _, self._kernels = kernels_for(device)
         on, shape = self._kernels.array, (sensor.rows, sensor.cols)
         self._rays, self._lens = on(sensor.rays), on(sensor.projection.lens)
-        self._late = on(np.zeros(shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins)
+        self._late = on(np.zeros(shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins.copy())
         self._used = on(np.ones(shape, np.float32) if sensor.mask is None else sensor.mask.astype(np.float32))
         self._bin_frequencies = on((np.array(self.frequencies) / sensor.num_bins).astype(np.float32))
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)
@@ -72,7 +73,11 @@ class Deskewer:
         Raises:
             InvalidInput: the trajectory does not cover an instant, or the sketches are not the sensor's.
         """
-        ranges, moved = self.filled(range_m), self.nothing()
+        return self.add_up(parts, trajectory, to_ns, self.filled(range_m))
+
+    def add_up(self, parts: Parts, trajectory: Trajectory, to_ns: int, ranges: Any) -> Sketch:
+        """The same by ranges of `filled`."""
+        moved = self.nothing()
         for instant_ns, sketch in parts:
             self._move(sketch, [trajectory.motion(int(instant_ns + late_ns), to_ns) for late_ns in self._together],
                        self._group, ranges, moved)
@@ -98,10 +103,10 @@ class Deskewer:
         return Sketch(self.frequencies, sums, photons, to_ns, added_variance)
 
     def filled(self, range_m: np.ndarray | None) -> Any:
-        """Ranges of all pixels, on the device: where unknown that of the farther neighbour, FAR_M if none is known.
+        """Ranges of all pixels, smoothed, on the device; FAR_M if none is known.
 
-        The neighbours are the next in the row that are known, or in the column where a row knows nothing: what a motion
-        uncovers is more often part of what is behind.
+        Where one is unknown it is that of the farther neighbour of the next in the row that are known, or in the column
+        where a row knows nothing: what a motion uncovers is more often part of what is behind.
         """
         shape = self.sensor.rows, self.sensor.cols
         ranges = np.full(shape, FAR_M, np.float32) if range_m is None else np.asarray(range_m, np.float32)
@@ -112,7 +117,7 @@ class Deskewer:
             for _ in range(2):                      # along rows, then along columns
                 ranges = np.fmax(_carried(ranges), _carried(ranges[:, ::-1])[:, ::-1]).T
             ranges = np.nan_to_num(ranges, nan=FAR_M)
-        return self._on(ranges)
+        return self._on(ranges if range_m is None else 1 / _smoothed(1 / ranges, self._steepest))
 
     def _move(self, sketch: Sketch, poses: list[Pose], group: Any, ranges: Any, moved: Moved) -> None:
         shape = tuple(sketch.photons.shape)
@@ -134,9 +139,28 @@ def range_image(sensor: SensorModel, xyz: np.ndarray) -> np.ndarray:
     """
     row, col = (np.floor(place + 0.5) for place in sensor.projection.places(xyz))
     seen = np.flatnonzero((row >= 0) & (row < sensor.rows) & (col >= 0) & (col < sensor.cols))      # not NaN
-    ranges, nearest = np.linalg.norm(xyz[seen], axis=1), np.full((sensor.rows, sensor.cols), np.inf, np.float32)
-    np.minimum.at(nearest, (row[seen].astype(int), col[seen].astype(int)), ranges)
+    xyz, nearest = xyz[seen].astype(np.float32), np.full((sensor.rows, sensor.cols), np.inf, np.float32)
+    row, col = row[seen].astype(np.int64), col[seen].astype(np.int64)
+    # one index and one dtype: fifty times faster
+    np.minimum.at(nearest.reshape(-1), row * sensor.cols + col, np.sqrt(np.einsum("nk,nk->n", xyz, xyz)))
     return np.where(np.isfinite(nearest), nearest, np.float32(np.nan))
+
+
+def _smoothed(nearness: np.ndarray, steepest: float) -> np.ndarray:
+    """1 / range, averaged along rows and columns over pairs of pixels to both sides that lie on the same surface.
+
+    On a plane 1 / range is linear in a pinhole's pixels: slopes stay, and the last cloud's noise is not handed on.
+    """
+    for axis in (0, 1):
+        nearness = np.moveaxis(nearness, axis, 0)
+        total, count = nearness.copy(), np.ones_like(nearness)
+        for k in range(1, min(SMOOTHED, (len(nearness) - 1) // 2) + 1):
+            own, pair = nearness[k:-k], nearness[2 * k:] + nearness[:-2 * k]
+            same = np.abs(pair - 2 * own) < steepest * own
+            total[k:-k] += pair * same
+            count[k:-k] += 2 * same
+        nearness = np.moveaxis(total / count, 0, axis)
+    return np.ascontiguousarray(nearness)
 
 
 def _carried(values: np.ndarray) -> np.ndarray:

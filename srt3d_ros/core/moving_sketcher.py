@@ -135,7 +135,7 @@ class MovingSketcher(Sketcher):
         for part in self._parts.values():
             if part.instants:
                 self._sums, self._photons = part.sums, part.photons
-                after_ns, weights = np.subtract([at for at, _ in part.instants], first_ns), [w for _, w in part.instants]
+                after_ns, weights = np.subtract(part.instants, (first_ns, 0)).T
                 middle_ns = 0 if self._times_s is not None else round(np.average(after_ns, weights=weights)) + late_ns
                 parts.append((first_ns + middle_ns, self.sketch()))
         parts.sort(key=lambda part: part[0])
@@ -166,7 +166,7 @@ class MovingSketcher(Sketcher):
                            np.zeros(shape, np.uint32))
             return replace(reduce(add, (sketch for _, sketch in frame.parts), empty), stamp_ns=frame.to_ns)
         ranges = self._deskewer.filled(range_m)
-        sketch = self._deskewer(frame.parts, trajectory, frame.to_ns, ranges)
+        sketch = self._deskewer.add_up(frame.parts, trajectory, frame.to_ns, ranges)
         self.lost = self._deskewer.lost
         return self._window.add(sketch, trajectory, ranges)
 
@@ -183,7 +183,7 @@ class MovingSketcher(Sketcher):
                    PhotonEvents(events.pixel[chosen], events.toa[chosen], events.stamp_ns))
 
     def _part(self, after_ns: int) -> _OpenPart:
-        """The part of photons so long after the frame's first packet; if there are enough parts already, the nearest."""
+        """The part of photons so long after the frame's first packet; the nearest if there are enough parts already."""
         slot = after_ns // self._slot_ns if self._slot_ns else after_ns
         if slot not in self._parts and len(self._parts) >= self.subframes:
             slot = min(self._parts, key=lambda other: abs(other - slot))

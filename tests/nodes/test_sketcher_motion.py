@@ -14,14 +14,16 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.gate import Gate, parse
 from srt3d_ros.core.motion import Pose, Trajectory
-from srt3d_ros.core.moving_sketcher import MovingSketcher
+from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.range_guide import moved_ranges
+from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.messages import images
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.topics import LATCHED
+from srt3d_ros.nodes.waiting_frames import crowded
 
 HAS_TF = find_spec("tf2_msgs") is not None
 MS = 1_000_000
@@ -86,14 +88,14 @@ class Moving:
         for ms in at_ms:
             self.reports.publish(odometry(ms, **options))
 
-    def decoded(self, number: int, frequencies=FREQUENCIES):
+    def decoded(self, number: int):
         """The number-th sketch, once it has come."""
         self.graph.wait(lambda: len(self.sketches) > number, f"sketch {number}")
-        return sketch_message.decode_cdr(serialize_message(self.sketches[number]), frequencies, self.sensor)[1]
+        return sketch_message.decode_cdr(serialize_message(self.sketches[number]), FREQUENCIES, self.sensor)[1]
 
-    def expected(self, number: int, trajectory: Trajectory | None, ranges=None, frequencies=FREQUENCIES, **options):
+    def expected(self, number: int, trajectory: Trajectory | None, ranges=None, **options):
         """The core's sketch of a frame after those before it."""
-        sketcher = MovingSketcher(self.sensor, frequencies, **options)
+        sketcher = MovingSketcher(self.sensor, FREQUENCIES, **options)
         for packet in range((number + 1) * PACKETS):
             sketcher.add(self.packet(packet))
             if (packet + 1) % PACKETS == 0:
@@ -196,7 +198,7 @@ def test_frames_that_wait_go_on_with_a_reset_another_window_and_the_end(start, g
     moving.odometry(0, 20)
     for number in range(7):
         moving.frame(number)
-    moving.counts(frames_undeskewed=3, under_way=4 * PACKETS)           # no more than four wait
+    moving.counts(under_way=7 * PACKETS)
     assert graph.call(Trigger, "sketcher/reset", Trigger.Request()).success
     moving.counts(frames_undeskewed=7, under_way=0)
     check_same(moving.decoded(6), moving.expected(6, None))
@@ -217,20 +219,31 @@ def test_frames_that_wait_go_on_with_a_reset_another_window_and_the_end(start, g
     assert (report["dropped"], report["under_way"]) == ("0", "0")
 
 
-def test_a_frame_that_waits_keeps_its_frequencies_when_the_light_asks_for_others(start, graph):
-    moving = start(frequencies="auto")
+def test_a_frame_that_waits_stays_without_the_gate_that_its_photons_ask_for(start, graph):
+    moving = start(gate="auto")
     described = graph.collect_latched(String, "sketch/sensor")
     moving.frame(0)
     moving.frame(1)
     moving.counts(under_way=2 * PACKETS)
     moving.odometry(*range(-20, 241, 20))
-    moving.decoded(1, choose("auto", moving.sensor))
-    ours = [sketch_message.decode_sensor(message)[1] for message in described]
-    assert len(ours) == len(set(ours)) == 2
-    trajectory = trajectory_of(*range(-20, 241, 20))
-    check_same(moving.decoded(0, ours[0]), moving.expected(0, trajectory, frequencies=ours[0]))
-    check_same(moving.decoded(1, ours[1]), moving.expected(1, trajectory, frequencies=ours[1]))
-    moving.counts(frames_deskewed=2, under_way=0)
+    graph.wait(lambda: len(moving.sketches) == 2, "both frames")
+    (wide, *_), (narrow, *_) = map(sketch_message.decode_sensor, described)
+    assert wide.same_as(moving.sensor) and narrow.num_bins < wide.num_bins
+    report, trajectory = moving.counts(frames_deskewed=2, under_way=0), trajectory_of(*range(-20, 241, 20))
+    check_same(moving.decoded(0), moving.expected(0, trajectory))
+    gate = Gate(moving.sensor, *parse(report["gate"].partition(",")[0]))
+    check_same(moving.decoded(1), moving.expected(1, trajectory, gate=gate))
+    assert int(report["photons_dropped.gate"]) > 1000
+
+
+def test_more_frames_wait_the_less_memory_they_take():
+    def waiting(frames: int, rows: int) -> list[MovingFrame]:
+        sums = np.broadcast_to(np.complex64(0), (rows, rows, 10))
+        part = 0, Sketch(tuple(range(1, 11)), sums, np.broadcast_to(np.uint32(0), (rows, rows)))
+        return [MovingFrame([part] * 10, 0, 0, 0)] * frames
+
+    assert not crowded(waiting(4, 705)) and crowded(waiting(5, 705))
+    assert not crowded(waiting(15, 141)) and crowded(waiting(17, 141)) and not crowded(waiting(100, 32))
 
 
 def test_the_place_of_the_sensor_is_a_parameter_and_the_last_depths_give_parallax(start, graph, sensor):
@@ -274,11 +287,10 @@ def test_tf_static_says_where_the_sensor_is(start, graph):
     from geometry_msgs.msg import Transform, TransformStamped
     from tf2_msgs.msg import TFMessage
 
-    moving = start()
+    moving = start(motion_timeout_s=0.2)
     moving.odometry(*AROUND, body="base_link")
     moving.frame(0)
-    said = "/tf_static does not connect spad to base_link"
-    moving.graph.wait(lambda: moving.graph.report("sketcher").get("frames_waiting") == "1", "a frame that waits")
+    moving.told("1 frames undeskewed: /tf_static does not connect spad to base_link")
     at, turn = Vector3(x=0.2, z=0.1), Quaternion(x=0.5, y=-0.5, z=0.5, w=-0.5)
     message = TransformStamped(child_frame_id="spad", transform=Transform(translation=at, rotation=turn))
     message.header.frame_id = "base_link"
@@ -288,4 +300,3 @@ def test_tf_static_says_where_the_sensor_is(start, graph):
     moving.frame(1)
     extrinsics = Pose.from_quaternion((0.5, -0.5, 0.5, -0.5), (0.2, 0, 0.1))
     check_same(moving.decoded(1), moving.expected(1, trajectory_of(*range(100, 241, 20), extrinsics=extrinsics)))
-    assert said in moving.process.text
