@@ -1,0 +1,83 @@
+"""Drift of KISS-ICP on the clouds of a sensor that flies through the simulator's room (pip install kiss-icp).
+
+A line for the exact ranges at the instants of the frames, for frames whose photons are simply added, and for frames whose
+parts are moved by exact odometry. KISS-ICP sees clouds only. Drift: error of the way over 5 m, mean over all such ways.
+"""
+
+import argparse
+from collections.abc import Iterator
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.motion import FRAME_S, Views, methods, part_sketches
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.moving_sketcher import MovingFrame
+from srt3d_ros.datasets.motion_profiles import MOTIONS, trajectory
+from srt3d_ros.datasets.moving import MovingView, moving_sensor
+from srt3d_ros.datasets.room import Room
+
+SIDE, FOV_DEG, PPP = 101, 90.0, 10.0        # it needs a wide field of view
+VOXEL_M, FIRST_THRESHOLD_M, MAX_RANGE_M = 0.05, 0.3, 12.0
+WAY_M = 5.0
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--motion", choices=tuple(MOTIONS), default="drone", help="(%(default)s)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="(%(default)g)")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each kind of clouds; one that says why there is none without kiss-icp."""
+    try:
+        import kiss_icp  # noqa: F401
+    except ModuleNotFoundError:
+        yield {"skipped": "kiss-icp is not installed"}
+        return
+    sensor = moving_sensor(SIDE, FOV_DEG)
+    view, frequencies = MovingView(Room(), MOTIONS[args.motion], sensor), choose("auto", sensor)
+    known = trajectory(view.sensor_pose, 0.0, args.seconds)
+    ways = methods(sensor, frequencies, "middle", known, known)
+    clouds: dict[str, list[np.ndarray]] = {"exact": [], "not_moved": [], "moved": []}
+    poses = []
+    for k in tqdm(range(int(args.seconds / FRAME_S)), unit="frame"):
+        first_s = k * FRAME_S
+        parts = part_sketches(Views(view, first_s), sensor, frequencies, first_s, PPP, k)
+        first_ns, middle_ns, last_ns = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
+        frame = MovingFrame(parts, first_ns, last_ns, middle_ns)
+        poses.append(view.sensor_pose(middle_ns / 1e9))
+        clouds["exact"].append((sensor.rays * view.at(middle_ns / 1e9)[0][..., None]).reshape(-1, 3))
+        for name in ("not_moved", "moved"):
+            clouds[name].append(ways[name].cloud(frame).xyz)
+    for name, seen in clouds.items():
+        drift, length_m = drift_percent(followed(seen), poses)
+        yield {"motion": args.motion, "clouds": name, "ppp": PPP, "way_m": round(length_m, 1),
+               "drift_percent": round(drift, 2)}
+
+
+def followed(clouds: list[np.ndarray]) -> list[Pose]:
+    """Where KISS-ICP takes the sensor to be at each cloud."""
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.kiss_icp import KissICP
+    config = KISSConfig()
+    config.mapping.voxel_size, config.adaptive_threshold.initial_threshold = VOXEL_M, FIRST_THRESHOLD_M
+    config.data.max_range, config.data.deskew = MAX_RANGE_M, False
+    config.registration.max_num_threads = 1
+    odometry, poses = KissICP(config), []
+    for xyz in clouds:
+        odometry.register_frame(np.ascontiguousarray(xyz, np.float64), np.zeros(0))
+        poses.append(Pose(odometry.last_pose[:3, :3].copy(), odometry.last_pose[:3, 3].copy()))
+    return poses
+
+
+def drift_percent(found: list[Pose], true: list[Pose]) -> tuple[float, float]:
+    """Mean error of the ways of WAY_M, percent of them, and the length of the whole way."""
+    steps = np.linalg.norm(np.diff([pose.translation for pose in true], axis=0), axis=1)
+    far, errors = np.concatenate([[0], np.cumsum(steps)]), []
+    for first in range(len(far)):
+        last = int(np.searchsorted(far, far[first] + WAY_M))
+        if last < len(far):
+            off = (found[first].inverse() @ found[last]).inverse() @ true[first].inverse() @ true[last]
+            errors.append(np.linalg.norm(off.translation) / WAY_M)
+    return 100 * float(np.mean(errors)), float(far[-1])
