@@ -1,7 +1,7 @@
 """Drift of KISS-ICP on the clouds of a sensor that flies through the simulator's room (pip install kiss-icp).
 
-A line for the exact ranges at the instants of the frames, for frames whose photons are simply added, and for frames whose
-parts are moved by exact odometry. KISS-ICP sees clouds only. Drift: error of the way over 5 m, mean over all such ways.
+A line for the exact ranges at the instants of the frames, for frames whose photons are simply added, and for frames
+that are moved by exact odometry first. KISS-ICP sees clouds only. Drift: mean error of all ways of 5 m.
 """
 
 import argparse
