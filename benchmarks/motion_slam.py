@@ -8,13 +8,10 @@ import argparse
 from collections.abc import Iterator
 
 import numpy as np
-from tqdm import tqdm
 
-from benchmarks.motion import FRAME_S, Views, methods, part_sketches
-from srt3d_ros.core.frequencies import choose
+from benchmarks.motion import FRAME_S, along
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.moving_sketcher import MovingFrame
-from srt3d_ros.datasets.motion_profiles import MOTIONS, trajectory
+from srt3d_ros.datasets.motion_profiles import MOTIONS
 from srt3d_ros.datasets.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.room import Room
 
@@ -35,21 +32,13 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     except ModuleNotFoundError:
         yield {"skipped": "kiss-icp is not installed"}
         return
-    sensor = moving_sensor(SIDE, FOV_DEG)
-    view, frequencies = MovingView(Room(), MOTIONS[args.motion], sensor), choose("auto", sensor)
-    known = trajectory(view.sensor_pose, 0.0, args.seconds)
-    ways = methods(sensor, frequencies, "middle", known, known)
+    view, poses = MovingView(Room(), MOTIONS[args.motion], moving_sensor(SIDE, FOV_DEG)), []
     clouds: dict[str, list[np.ndarray]] = {"exact": [], "not_moved": [], "moved": []}
-    poses = []
-    for k in tqdm(range(int(args.seconds / FRAME_S)), unit="frame"):
-        first_s = k * FRAME_S
-        parts = part_sketches(Views(view, first_s), sensor, frequencies, first_s, PPP, k)
-        first_ns, middle_ns, last_ns = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
-        frame = MovingFrame(parts, first_ns, last_ns, middle_ns)
-        poses.append(view.sensor_pose(middle_ns / 1e9))
-        clouds["exact"].append((sensor.rays * view.at(middle_ns / 1e9)[0][..., None]).reshape(-1, 3))
-        for name in ("not_moved", "moved"):
-            clouds[name].append(ways[name].cloud(frame).xyz)
+    for stamp_ns, found in along(view, int(args.seconds / FRAME_S), PPP, ("not_moved", "moved")):
+        poses.append(view.sensor_pose(stamp_ns / 1e9))
+        clouds["exact"].append((view.sensor.rays * view.at(stamp_ns / 1e9)[0][..., None]).reshape(-1, 3))
+        for name, cloud in found.items():
+            clouds[name].append(cloud.xyz)
     for name, seen in clouds.items():
         drift, length_m = drift_percent(followed(seen), poses)
         yield {"motion": args.motion, "clouds": name, "ppp": PPP, "way_m": round(length_m, 1),
