@@ -28,10 +28,15 @@ class ScanRate:
         """Raise InvalidInput unless all pixels of a sensor of this size look after the stamp, and not all at once."""
         require(self.row_period_s != 0 or self.col_period_s != 0, "scan", "without a period",
                 "row_period_s or col_period_s, seconds; none where all pixels look at once")
-        spans = (rows - 1) * self.row_period_s, (cols - 1) * self.col_period_s
-        first, last = (self.start_s + sum(limit(span, 0.0) for span in spans) for limit in (min, max))
+        first, last = self.limits_s(rows, cols)
         require(-ROUNDING_S <= first and last <= MAX_SCAN_S, "scan", f"{first:g} to {last:g} s after the stamp",
                 f"0 to {MAX_SCAN_S:g} s (start_s is that of pixel (0, 0))")
+
+    def limits_s(self, rows: int, cols: int) -> tuple[float, float]:
+        """Seconds after the stamp at which the first and the last pixel begin to look."""
+        spans = (rows - 1) * self.row_period_s, (cols - 1) * self.col_period_s
+        first, last = (self.start_s + sum(limit(span, 0.0) for span in spans) for limit in (min, max))
+        return first, last
 
     def times_s(self, rows: int, cols: int) -> np.ndarray:
         """Seconds after the stamp at which each pixel begins to look, float64 [rows, cols]."""
