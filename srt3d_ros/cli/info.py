@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     instants = "".join(f"\n{what} from {facts[name][0]:.4g} to {facts[name][1]:.4g} s after the stamp" for what, name in
                        (("pixels look", "scan_s"), ("photons come", "t_s")) if facts[name])
     words = {"bin_ps": facts["bin_width_s"] * 1e12, "irf_ps": facts["irf_width_s"] * 1e12, "sbr_words": sbr,
-             "instants": instants, "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
-             "frequency_words": ",".join(map(str, facts["frequencies"]))}
+             "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
+             "instants": instants, "frequency_words": ",".join(map(str, facts["frequencies"]))}
     if args.json:
         common.print_facts(args, facts, "")
         return 0
