@@ -40,7 +40,7 @@ PARAMETERS = (
               low=1, high=MAX_UPSAMPLING, live=True),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
-              "surface.", choices=("xyzi", "full"), live=True),
+              "surface, and t of a scanner (`scan` in `sketch/sensor`).", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "`points` as rows × cols with the first point of each pixel, NaN where there is "
               "none; if false, a list of all points.", live=True),
     Parameter("min_range_m", 0.0, "Leave out points nearer than this along their pixel's ray, of `points` and of the "
