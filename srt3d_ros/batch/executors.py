@@ -9,10 +9,12 @@ import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any
 
+from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput
 
 SPAWN = multiprocessing.get_context("spawn")        # a fork would inherit the threads' locks, not the threads
@@ -133,15 +135,22 @@ class DaskCluster:
 
     def __init__(self, address: str, say: Callable[[str], None]):
         from distributed import Client  # here: it takes a second
+        from distributed.comm import get_address_host_port
 
         try:
+            get_address_host_port(address)
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InvalidInput("dask", address,
                                f"the address of a scheduler, such as tcp://host:8786 ({error})") from None
-        workers = self._client.nthreads()
-        say(f"{address}: {len(workers)} workers" + " so far" * (not workers))
         self._executor = self._client.get_executor(pure=False)
+        # A worker that cannot import what it is to do ends, and says why in its own log only.
+        workers = self._client.run(find_spec, __name__, on_error="return")
+        for worker, found in workers.items():
+            if found is None or isinstance(found, Exception):
+                self.close()
+                raise InvalidInput("dask", address, f"workers with srt3d_ros {__version__}, which {worker} has not")
+        say(f"{address}: {len(workers)} workers" + " so far" * (not workers))
 
     def submit(self, function: Callable, *arguments: Any) -> Future:
         """Call a function of a module on one of the workers, on another if that one dies."""

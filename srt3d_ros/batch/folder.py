@@ -34,12 +34,13 @@ class Folder:
             raise InvalidInput("output", str(path), f"a folder that can be made ({error.strerror})") from None
         cloud_files.check(self.file(0))
         note, made = path / NOTE, json.loads(json.dumps(made))
-        if note.is_file():
+        others = [file.name for file in path.iterdir() if file != note]
+        require(note.is_file() or not others, "output", str(path), "a new or empty folder, or one of the same command")
+        if any(name.startswith(PREFIX) for name in others):
             self._compare(json_text.parse(note.read_text(), NOTE), made)
-            return
-        require(not any(path.iterdir()), "output", str(path), "a new or empty folder, or one of the same command")
-        with appearing_whole(note) as part:
-            part.write_text(json.dumps(made, indent=1) + "\n")
+        else:           # whatever failed before
+            with appearing_whole(note) as part:
+                part.write_text(json.dumps(made, indent=1) + "\n")
 
     def file(self, number: int) -> Path:
         """That of a frame; it is there when the frame is done."""
