@@ -15,7 +15,6 @@ from srt3d_ros.batch.folder import Folder
 from srt3d_ros.batch.request import Request
 from srt3d_ros.batch.sources import BagSource, LogSource, open_source
 from srt3d_ros.batch.work import VERSION, Outcome, Task, failure, reconstruct_frame
-from srt3d_ros.core.progress import DELAY_S
 from srt3d_ros.errors import InvalidInput, require
 
 ALL = "all"
@@ -64,7 +63,7 @@ def _run(request: Request, source: BagSource | LogSource, folder: Folder, number
     executor = LocalProcesses(args.jobs or 1, _say) if args.dask is None else DaskCluster(args.dask, _say)
     options = {*ALWAYS_ALIKE, "dark", "method", *request.options, *request.overrides}
     try:
-        with tqdm(total=summary.frames, initial=summary.earlier, unit="frame", delay=DELAY_S,
+        with tqdm(total=summary.frames, initial=summary.earlier, unit="frame",
                   mininterval=0.1 if sys.stderr.isatty() else PROGRESS_S) as bar:
             for outcome in _outcomes(Task(request), source, folder, numbers, executor):
                 error = outcome.error

@@ -1,4 +1,4 @@
-"""`srt3d reconstruct --frames`: the files of --frame N, byte for byte, whoever makes them and however often it stops."""
+"""`srt3d reconstruct --frames`: the files of --frame N, byte for byte, whoever makes them, stopped or not."""
 
 import json
 import os
@@ -156,7 +156,8 @@ def test_a_folder_keeps_to_the_options_and_the_input_with_which_it_was_begun(tmp
 
 @pytest.mark.parametrize(("arguments", "line"), [
     (("--frames", "0:6"), "frames is 0:6: expected all, or first and last such as 0:5, the last there is"),
-    (("--frames", "3:2"), "frames is 3:2"), (("--frames", "some"), "frames is some"), (("--frames", "-1:2"), "--frames"),
+    (("--frames", "3:2"), "frames is 3:2"), (("--frames", "some"), "frames is some"),
+    (("--frames", "-1:2"), "--frames"),
     (("--frames", "all", "--frame", "1"), "frame is 1: expected nothing beside --frames"),
     (("--frames", "all", "--jobs", "0"), "jobs is 0: expected 1 or more"),
     (("--frames", "all", "--jobs", "2", "--dask", "tcp://a:1"), "jobs is 2: expected nothing beside --dask"),
