@@ -43,8 +43,7 @@ def open(path: str | Path, frame: int = 0, photons_topic: str = "", **options: A
         options: what the file does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate, ….
 
     Returns:
-        Photons; a PhotonStream if they are too many to keep, which `sketch` and `reconstruct` take alike; of a bag
-        without photons a Sketch, which `reconstruct` takes.
+        Photons; a PhotonStream if they are too many to keep; a Sketch of a bag of sketches. `reconstruct` takes all.
 
     Raises:
         InvalidInput: naming the file and what cannot be used.
@@ -91,7 +90,7 @@ def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = 
         require(row is None and col is None and toa is None, "counts", "given beside photons", "one or the other")
         return arrays.from_counts(counts, sensor, stamp_ns, options)
     if isinstance(row, str | Path):     # what the file lacks is needed to read it; the rest only describes the sensor
-        row = open(row, **{name: options.pop(name) for name in FILE_OPTIONS if name in options})
+        row = open_stream(row, **{name: options.pop(name) for name in FILE_OPTIONS if name in options})
     if isinstance(row, Photons | PhotonStream | PhotonEvents | PhotonGates | PhotonHistograms):
         require(col is None and toa is None, "col and toa", "given", "none beside photons that have theirs")
         return arrays.completed(row, sensor, options)

@@ -98,7 +98,7 @@ def _outcomes(task: Task, source: BagSource | LogSource, folder: Folder, numbers
         elif not folder.file(place.number).exists():
             waiting[executor.submit(reconstruct_frame, task, place, folder.file(place.number))] = place.number
         if waiting and (places is None or len(waiting) >= executor.most_waiting):
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            for future in sorted(wait(waiting, return_when=FIRST_COMPLETED).done, key=waiting.get):
                 yield _outcome(future, waiting.pop(future))
     if broken is not None:
         raise broken

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ from srt3d_ros import api, devices
 from srt3d_ros.batch.request import Request
 from srt3d_ros.datasets.bag import is_bag
 from srt3d_ros.datasets.bag_photons import BagFrames, FramePlace
+from srt3d_ros.datasets.in_order import InOrder
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import require
 from srt3d_ros.results import Sketch
@@ -54,7 +54,7 @@ class LogSource:
 
     def __init__(self, request: Request, device: devices.Device):
         self._path, self._device, self._overrides = request.input, device, request.overrides
-        self._next, self._rest = 0, self._from_start()
+        self._frames = InOrder(self._from_start)
         self._length = sum(1 for _ in self._from_start())
 
     def __len__(self) -> int:
@@ -71,11 +71,7 @@ class LogSource:
 
     def read(self, place: LogPlace) -> Photons:
         """A frame; InvalidInput if it cannot be read."""
-        if place.number < self._next:
-            self._next, self._rest = 0, self._from_start()
-        found = next(islice(self._rest, place.number - self._next, None))
-        self._next = place.number + 1
-        return found
+        return self._frames[place.number]
 
     def close(self) -> None:
         """Nothing is open."""

@@ -55,6 +55,10 @@ class Bag:
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files.
 
+    Attributes:
+        topics: that it has.
+        has_index: whether messages of a certain time can be read without those before.
+
     Raises:
         InvalidInput: there is no bag that can be read.
     """
@@ -75,6 +79,8 @@ class Bag:
                 counts[connection.topic, connection.msgtype] += connection.msgcount
             self._files = stack.pop_all()
         self.topics = tuple(BagTopic(*key, count) for key, count in counts.items())
+        # An mcap file may have been written without chunks, or cut off its index: rosbags reads such a one whole.
+        self.has_index = all(getattr(reader.storage, "chunks", True) for reader in self._readers)
 
     def __enter__(self) -> "Bag":
         return self

@@ -11,7 +11,8 @@ from typing import NamedTuple
 from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets.bag import Bag, BagTopic
+from srt3d_ros.datasets.bag import Bag, BagTopic, Message
+from srt3d_ros.datasets.in_order import InOrder
 from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, gather_options
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, json_text
@@ -99,6 +100,7 @@ class BagFrames:
             self.close()
             raise
         self._sensor: tuple[Place, tuple[SensorModel, tuple]] | None = None
+        self._messages = InOrder(self._from_start)
 
     def __enter__(self) -> "BagFrames":
         return self
@@ -157,7 +159,7 @@ class BagFrames:
         options = gather_options(self.path.absolute(), overrides)       # a bag may be the folder "."
         require(not self.are_sketches, "bag", str(self.path), "one of photons; it has sketches of them")
         sensor, notes = self._sensor_at(place.sensor)
-        frame = CODECS[self.topics.output].decode_cdr(self._raw(self.topics.frames, place.frame), sensor)[1]
+        frame = CODECS[self.topics.output].decode_cdr(self._frame(place), sensor)[1]
         photons = Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
                           f"{self.path.stem}_{place.number}", notes)
         return photons.with_options(options)
@@ -165,8 +167,7 @@ class BagFrames:
     def sketch(self, place: FramePlace) -> tuple[SensorModel, Sketch]:
         """The sketch of a frame, with its sensor; InvalidInput if it cannot be read."""
         sensor, frequencies = self._sensor_at(place.sensor)
-        raw = self._raw(self.topics.frames, place.frame)
-        return sensor, sketch_message.decode_cdr(raw, frequencies, sensor)[1]
+        return sensor, sketch_message.decode_cdr(self._frame(place), frequencies, sensor)[1]
 
     def _sensor_at(self, place: Place) -> tuple[SensorModel, tuple]:
         """The sensor, and notes on it or the frequencies of its sketches; decoded once for all frames it describes."""
@@ -179,6 +180,14 @@ class BagFrames:
                 found = sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,)
             self._sensor = place, found
         return self._sensor[1]
+
+    def _frame(self, place: FramePlace) -> bytes:
+        """A serialised frame."""
+        return (self._raw(self.topics.frames, place.frame) if self._bag.has_index else self._messages[place.number].raw)
+
+    def _from_start(self) -> Iterator[Message]:
+        with Bag(self.path) as bag:         # one of its own: without an index, a bag is read at one place at a time
+            yield from bag.messages((self.topics.frames,))
 
     def _raw(self, topic: BagTopic, place: Place) -> bytes:
         """A serialised message: only what was recorded at its time is read, where the bag has an index."""

@@ -2,7 +2,8 @@
 
 import json
 import os
-import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -117,9 +118,9 @@ def test_frames_that_fail_are_a_line_each_and_the_same_command_tries_only_them_a
     bag = write_bag(tmp_path / "bag", broken=(2, 4))
     for earlier in (0, FRAMES - 2):
         code, out, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all")
-        lines = [line for line in err.splitlines() if line.startswith("srt3d: ")]      # beside the progress bar's
-        assert code == 1 and len(lines) == 3 and lines[-1].startswith(f"srt3d: 2 of {FRAMES} frames failed; ")
-        assert lines[0].startswith("srt3d: frame 2: ") and lines[1].startswith("srt3d: frame 4: ")
+        lines = sorted(line for line in err.splitlines() if line.startswith("srt3d: "))     # beside the progress bar's
+        assert code == 1 and len(lines) == 3 and lines[0].startswith(f"srt3d: 2 of {FRAMES} frames failed; ")
+        assert lines[1].startswith("srt3d: frame 2: ") and lines[2].startswith("srt3d: frame 4: ")
         assert f"{earlier} were there, 2 failed" in out
         assert len(files(tmp_path / "all")) == FRAMES - 2
 
@@ -190,19 +191,30 @@ def test_a_dask_cluster_makes_the_same_files_though_a_worker_is_killed_half_way(
     distributed = pytest.importorskip("distributed")
     bag, frames = write_bag(tmp_path / "bag", frames=60), 60
 
-    def kill_half_way(pid: int) -> None:
+    def kill_half_way(worker: subprocess.Popen) -> None:
         while len(list((tmp_path / "dask").glob("frame*"))) < frames // 2:
             time.sleep(0.001)
-        os.kill(pid, signal.SIGKILL)
+        worker.kill()
 
-    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
-        pid = next(iter(cluster.workers.values())).pid
-        killer = threading.Thread(target=kill_half_way, args=(pid,), daemon=True)
-        killer.start()
-        code, out, _ = reconstruct(bag, "--frames", "all", "--out", tmp_path / "dask", "--dask",
-                                   cluster.scheduler_address)
-        killer.join(10)
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        command_line = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1",
+                        "--no-nanny", "--no-dashboard", "--local-directory", tmp_path]
+        workers = [subprocess.Popen(command_line, stderr=subprocess.DEVNULL, env=os.environ | {
+            "PYTHONPATH": os.pathsep.join(sys.path)}) for _ in range(2)]
+        try:
+            with distributed.Client(cluster, set_as_default=False) as client:
+                client.wait_for_workers(2, 60)
+            killer = threading.Thread(target=kill_half_way, args=(workers[0],), daemon=True)
+            killer.start()
+            code, out, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "dask", "--dask", address)
+            killer.join(10)
+        finally:
+            for worker in workers:
+                worker.kill()
+                worker.wait()
     assert code == 0 and out.startswith("60 of 60 frames reconstructed") and not killer.is_alive()
+    assert f"{address}: 2 workers" in err
     monkeypatch.setattr(command, "LocalProcesses", InProcess)
     assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "here")[0] == 0
     assert files(tmp_path / "dask") == files(tmp_path / "here")

@@ -288,9 +288,10 @@ def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
     assert sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
 
 
-def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, storage):
+@pytest.mark.parametrize("kind", [*STORAGES, "without index"])
+def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
     """Two descriptions, the first of which comes late, and messages that were recorded at the same time."""
-    writer = BagWriter(tmp_path / "bag", storage)
+    writer = BagWriter(tmp_path / "bag", kind if kind in STORAGES else "mcap")
     writer.add_topic("/sensor", TEXT, [LATCHED])
     writer.add_topic("/photons", CLOUD, [Offer()])
     steps = [(1, 0), (1, 1), (1, SENSOR), (2, 2), (2, OTHER), (2, 3), (3, 4)]
@@ -298,10 +299,15 @@ def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, storage):
         is_frame = isinstance(what, int)
         writer.write(*("/photons", time, photons_of(what)) if is_frame else ("/sensor", time, described(what)))
     writer.close()
+    if kind == "without index":
+        whole = (file := storage_file(tmp_path / "bag")).read_bytes()
+        file.write_bytes(whole[:-28] + bytes(16) + whole[-12:])        # where the summary begins
+    with Bag(tmp_path / "bag") as bag:
+        assert bag.has_index == (kind in STORAGES)
     with BagFrames(tmp_path / "bag") as frames:
         places = list(frames.places())
         assert [place.number for place in places] == list(range(5)) and list(frames.places(3)) == places[3:]
-        for place in reversed(places):
+        for place in (*reversed(places), *places[::2]):
             found = frames.photons(place, {})
             assert found.frame.toa[0] == place.number
             assert found.sensor.num_bins == (40 if place.number > 2 else 50)
