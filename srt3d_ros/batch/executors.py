@@ -84,7 +84,10 @@ class _Child:
     def __init__(self, cores: int):
         self._connection, childs = SPAWN.Pipe()
         self._process = SPAWN.Process(target=_serve, args=(childs, cores), daemon=True)
+        # Ctrl-C reaches the parent, which ends this process; that is not to complain of it, not even while it starts.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         self._process.start()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         childs.close()
 
     def call(self, function: Callable, arguments: tuple) -> Any:
@@ -106,7 +109,6 @@ class _Child:
 
 
 def _serve(connection: Connection, cores: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)        # Ctrl-C reaches the parent too, which ends this process
     while True:
         try:
             function, arguments = connection.recv()

@@ -27,7 +27,7 @@ def test_what_a_killed_process_did_is_done_once_more_by_another(tmp_path):
     processes = LocalProcesses(2, said.append)
     try:
         how = ("once", "well", "killed", "refused", "missing", *["well"] * 6)
-        futures = [processes.submit(end, what, str(tmp_path / "marker")) for what in how]
+        futures = [processes.submit(end, what, str(tmp_path / what)) for what in how]
         with pytest.raises(ProcessDied, match="was killed by SIGKILL, 2 times"):
             futures[2].result(60)
         with pytest.raises(InvalidInput, match=r"^toa is \{1\}: expected bins$"):
