@@ -60,7 +60,8 @@ def reconstruct_frames(request: Request, args: argparse.Namespace) -> Summary:
 
 def _run(request: Request, source: BagSource | LogSource, folder: Folder, numbers: range, summary: Summary,
          args: argparse.Namespace) -> None:
-    executor = LocalProcesses(args.jobs or 1, _say) if args.dask is None else DaskCluster(args.dask, _say)
+    jobs = min(args.jobs or 1, summary.frames - summary.earlier)
+    executor = LocalProcesses(jobs, _say) if args.dask is None else DaskCluster(args.dask, _say)
     options = {*ALWAYS_ALIKE, "dark", "method", *request.options, *request.overrides}
     try:
         with tqdm(total=summary.frames, initial=summary.earlier, unit="frame",
