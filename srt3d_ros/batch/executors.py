@@ -28,7 +28,7 @@ class ProcessDied(Exception):
 
 
 class LocalProcesses:
-    """LocalProcesses of this machine, each with one frame at a time and its share of the cores.
+    """Processes of this machine, each with one frame at a time and its share of the cores.
 
     Args:
         jobs: how many.
