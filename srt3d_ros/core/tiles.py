@@ -34,7 +34,7 @@ class Tile:
         if not text:
             return cls()
         try:
-            row, col, rows, cols = (int(number) for number in text.split(","))
+            row, col, rows, cols = (int(number) for number in text.strip("[]").split(","))
         except ValueError:
             raise InvalidInput("tile", text, FORM) from None
         require(0 <= row < rows and 0 <= col < cols, "tile", text, f"{FORM}; row below rows, col below cols")
