@@ -89,6 +89,7 @@ class ReconstructorNode(PipelineNode):
         self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: tuple[SensorModel, tuple[int, ...]] | None = None
         self._former: FormerDescription | None = None
+        self._refused: String | None = None     # a description that these parameters cannot be used with
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
         self._uneven = False                # whether the log says that an uneven background is taken out
         self.parameters.on_check = self._check
@@ -108,7 +109,7 @@ class ReconstructorNode(PipelineNode):
 
     def activate(self) -> None:
         """Follow the sketches and their description."""
-        self._described = self._former = None
+        self._described = self._former = self._refused = None
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("sketch", self._on_sketch, handle_outdated=self._on_outdated_sketch)
@@ -146,6 +147,8 @@ class ReconstructorNode(PipelineNode):
         if self._described is not None and options(settings) != options(self._settings):
             self._rebuild(self._described, settings)
         self._settings = settings
+        if self._refused is not None:
+            self._on_sensor(self._refused)
 
     def _rebuild(self, described: tuple[SensorModel, tuple[int, ...]], settings: dict[str, Value]) -> None:
         reconstructor = build(described, settings)
@@ -158,6 +161,7 @@ class ReconstructorNode(PipelineNode):
             self.get_logger().info(f"tile {settings['tile']}: rows {rows}, columns {cols}")
 
     def _on_sensor(self, message: String) -> None:
+        self._refused = message
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
         if self._described is None or frequencies != self._described[1] or not sensor.same_as(self._described[0]):
             before, reconstructor, valid_from_ns = self._described, self._reconstructor, self.valid_from_ns
@@ -167,6 +171,7 @@ class ReconstructorNode(PipelineNode):
                 self.drop_older()
                 self._former = FormerDescription(*before, reconstructor, valid_from_ns)
             self.get_logger().info(f"sketches: {in_words(sensor)}, {len(frequencies)} frequencies")
+        self._refused = None
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
                               frequencies=" ".join(map(str, frequencies)))
         self.release_frames()

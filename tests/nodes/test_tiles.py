@@ -78,12 +78,11 @@ def test_four_reconstructors_in_two_namespaces_publish_the_cloud_of_one(graph, r
     np.testing.assert_allclose(together["background"][order], whole.background[whole.row, whole.col], atol=0.1)
 
 
-def test_images_and_organised_clouds_show_the_tile_and_another_one_can_be_chosen_live(graph, describe, scene):
+def test_images_and_organised_clouds_show_the_tile_which_can_be_changed_live(graph, describe, scene):
     (sketch, sensor), clouds = scene, graph.collect(PointCloud2, "points")
     depths, cameras = graph.collect(Image, "depth"), graph.collect(CameraInfo, "camera_info")
     process = graph.start("reconstructor", lossless=True, organised=True, fields="full", upsampling=2, device="cpu",
-                          tile="1,0,2,3").ready()
-    graph.reports("reconstructor", "rows", ROWS)
+                          tile="0,0,151,1").ready()
     message = sketch_message.encode_cdr(sketch, "spad")
 
     def set_parameters(**values) -> str:
@@ -109,6 +108,10 @@ def test_images_and_organised_clouds_show_the_tile_and_another_one_can_be_chosen
         rays = sensor.upsampled(2).rays[points["row"], points["col"]]
         np.testing.assert_allclose(points["xyz"], rays * np.linalg.norm(points["xyz"], axis=1)[:, None], atol=1e-4)
 
+    impossible = "tile is 0,0,151,1: expected no more tiles than pixels, 150 × 162"
+    graph.wait(lambda: impossible in graph.report("reconstructor").get("message", ""), impossible)
+    assert set_parameters(tile="1,0,2,3") == ""
+    graph.reports("reconstructor", "rows", ROWS)
     graph.matched(describe)
     shown(75, 0)
     assert "tile 1,0,2,3: rows 150 to 299, columns 0 to 107" in process.text
