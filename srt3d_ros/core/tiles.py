@@ -89,10 +89,9 @@ class TileReconstruction:
         """Begin with the sketch of the window; the function returned waits for the tile's cloud: see `Pooled`."""
         if isinstance(self._inner, Pooled):
             wait = self._inner.submit(sketch)
-        else:
-            found = self._inner(sketch)
-            wait = lambda: found        # noqa: E731
-        return lambda: wait().cropped(*self._kept)
+            return lambda: wait().cropped(*self._kept)
+        cloud = self._inner(sketch).cropped(*self._kept)
+        return lambda: cloud
 
     @property
     def uneven_background(self) -> float:
