@@ -11,7 +11,7 @@ from srt3d_ros.messages.schema import cloud_layouts
 
 
 def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
-               organised: bool = False) -> bytes:
+               organised: bool = False, first_pixel: tuple[int, int] = (0, 0)) -> bytes:
     """The serialised message of a cloud.
 
     Args:
@@ -21,6 +21,7 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
         sensor: needed by "full" alone, which gives depth_std in metres, and t if the sensor has `pixel_times_s`.
         organised: one point a pixel, rows × cols, its first; where a pixel has none x, y, z and depth_std are NaN
             and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
+        first_pixel: of a tile's cloud, its first row and column in the whole array, from which "full" counts.
     """
     require(layout in ("xyzi", "full"), "layout", layout, "xyzi or full")
     times_s = sensor.pixel_times_s if layout == "full" and sensor is not None else None
@@ -37,6 +38,9 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
         points = _in_their_pixels(points, cloud)
     if times_s is not None:
         points["t"] = times_s if organised else times_s[cloud.row, cloud.col]
+    if layout == "full":
+        for name, first in zip(("row", "col"), first_pixel):
+            points[name] += first
     dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
     return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
 

@@ -95,6 +95,13 @@ def test_organised_cloud_has_the_first_point_of_each_pixel_in_its_place(two_in_o
         assert np.isnan(grid["depth_std"][nothing]).all()
 
 
+@pytest.mark.parametrize("organised", [False, True])
+def test_rows_and_columns_of_a_tile_count_from_its_first_pixel(two_in_one_pixel, small_sensor, organised):
+    message = points.encode_cdr(two_in_one_pixel, "lidar", "full", small_sensor, organised, (30_000, 70))
+    columns = points.decode_cdr(message)[1]
+    assert set(zip(columns["row"].tolist(), columns["col"].tolist())) == {(30_000, 71), (30_002, 73)}
+
+
 def test_organised_cloud_is_read_without_the_pixels_that_have_no_point(two_in_one_pixel, small_sensor):
     _, columns = points.decode_cdr(points.encode_cdr(two_in_one_pixel, "lidar", "full", small_sensor, organised=True))
     assert columns["xyz"].tolist() == [[0, 0, 2], [-4, 5, 6]] and columns["intensity"].tolist() == [5, 4]
