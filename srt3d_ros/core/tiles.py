@@ -78,6 +78,8 @@ class TileReconstruction:
         self.own = tuple(slice(part.start - around.start, part.stop - around.start)
                          for part, around in zip(pixels, self.window))
         self._inner = build(sensor.cropped(*self.window))
+        if isinstance(self._inner, Pooled):
+            self._inner.begin_at(*(around.start for around in self.window))
         self.device, factor = self._inner.device, getattr(self._inner, "upsampling", 1)
         require(max(size) * factor <= MAX_SIDE, "upsampling", factor,
                 f"at most {MAX_SIDE // max(size)} with {sensor.rows} × {sensor.cols} pixels")

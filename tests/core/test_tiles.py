@@ -46,12 +46,12 @@ def test_more_tiles_than_pixels_are_refused():
 # ---- Clouds
 
 def scene(**changes):
-    """A sketch of two walls, the right one slanted, that meet in a step off the seams, and its sensor."""
+    """A sketch of two walls that meet in a step off the seams, the right one steep, and its sensor."""
     sensor = make_sensor(156, 168, **changes)
-    depth = np.where(np.arange(168) < 70, 200.0, ramp(156, 168, 230, 0.5, 0.2))
+    depth = np.where(np.arange(168) < 70, 200.0, ramp(156, 168, 0, 3.0, 1.0) % 586)
     depth[90:130, 20:110] = 120
     frequencies = choose("auto", sensor, 10)
-    return sketch_photons(simulate(depth, 2.0, 6.0, sensor, seed=1), sensor, frequencies), sensor
+    return sketch_photons(simulate(depth, 2.0, 1.0, sensor, seed=1), sensor, frequencies), sensor
 
 
 def reconstruct(sketch, sensor, tile=Tile(), **options):
@@ -75,11 +75,9 @@ def test_the_clouds_of_all_tiles_are_the_cloud_of_the_array_without_a_gap_a_seam
     sketch, sensor = scene(mask=np.random.default_rng(1).random((156, 168)) > 0.02)
     whole = reconstruct(sketch, sensor, **options)
     parts = joined([reconstruct(sketch, sensor, tile, **options) for tile in all_tiles(2, 2)])
-    for name in ("row", "col", "surface"):
+    for name in FIELDS:
         np.testing.assert_array_equal(parts[name], whole[name], err_msg=name)
     assert len(whole["row"]) > 0.97 * sensor.mask.sum() * options.get("upsampling", 1)**2
-    for name in ("depth_bins", "intensity", "depth_std_bins", "xyz"):
-        np.testing.assert_allclose(parts[name], whole[name], rtol=1e-4, atol=1e-4, err_msg=name)
 
 
 def test_without_a_margin_there_is_a_seam(monkeypatch):
