@@ -144,7 +144,7 @@ class SketchOutput:
     def _report(self, before: str) -> None:
         """Say in /diagnostics what is in force, and in the log when it begins and ends; `before`: why it was so."""
         budget, diagnostics, log = self._budget, self._node.diagnostics, self._node.get_logger()
-        now = {"coding_step_now": f"{budget.step:.3g}", "frames_per_sketch": budget.frames,
+        now = {"coding_step_now": f"{budget.step:.3g}", "frames_per_sketch": f"{budget.frames:.2g}",
                "sketch_mbit_s": f"{budget.mbit_s:.1f}"}
         if not budget.step:
             del now["coding_step_now"]

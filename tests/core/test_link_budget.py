@@ -46,6 +46,13 @@ def test_a_link_that_keeps_up_gets_every_frame_as_it_is():
     assert not link.budget.why and link.budget.mbit_s == pytest.approx(BYTES * 30 * 8e-6, rel=0.05)
 
 
+def test_a_busy_machine_that_is_late_now_and_then_coarsens_nothing():
+    budget = LinkBudget(100, STEP)
+    for k in range(300):
+        budget.sent(k * PERIOD_S, BYTES, 2 if k % 12 == 0 else 1)
+    assert budget.step == STEP and not budget.why
+
+
 def test_a_link_that_slows_down_makes_no_frame_old_and_all_is_well_again_when_it_is_fast():
     link = Link(LinkBudget(100, STEP))
     link.run(5, mbit_s=100)
@@ -64,7 +71,7 @@ def test_the_mean_stays_below_the_limit_and_near_it(limit_mbit_s):
     link.run(20, mbit_s=1000)
     mbit_s = link.bytes * 8e-6 / 20
     assert 0.6 * limit_mbit_s < mbit_s < 1.02 * limit_mbit_s
-    assert link.budget.why == LIMIT
+    assert link.budget.why == (LIMIT if limit_mbit_s < 40 else "")      # 7 % too much: a frame is merged now and then
 
 
 def test_a_step_is_refined_only_where_there_is_room():

@@ -85,7 +85,7 @@ def test_for_a_reader_that_halts_frames_are_merged_until_it_goes_on(graph, senso
     finally:
         enough.set()
         sender.join()
-    assert int(degraded["frames_per_sketch"]) > 1 and degraded["level"] == DiagnosticStatus.WARN
+    assert float(degraded["frames_per_sketch"]) > 1 and degraded["level"] == DiagnosticStatus.WARN
     report = graph.reports("sketcher", "under_way", 0)
     graph.wait(lambda: len(sketches) == int(report["frames_out"]), "the sketches")
     assert sum_of(sketches, sensor)[0] == int(report["photons_in"]) and report["dropped"] == "0"
