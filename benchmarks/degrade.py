@@ -161,7 +161,8 @@ def draw(path: Path, series: dict[float, dict[str, np.ndarray]]) -> None:
         panel.set_ylabel(label)
     left[0].axhline(OLD_MS, color="black", linewidth=1, linestyle=":")
     left[0].set_yscale("log")
-    left[0].yaxis.set_major_formatter("{x:g}")
+    left[0].set_yticks([20, 50, 100, 200, OLD_MS, 1000], labels=["20", "50", "100", "200", "500", "1000"])
+    left[0].minorticks_off()
     left[0].legend(frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=2, markerscale=2)
     for begins_s, (_, mbit_s) in zip(ends_s, PHASES):
         left[1].annotate(f"link: {mbit_s:g} Mbit/s", (begins_s + 0.3, 0.1))
