@@ -18,9 +18,10 @@ TOLERATED = 1.2
 CALM_S = 2.0            # without more, before the next finer step and before all is well
 BURST_S = 0.1           # of the limit's bytes that may be sent at once: stamps and sizes jitter
 MAX_WAIT_S = 0.4        # for an acknowledgement: a reader that was killed gives none until DDS forgets it, after 20 s
-# Unacknowledged bytes that keep no frame waiting: a link of 10 Mbit/s carries them in 26 ms. An acknowledgement takes
-# up to 16 ms on any link (heartbeats: config/fastdds_network.xml), the time between two frames of a small array.
-FREE_BYTES = 32_768
+# Unacknowledged sketches that keep no frame waiting, and their bytes: a link of 10 Mbit/s carries them in 26 ms. An
+# acknowledgement takes up to 16 ms on any link (heartbeats: config/fastdds_network.xml): two frames of a fast sensor.
+# Publishers keep eight sketches (PUBLISH_DEPTH) to be sent again.
+FREE_SKETCHES, FREE_BYTES = 4, 32_768
 MEAN_S = 1.0            # over which rates are taken
 LIMIT, READERS = "max_mbit_s", "readers acknowledge late"
 
@@ -43,17 +44,17 @@ class LinkBudget:
         self._coarsest = max(COARSEST, step) if step else 0.0
         self.step, self.why = step, ""
         self._paid_s = self._sent_s = self._calm_since_s = -float("inf")
-        self._unacknowledged = 0
+        self._unacknowledged: deque[int] = deque(maxlen=FREE_SKETCHES)      # sizes
         self._held_back_by = LIMIT
         self._recent: deque[tuple[float, int, int]] = deque()       # when, bytes, frames
 
     def must_wait(self, now_s: float, acknowledged: bool) -> bool:
         """Whether a frame has to wait now; `acknowledged`: whether readers have all that was sent."""
         if acknowledged:
-            self._unacknowledged = 0
+            self._unacknowledged.clear()
         if now_s < self._paid_s:
             self._held_back_by = LIMIT
-        elif self._unacknowledged > FREE_BYTES and now_s < self._sent_s + MAX_WAIT_S:
+        elif self._is_late() and now_s < self._sent_s + MAX_WAIT_S:
             self._held_back_by = READERS
         else:
             return False
@@ -62,7 +63,7 @@ class LinkBudget:
     def sent(self, now_s: float, size: int, frames: int) -> None:
         """Take note of a sketch that was sent: its bytes, and the frames that were merged for it."""
         self._paid_s = max(self._paid_s, now_s - BURST_S) + size * self._s_per_byte
-        self._unacknowledged += size
+        self._unacknowledged.append(size)
         self._sent_s = now_s
         self._recent.append((now_s, size, frames))
         while self._recent[0][0] <= now_s - MEAN_S:
@@ -74,6 +75,9 @@ class LinkBudget:
             self.why = ""
         elif now_s >= self._calm_since_s + CALM_S and self.mbit_s * (1 + ROOM) < self.settings[0]:
             self.step, self._calm_since_s = max(self.step * FINER, self._finest), now_s
+
+    def _is_late(self) -> bool:
+        return len(self._unacknowledged) == FREE_SKETCHES or sum(self._unacknowledged) > FREE_BYTES
 
     @property
     def mbit_s(self) -> float:

@@ -99,9 +99,10 @@ def test_a_reader_that_is_gone_holds_up_the_others_for_a_bounded_time():
     assert not budget.must_wait(link_budget.MAX_WAIT_S, False)
 
 
-def test_small_sketches_wait_for_no_acknowledgement_until_there_are_many():
+@pytest.mark.parametrize(("size", "sketches"), [(link_budget.FREE_BYTES // 2, 3), (1000, link_budget.FREE_SKETCHES)])
+def test_small_sketches_wait_for_no_acknowledgement_until_there_are_many(size, sketches):
     budget = LinkBudget(100, STEP)
-    for k in range(4):
+    for k in range(sketches):
         assert not budget.must_wait(k * 0.01, False)
-        budget.sent(k * 0.01, link_budget.FREE_BYTES // 3, 1)
+        budget.sent(k * 0.01, size, 1)
     assert budget.must_wait(0.04, False) and not budget.must_wait(0.04, True)
