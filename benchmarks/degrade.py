@@ -1,7 +1,8 @@
 """A link of 100 Mbit/s that falls to 10 and rises again: how old clouds are and how good, with max_mbit_s and without.
 
-A moving head of 141 × 141 pixels at 30 Hz, m = 10, through player and sketcher on one machine, reconstructor on the
-other (machines.py: needs root and iproute2). Errors are those from the true scene at the stamp of each cloud.
+A moving head of 141 × 141 pixels, m = 10, through player and sketcher on one machine to a reader on the other that keeps
+the sketches (machines.py: needs root and iproute2). They are reconstructed afterwards, as the node would. Errors are
+those from the true scene at the stamp of each sketch.
 """
 
 import argparse
