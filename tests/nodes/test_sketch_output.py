@@ -4,7 +4,6 @@ import dataclasses
 import threading
 import time
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
@@ -89,16 +88,6 @@ def test_for_a_reader_that_halts_frames_are_merged_until_it_goes_on(graph, senso
     report = graph.reports("sketcher", "packets", len(sent))
     graph.wait(lambda: len(sketches) == int(report["frames_out"]), "the sketches")
     assert sum_of(sketches, sensor)[0] == len(sent) * events.photons and report["dropped"] == "0"
-
-
-def test_a_sliding_window_holds_the_photons_of_frames_that_were_not_sent(graph, sensor, events, start):
-    sketches, send = start(layout="coded", max_mbit_s=0.05, window_frames=100)
-    send(30)
-    report = graph.reports("sketcher", "packets", 30)
-    graph.wait(lambda: len(sketches) == int(report["frames_out"]), "the sketches")
-    last = sketch_message.decode_cdr(serialize_message(sketches[-1]), FREQUENCIES, sensor)[1]
-    assert len(sketches) < 20 and int(last.photons.sum()) == 30 * events.photons
-    np.testing.assert_array_equal(last.photons % 30, 0)
 
 
 def test_what_waits_is_sent_before_the_node_ends(graph, sensor, events, start):
