@@ -1,4 +1,4 @@
-"""A link of 100 Mbit/s that falls to 10 and rises again: how old sketches are and how good, with and without max_mbit_s.
+"""A link of 100 Mbit/s that falls to 10 and rises again: age and quality of sketches with max_mbit_s and without.
 
 A moving head of 141 × 141 pixels, m = 10, goes through player and sketcher on one machine to a reader on the other that
 keeps the sketches (machines.py: needs root and iproute2). They are reconstructed afterwards, as the node would; errors
