@@ -11,7 +11,7 @@ from srt3d_ros.core.framing import Framing, OpenFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
@@ -49,7 +49,7 @@ class SketcherNode(PipelineNode):
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction
-        self._output = SketchOutput(self)
+        self._output = SketchOutput(self, self._failed)
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
         self.parameters.on_change = self._on_change
@@ -89,8 +89,8 @@ class SketcherNode(PipelineNode):
         self._drop_incomplete(self._framing.clear())
 
     def open_frame(self) -> tuple[int, int]:
-        """Packets of the open frame, and their photons."""
-        return self._framing.open if self._framing else (0, 0)
+        """Packets of the open frame and of those that wait to be sent, and their photons."""
+        return tuple(map(sum, zip(self._framing.open, self._output.waiting))) if self._framing else (0, 0)
 
     def _reset(self) -> str:
         self.forget()
@@ -182,6 +182,8 @@ class SketcherNode(PipelineNode):
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
+        require(not (values["lossless"] and values["max_mbit_s"]), "max_mbit_s", values["max_mbit_s"],
+                "0 with lossless, which sends every frame")
         sensor = self._sensor or self._choice.file or precompile.ANY_SENSOR
         design = SketchDesign(sensor, *design_settings(values))
         WindowSketcher(sensor, design.frequencies, values["window_frames"], gate=design.gate)
@@ -256,6 +258,7 @@ class SketcherNode(PipelineNode):
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
         """Drop a frame that did not end, if there is one, and begin a new window."""
+        self._output.flush()
         if frame is not None:
             self.diagnostics.drop("incomplete", *frame)
         if self._sketcher is not None:

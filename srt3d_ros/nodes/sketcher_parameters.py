@@ -50,6 +50,10 @@ PARAMETERS = (
     Parameter("coding_step", DEFAULT_STEP, "For coded: sums are rounded to multiples of so many standard deviations of "
               "their photon noise. Rounding adds coding_step² / 12 to its variance; twice the step saves two bits of "
               "each complex number.", "σ", MIN_STEP, MAX_STEP, live=True),
+    Parameter("max_mbit_s", 0.0, "What a link to another machine can spare for `sketch`: the mean of what is sent "
+              "stays below. Where that or a reliable reader does not keep up, a frame waits, those that come meanwhile "
+              "are added to it, and `coding_step` doubles up to 1.6, until there is room again (WARN in /diagnostics). "
+              "0: every frame is sent, as it is.", "Mbit/s", 0, 100_000, live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     LOSSLESS,
 )
@@ -72,6 +76,8 @@ SPEC = NodeSpec(
         "`photons` are counted as the message announces them; those of `gates` and `histograms` as they are read: of "
         "those that never were (`queue`, `malformed`, `no_sensor`, `contradiction`, `outdated`, `inactive`, "
         "`shutdown`), the packets are counted and the photons are not known.",
+        "With `max_mbit_s`, frames that wait to be sent are `under_way`, and a sketch of several has the first's "
+        "stamp. /diagnostics then has `coding_step_now`, `frames_per_sketch` and `sketch_mbit_s`.",
         "Another sensor or gate, other frequencies, and stamps that begin again start a new window.",
     ),
     balances=(PACKETS, PHOTONS),
