@@ -12,7 +12,9 @@ from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import appearing_whole
 
 # Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
-FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0), "sensor": ("u", 1)}
+FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
+        "added_variance": ("f", 0), "sensor": ("u", 1)}
+SINCE = {"added_variance": np.float64(0)}       # what files of the version before lack
 
 
 def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
@@ -28,7 +30,7 @@ def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
     try:
         with appearing_whole(path) as part:
             np.savez(part, frequencies=np.array(sketch.frequencies), sums=sketch.sums, photons=sketch.photons,
-                     stamp_ns=np.int64(sketch.stamp_ns), sensor=text)
+                     stamp_ns=np.int64(sketch.stamp_ns), added_variance=np.float64(sketch.added_variance), sensor=text)
     except OSError as error:
         raise InvalidInput("sketch file", str(path), f"a file that can be written ({error.strerror})") from None
 
@@ -41,7 +43,7 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel]:
     """
     path = Path(path)
     require_file(path, "sketch file")
-    arrays = read_npz_arrays(path, tuple(FORM))
+    arrays = SINCE | read_npz_arrays(path, tuple(FORM))
     with naming_file(path):
         for name, (kinds, sides) in FORM.items():
             require(name in arrays, name, "missing", f"the arrays {', '.join(FORM)} of a sketch file")
@@ -55,8 +57,10 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel]:
         sensor = sensor_message.from_json(text)
         sums, photons = arrays["sums"].astype(np.complex64), arrays["photons"].astype(np.uint32)
         require(bool(np.isfinite(sums).all()), "sums", "not finite in places", "sums of unit vectors")
-        frequencies = check_frequencies(arrays["frequencies"].tolist(), sensor.num_bins)
-        sketch = Sketch(frequencies, sums, photons, int(arrays["stamp_ns"]))
+        frequencies, added_variance = arrays["frequencies"].tolist(), float(arrays["added_variance"])
+        require(0 <= added_variance < np.inf, "added_variance", added_variance, "0 or more")
+        sketch = Sketch(check_frequencies(frequencies, sensor.num_bins), sums, photons, int(arrays["stamp_ns"]),
+                        added_variance)
         _check(sketch, sensor)
     return sketch, sensor
 

@@ -12,7 +12,8 @@ from srt3d_ros.errors import InvalidInput
 SENSOR = SensorModel(2, 3, 50, 1e-10, np.eye(6, 9) + 0.2, gain=np.full((2, 3), 0.5), mask=np.eye(2, 3) == 0,
                      projection=AngularScan(0.1, 0.2, 0.3, 0.4), gates=GateWords(5), toa_offset_bins=1 / 3)
 PHOTONS = np.array([[3, 0, 2], [1, 1, 4_000_000_000]], np.uint32)
-SKETCH = Sketch((1, 4), (PHOTONS[..., None] * np.exp([0.1j, 0.7j])).astype(np.complex64), PHOTONS, 1_700_000_000_000)
+SKETCH = Sketch((1, 4), (PHOTONS[..., None] * np.exp([0.1j, 0.7j])).astype(np.complex64), PHOTONS, 1_700_000_000_000,
+                added_variance=0.013)
 
 
 @pytest.fixture
@@ -24,14 +25,22 @@ def path(tmp_path):
 def test_what_is_written_is_read_to_the_bit(path):
     sketch, sensor = sketch_file.read(path)
     assert sensor.same_as(SENSOR)
-    assert (sketch.frequencies, sketch.stamp_ns) == ((1, 4), SKETCH.stamp_ns)
+    assert (sketch.frequencies, sketch.stamp_ns, sketch.added_variance) == ((1, 4), SKETCH.stamp_ns, 0.013)
     for name in ("sums", "photons"):
         assert np.array_equal(getattr(sketch, name), getattr(SKETCH, name))
         assert getattr(sketch, name).dtype == getattr(SKETCH, name).dtype
     assert [file.name for file in path.parent.iterdir()] == ["sketch.npz"]
 
 
+def test_a_file_of_the_version_before_has_no_added_variance(path):
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file if name != "added_variance"}
+    np.savez(path, **arrays)
+    assert sketch_file.read(path)[0].added_variance == 0
+
+
 @pytest.mark.parametrize(("changes", "said"), [
+    ({"added_variance": np.float64("nan")}, "added_variance is nan: expected 0 or more"),
     ({"sums": None}, "sums is missing: expected the arrays frequencies, sums, "),
     ({"sums": np.zeros((2, 3, 2))}, r"sums is float64 \(2, 3, 2\): expected what Sketch.save writes"),
     ({"sums": np.full((2, 3, 2), np.nan + 0j)}, "sums is not finite in places"),
