@@ -1,0 +1,183 @@
+"""What a sensor's own motion costs, and what is left of it after sketches have been moved to one instant.
+
+A room, and depth maps of --scenes if there are any, seen at 1 m/s and 30°/s; frames of 100 ms in ten parts; SBR 1. Each
+part is drawn from several exact views. Clouds are judged against the exact depths from the pose at the instant that the
+frame promises. Lines: true detections (TD) within 10 bins, %, and depth error (DAE), bins, means over the frames:
+
+    at_rest         the sensor stands at that pose
+    not_moved       the photons of the frame are simply added
+    moved           its parts are moved by the exact trajectory, guided by the range of the last cloud
+    moved_unguided  without that
+    moved_late      by odometry at 100 Hz whose stamps are off by up to 20 ms, with 5 % noise of the velocity
+    window          ten moved frames
+"""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.deskew import Deskewer, range_image
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.motion import Trajectory
+from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.datasets.motion_profiles import Path, hand, trajectory, walk
+from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
+from srt3d_ros.datasets.room import Room, World
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+
+FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part
+SBR, TOLERANCE_BINS = 1.0, 10.0
+WINDOW = 10
+NOISE, JITTER_S = 0.05, 0.02
+FAULTY = {"noise": NOISE, "jitter_s": JITTER_S, "seed": 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A sensor that moves through a world.
+
+    Args:
+        first_s: when the first frame begins.
+    """
+
+    name: str
+    world: World
+    path: Path
+    first_s: float = 0.0
+
+
+class Views:
+    """What a moving sensor sees in one frame, cast once for all photons that are drawn from it."""
+
+    def __init__(self, view: MovingView, first_s: float):
+        step_s = FRAME_S / PARTS / VIEWS
+        seen = [view.at(first_s + (k + 0.5) * step_s) for k in range(PARTS * VIEWS)]
+        self._seen, self._step_s = [(range_m[None], reflectivity[None]) for range_m, reflectivity in seen], step_s
+
+    def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """See scene.Scene; 0 s is the frame's beginning."""
+        return self._seen[round(t_s / self._step_s)]
+
+
+def drives(scenes: FilePath | None) -> list[Drive]:
+    """The room, and the depth maps of a folder."""
+    found = sorted(scenes.glob("*.npz")) if scenes else []
+    return [Drive("room", Room(), walk, 2.0), *(Drive(path.stem, read_relief(path), hand) for path in found)]
+
+
+def packets(views: Views, sensor: SensorModel, ppp: float, seed: int) -> Iterator[list[PhotonEvents]]:
+    """The photons of each part, so many lists of events."""
+    rate_hz = PARTS * VIEWS / FRAME_S
+    simulator = Simulator(views, sensor, SBR, ppp / PARTS / VIEWS, seed, rate_hz)
+    for part in range(PARTS):
+        yield [simulator.frame(part * VIEWS + k)[0] for k in range(VIEWS)]
+
+
+def part_sketches(views: Views, sensor: SensorModel, frequencies, first_s: float, ppp: float, seed: int
+                  ) -> list[tuple[int, Sketch]]:
+    """The parts of a frame: the middle of each, ns, and its sketch."""
+    sketcher, parts = Sketcher(sensor, frequencies), []
+    for part, photons in enumerate(packets(views, sensor, ppp, seed)):
+        sketcher.reset()
+        for events in photons:
+            sketcher.add(events)
+        parts.append((round((first_s + (part + 0.5) * FRAME_S / PARTS) * 1e9), sketcher.sketch()))
+    return parts
+
+
+def at_rest(range_m: np.ndarray, reflectivity: np.ndarray, sensor: SensorModel, frequencies, ppp: float, seed: int
+            ) -> Sketch:
+    """The sketch of a sensor that stands still."""
+    simulator = Simulator(StaticScene(range_m, reflectivity), sensor, SBR, ppp, seed)
+    sketcher = Sketcher(sensor, frequencies)
+    sketcher.add(simulator.frame(0)[0])
+    return sketcher.sketch()
+
+
+@dataclass
+class Method:
+    """One way to a cloud: a sketcher that moves frames, or adds them if there is no trajectory."""
+
+    sketcher: MovingSketcher
+    pooled: Pooled
+    known: Trajectory | None
+    guided: bool = True
+    last: PointCloud | None = None
+
+    def cloud(self, frame: MovingFrame) -> PointCloud:
+        """The cloud of the next frame."""
+        guide = None
+        if self.guided and self.known is not None and self.last is not None:
+            guide = range_image(self.sketcher.sensor, self.known.motion(self.last.stamp_ns, frame.to_ns)(self.last.xyz))
+        self.last = self.pooled(self.sketcher.finish(frame, self.known, guide))
+        return self.last
+
+
+def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory) -> dict[str, Method]:
+    """The methods by the names of their lines."""
+    def method(known: Trajectory | None, guided: bool = True, window_frames: int = 1) -> Method:
+        return Method(MovingSketcher(sensor, frequencies, window_frames, PARTS, deskew_to),
+                      Pooled(sensor, frequencies), known, guided)
+
+    return {"not_moved": method(None), "moved": method(exact), "moved_unguided": method(exact, guided=False),
+            "moved_late": method(faulty), "window": method(exact, window_frames=WINDOW)}
+
+
+def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Iterator[dict]:
+    """A line for each number of photons and each method: means over the last frames, when the window is full."""
+    sensor = moving_sensor()
+    view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
+    last_s = drive.first_s + (WINDOW + frames) * FRAME_S
+    tracks = [trajectory(lambda t_s: view.sensor_pose(t_s), drive.first_s, last_s, **kind)
+              for kind in ({"rate_hz": 200.0}, FAULTY)]
+    ways = {ppp: methods(sensor, frequencies, deskew_to, *tracks) for ppp in ppps}
+    still = {ppp: Pooled(sensor, frequencies) for ppp in ppps}
+    found: dict[tuple[float, str], list] = defaultdict(list)
+    for k in tqdm(range(WINDOW - 1 + frames), desc=drive.name, unit="frame", leave=False):
+        first_s = drive.first_s + k * FRAME_S
+        views = Views(view, first_s)
+        to_s = first_s + FRAME_S * {"start": 0, "middle": 0.5, "end": 1}[deskew_to]
+        range_m, reflectivity = view.at(to_s)
+        truth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+        for ppp in ppps:
+            sketch = at_rest(range_m, reflectivity, sensor, frequencies, ppp, k)
+            clouds = {"at_rest": still[ppp](sketch)}
+            parts = part_sketches(views, sensor, frequencies, first_s, ppp, k)
+            frame = MovingFrame(parts, round(first_s * 1e9), round((first_s + FRAME_S) * 1e9), round(to_s * 1e9))
+            clouds |= {name: way.cloud(frame) for name, way in ways[ppp].items()}
+            if k >= WINDOW - 1:
+                for name, cloud in clouds.items():
+                    found[ppp, name].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
+    for (ppp, name), metrics in found.items():
+        means = {key: float(np.mean([getattr(one, key) for one in metrics]))
+                 for key in ("true_detections", "false_detections", "dae_bins")}
+        yield {"scene": drive.name, "ppp": ppp, "method": name, "deskew_to": deskew_to,
+               "td_percent": round(100 * means["true_detections"], 2),
+               "fd_percent": round(100 * means["false_detections"], 2), "dae_bins": round(means["dae_bins"], 3),
+               "frames": len(metrics)}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenes", type=FilePath, metavar="DIR", help="depth maps (docs/evaluation.md), .npz")
+    parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
+    parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
+    parser.add_argument("--deskew-to", choices=("start", "middle", "end"), default="middle", help="(%(default)s)")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each scene, number of photons and method."""
+    for drive in drives(args.scenes):
+        yield from judge(drive, args.ppp, args.frames, args.deskew_to)
