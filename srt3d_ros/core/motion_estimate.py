@@ -48,7 +48,7 @@ class Surfaces:
     @classmethod
     def of_ranges(cls, stamp_ns: int, range_m: np.ndarray, sensor: SensorModel) -> "Surfaces":
         """Those of a range image [rows, cols], metres along the rays, NaN = unknown; at most POINTS, evenly spread."""
-        xyz = _smoothed(range_m)[..., None] * sensor.rays
+        xyz = _smoothed(range_m, sensor.rays)
         right, down = np.full_like(xyz, np.nan), np.full_like(xyz, np.nan)
         right[:, 1:-1], down[1:-1] = xyz[:, 2:] - xyz[:, :-2], xyz[2:] - xyz[:-2]
         normals = np.cross(right, down)
@@ -211,17 +211,18 @@ def _bfgs(inverse: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarr
     return left @ inverse @ left.T + np.outer(step, step) / along
 
 
-def _smoothed(range_m: np.ndarray) -> np.ndarray:
-    """Mean over the pixels near each that are not beyond an edge; NaN where the pixel itself is unknown."""
+def _smoothed(range_m: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Mean of the points near each that are not beyond an edge, which lies on their plane; NaN if it is unknown."""
     rows, cols = range_m.shape
     near = SMOOTHING
-    padded = np.pad(range_m, near, constant_values=np.nan)
-    total, number = np.zeros_like(range_m), np.zeros_like(range_m)
-    with np.errstate(invalid="ignore"):
-        for row in range(2 * near + 1):
-            for col in range(2 * near + 1):
-                other = padded[row:row + rows, col:col + cols]
-                inside = np.abs(other - range_m) < JUMP * range_m
-                total += np.where(inside, other, 0)
-                number += inside
-        return np.where(number > 0, total / number, np.nan).astype(np.float32)
+    ranges = np.pad(range_m, near, constant_values=np.nan)
+    points = np.nan_to_num(ranges)[..., None] * np.pad(rays, ((near, near), (near, near), (0, 0)))
+    total, number = np.zeros_like(rays), np.zeros_like(range_m)
+    for row in range(2 * near + 1):
+        for col in range(2 * near + 1):
+            part = slice(row, row + rows), slice(col, col + cols)
+            with np.errstate(invalid="ignore"):
+                inside = np.abs(ranges[part] - range_m) < JUMP * range_m
+            total += points[part] * inside[..., None]
+            number += inside
+    return np.where(number[..., None] > 0, total / np.maximum(number, 1)[..., None], np.float32(np.nan))
