@@ -71,6 +71,10 @@ class Pose:
         """The motion back."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
 
+    def same_as(self, other: Self) -> bool:
+        """Whether both are the same, to the bit."""
+        return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.translation, other.translation)
+
     def __matmul__(self, other: Self) -> Self:
         """First `other`, then this."""
         return type(self)(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)

@@ -153,7 +153,7 @@ class MovingSketcher(Sketcher):
         if times is None or not len(times):
             yield self._slot(frame.stamp_ns), frame.stamp_ns, 1, frame
             return
-        late_ns = times.astype(np.int64) if times.dtype.kind != "f" else np.rint(times * np.float64(1e9)).astype(np.int64)
+        late_ns = np.rint(times * (np.float64(1e9) if times.dtype.kind == "f" else 1)).astype(np.int64)
         self._end_ns = max(self._end_ns, frame.stamp_ns + int(late_ns.max()) + 1)
         self._slot_ns = self._slot_ns or -(-int(late_ns.max() + 1) // self.subframes)
         self._first_ns = frame.stamp_ns if self._first_ns is None else self._first_ns

@@ -2,7 +2,6 @@
 
 from srt3d_ros.core.gate import in_ranges
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.base import PipelineNode
@@ -19,25 +18,22 @@ class SketchOutput:
         self._node = node
         self._sketches = node.advertise("sketch")
         self._sketch_sensor = node.advertise("sketch/sensor")
-        self._described = False     # whether sketch/sensor is that of the next sketch
-
-    def begin(self) -> None:
-        """Describe the next sketches before the first is published."""
-        self._described = False
+        self._described: WindowSketcher | None = None       # whose sketches sketch/sensor describes
 
     def describe(self, sketcher: WindowSketcher) -> None:
         """Publish the description of a sketcher's sketches."""
         node, gate, frames = self._node, sketcher.gate, sketcher.window_frames
         sensor = gate.sensor if gate else sketcher.sensor
         self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, sketcher.frequencies, frames))
-        self._described = True
+        self._described = sketcher
         node.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=frames,
                               frequencies=" ".join(map(str, sketcher.frequencies)), gate=in_ranges(gate))
         node.release_frames()
 
-    def publish(self, sketch: Sketch, frame_id: str, sketcher: WindowSketcher, design: SketchDesign,
+    def publish(self, sketch: Sketch, frame_id: str, sketcher: WindowSketcher, design: str,
                 packets: int, photons: int) -> None:
-        """Publish a frame of so many packets and photons, if need be after the description of its sketcher's sketches.
+        """Publish a frame of so many packets and photons, if need be after the description of its sketcher's sketches,
+        whose design is in these words.
 
         Raises:
             InvalidInput: the sketch is not one of photons.
@@ -45,12 +41,13 @@ class SketchOutput:
         values = self._node.parameters
         data = sketch_message.encode_cdr(sketch, values["frame_id"] or frame_id, values["layout"],
                                          values["coding_step"])
-        if not self._described:
+        if self._described is not sketcher:
             self._announce(sketcher, design)
         self._node.publish_frame(self._sketches, data, sketch.stamp_ns, packets=packets, photons=photons)
 
-    def _announce(self, sketcher: WindowSketcher, design: SketchDesign) -> None:
+    def _announce(self, sketcher: WindowSketcher, design: str) -> None:
         """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
         self.describe(sketcher)
-        self._node.get_logger().info(f"sketches of {in_words(design.sensor)}: {design.in_words}")
+        sensor = sketcher.gate.sensor if sketcher.gate else sketcher.sensor
+        self._node.get_logger().info(f"sketches of {in_words(sensor)}: {design}")
         self._node.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)
