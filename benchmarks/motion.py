@@ -23,7 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.deskew import Deskewer, range_image
+from srt3d_ros.core.deskew import range_image
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.motion import Trajectory
@@ -132,7 +132,8 @@ class Method:
         return self.last
 
 
-def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory) -> dict[str, Method]:
+def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory
+            ) -> dict[str, Method]:
     """The methods by the names of their lines."""
     def method(known: Trajectory | None, guided: bool = True, window_frames: int = 1, estimator=None) -> Method:
         return Method(MovingSketcher(sensor, frequencies, window_frames, PARTS, deskew_to),

@@ -1,6 +1,6 @@
 """Where a sensor was, and when: rigid motions, and trajectories that interpolate them."""
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -9,6 +9,8 @@ import numpy as np
 from srt3d_ros.errors import require
 
 KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
+SMOOTH_NS = 100_000_000     # of odometry: longer than the jitter of its stamps is likely to be
+FEWEST = 4                  # poses that a line is drawn through
 SMALL_RAD = 1e-6            # below it sin(a) / a is 1 to the last digit of a double
 
 
@@ -85,9 +87,16 @@ class Pose:
 
 
 class Trajectory:
-    """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds."""
+    """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds.
 
-    def __init__(self) -> None:
+    Args:
+        smooth_ns: poses and stamps are noisy: where at least FEWEST poses are so near, that of an instant lies on a line
+            through them (local linear regression: Cleveland, JASA 74, 1979, with weights 1 − u²). An even motion stays
+            as it is; an acceleration of a is off by a · smooth² / 10: 1 mm for each m/s² with SMOOTH_NS.
+    """
+
+    def __init__(self, smooth_ns: int = 0) -> None:
+        self._smooth_ns = smooth_ns
         self._stamps_ns: list[int] = []
         self._poses: list[Pose] = []
 
@@ -122,6 +131,8 @@ class Trajectory:
         stamps = self._stamps_ns
         require(self.covers(stamp_ns, stamp_ns), "stamp", stamp_ns,
                 f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: no pose has come yet")
+        if self._smooth_ns and (fitted := self._fitted(stamp_ns)):
+            return fitted
         after = bisect_left(stamps, stamp_ns)
         if stamps[after] == stamp_ns:
             return self._poses[after]
@@ -131,6 +142,31 @@ class Trajectory:
         return Pose(before.rotation @ turn.rotation,
                     (1 - share) * before.translation + share * then.translation)
 
+    def _fitted(self, stamp_ns: int) -> Pose | None:
+        """The pose on a line through those around; None if they are too few."""
+        first = bisect_left(self._stamps_ns, stamp_ns - self._smooth_ns)
+        end = bisect_right(self._stamps_ns, stamp_ns + self._smooth_ns)
+        if end - first < FEWEST:
+            return None
+        away = (np.array(self._stamps_ns[first:end]) - stamp_ns) / self._smooth_ns
+        near = self._poses[first:end]
+        weight = 1 - away**2 + 1e-9         # those at the ends may be all
+        weight /= weight.sum()
+        mean, square = weight @ away, weight @ away**2
+        line = weight * (square - mean * away) / (square - mean**2)     # of what is known, at the instant
+        middle = near[int(np.abs(away).argmin())].rotation
+        turn = line @ _vectors(middle.T @ np.stack([pose.rotation for pose in near]))
+        return Pose(middle @ Pose.turned(turn).rotation, line @ np.stack([pose.translation for pose in near]))
+
     def motion(self, from_ns: int, to_ns: int) -> Pose:
         """Where a point of the sensor's frame at from_ns lies in its frame at to_ns, if the world stands still."""
         return self.at(to_ns).inverse() @ self.at(from_ns)
+
+
+def _vectors(rotations: np.ndarray) -> np.ndarray:
+    """`Pose.rotation_vector` of rotations [N, 3, 3] by less than half a turn, [N, 3]."""
+    skew = (rotations - rotations.swapaxes(1, 2)) / 2
+    axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)      # times sin(angle)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, (np.trace(rotations, axis1=1, axis2=2) - 1) / 2)
+    return axis * np.where(sine > SMALL_RAD, angle / np.maximum(sine, SMALL_RAD), 1)[:, None]

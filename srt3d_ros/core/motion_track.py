@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from srt3d_ros.core.motion import Pose, Trajectory
+from srt3d_ros.core.motion import SMOOTH_NS, Pose, Trajectory
 from srt3d_ros.errors import require
 
 GAP_NS = 500_000_000        # between reports: over it, an even motion is off by 3 cm at 1 m/s² (a t² / 8)
@@ -50,7 +50,7 @@ class MotionTrack:
 
     def __init__(self, extrinsics: Pose | None = None):
         self.extrinsics = extrinsics or Pose()
-        self.trajectory = Trajectory()
+        self.trajectory = Trajectory(SMOOTH_NS)
         self._last: MotionReport | None = None
         self._has_twist = False             # a robot at rest reports 0, as do those that never fill it in
 
@@ -68,7 +68,7 @@ class MotionTrack:
                     f"later than the last, {last.stamp_ns} ns")
             why = self._break(last, report, elapsed_ns / 1e9)
         if why:
-            self.trajectory = Trajectory()
+            self.trajectory = Trajectory(SMOOTH_NS)
         self._last = report
         if report.pose is None:
             self.trajectory.add_turn(report.stamp_ns, self.extrinsics.rotation.T @ report.rate_rad_s)

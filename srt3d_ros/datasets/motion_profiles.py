@@ -6,6 +6,7 @@ moves in it, x forward, y left, z up. All motions are smooth, begin in motion an
 
 from collections.abc import Callable, Iterator
 from itertools import count, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,8 +67,24 @@ def _heading(place, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Pose:
     return Pose((turns[0] @ turns[1] @ turns[2]).rotation, np.asarray(place, np.float64))
 
 
+class Measured(NamedTuple):
+    """What odometry says.
+
+    Args:
+        measured_s, stamp_s: when, and when by its stamp.
+        pose: of the body in the fixed frame.
+        velocity_m_s, rate_rad_s: float64 [3], in the body's frame, until the next report.
+    """
+
+    measured_s: float
+    stamp_s: float
+    pose: Pose
+    velocity_m_s: np.ndarray
+    rate_rad_s: np.ndarray
+
+
 def measured(path: Path, rate_hz: float = 100.0, noise: float = 0.0, jitter_s: float = 0.0, seed: int = 0,
-             start_s: float = 0.0) -> Iterator[tuple[float, float, Pose]]:
+             start_s: float = 0.0) -> Iterator[Measured]:
     """The poses of a path as odometry gives them, without end.
 
     Args:
@@ -77,30 +94,27 @@ def measured(path: Path, rate_hz: float = 100.0, noise: float = 0.0, jitter_s: f
         jitter_s: stamps are off by up to this, evenly, either way; they still rise: a pose whose stamp would not is
             left out, as a driver's would be.
         start_s: time of the first pose, which is exact.
-
-    Yields:
-        When it was measured, its stamp, both s, and the pose.
     """
     require(0 < rate_hz < np.inf, "rate_hz", rate_hz, "a rate above 0 Hz")
     random, keeps = np.random.default_rng(seed), np.exp(-1 / (rate_hz * DRIFTS_S))
     errors, pose, newest_s = random.normal(size=6), path(start_s), -np.inf
     for t_s, next_s in pairwise(start_s + k / rate_hz for k in count()):
+        exact = path(t_s).inverse() @ path(next_s)
+        turn, step = exact.rotation_vector, exact.translation
+        turn = turn + noise * np.linalg.norm(turn) * errors[:3]
+        step = step + noise * np.linalg.norm(step) * errors[3:]
         stamp_s = t_s + random.uniform(-jitter_s, jitter_s)
         if stamp_s > newest_s:
             newest_s = stamp_s
-            yield t_s, stamp_s, pose
-        step = path(t_s).inverse() @ path(next_s)
-        turn = step.rotation_vector
-        pose = path(next_s) if not noise else pose @ Pose(
-            Pose.turned(turn + noise * np.linalg.norm(turn) * errors[:3]).rotation,
-            step.translation + noise * np.linalg.norm(step.translation) * errors[3:])
+            yield Measured(t_s, stamp_s, pose, step * rate_hz, turn * rate_hz)
+        pose = pose @ Pose(Pose.turned(turn).rotation, step) if noise else path(next_s)
         errors = keeps * errors + np.sqrt(1 - keeps**2) * random.normal(size=6)
 
 
 def trajectory(path: Path, first_s: float, last_s: float, **as_measured) -> Trajectory:
     """What `measured` gives from before first_s to after last_s, as a Trajectory whose stamps are ns from time 0."""
     known, margin_s = Trajectory(), 0.1     # longer than a period and any likely jitter
-    for _, stamp_s, pose in measured(path, start_s=first_s - margin_s, **as_measured):
-        known.add(round(stamp_s * 1e9), pose)
-        if stamp_s > last_s + margin_s:
+    for report in measured(path, start_s=first_s - margin_s, **as_measured):
+        known.add(round(report.stamp_s * 1e9), report.pose)
+        if report.stamp_s > last_s + margin_s:
             return known

@@ -106,23 +106,21 @@ def _cast_box(box: Box, origin: np.ndarray, rays: np.ndarray, within: bool = Fal
     inverse = 1 / np.where(np.abs(rays) < TINY, np.copysign(TINY, rays), rays)
     side = np.copysign(half, rays)
     leaves_at = (side - start) * inverse
-    if within:
-        face = leaves_at.argmin(axis=0)
-        range_m = leaves_at.min(axis=0)
-        hit = slice(None)
-    else:
-        enters_at = (-side - start) * inverse
-        range_m, face = enters_at.max(axis=0), enters_at.argmax(axis=0)
-        hit = (range_m > 0) & (range_m < leaves_at.min(axis=0))
-        range_m[~hit] = np.inf
-    reflectivity = np.zeros(rays.shape[1], np.float32)
-    rays, face = rays[:, hit], face[hit]
-    points = start + range_m[hit] * rays
-    squares = np.floor(points / np.float32(box.check_m) + np.float32(0.25)).astype(np.int32)
-    each = np.arange(len(face))
-    odd = (squares.sum(axis=0) - squares[face, each]) & 1       # of the two coordinates within the face
-    cosine = np.abs(rays[face, each])
-    reflectivity[hit] = box.reflectivity * (1.2 - 0.5 * odd) * (0.25 + 0.75 * cosine)
+    range_m = at = np.minimum(np.minimum(leaves_at[0], leaves_at[1]), leaves_at[2])
+    if not within:
+        leaves_at, last = (-side - start) * inverse, at         # where rays come through the planes of the near faces
+        range_m = at = np.maximum(np.maximum(leaves_at[0], leaves_at[1]), leaves_at[2])
+        hit = np.flatnonzero((at > 0) & (at < last))
+        range_m, rays, leaves_at, at = np.full(len(at), np.inf, np.float32), rays[:, hit], leaves_at[:, hit], at[hit]
+        range_m[hit] = at
+    squares = np.floor((start + at * rays) * np.float32(1 / box.check_m) + np.float32(0.25))
+    face = leaves_at == at                                      # the other two coordinates are within the face
+    odd = (squares.sum(axis=0) - (squares * face).sum(axis=0)) % 2
+    cosine = np.abs(rays * face).max(axis=0)
+    shade = box.reflectivity * (1.2 - 0.5 * odd) * (0.25 + 0.75 * cosine)
+    reflectivity = shade.astype(np.float32) if within else np.zeros(len(range_m), np.float32)
+    if not within:
+        reflectivity[hit] = shade
     return range_m, reflectivity
 
 

@@ -140,27 +140,29 @@ def test_a_walk_and_a_hand_keep_the_speeds_named():
 
 
 def test_odometry_without_noise_is_exact():
-    for t_s, stamp_s, pose in islice(measured(walk, 50.0), 20):
+    for t_s, stamp_s, pose, *_ in islice(measured(walk, 50.0), 20):
         assert t_s == stamp_s
         np.testing.assert_array_equal(pose.translation, walk(t_s).translation)
 
 
 def test_noise_is_its_share_of_the_velocity():
     straight = lambda t_s: Pose(np.eye(3), np.array([t_s, 0.0, 0.0]))       # noqa: E731
-    poses = [pose for _, _, pose in islice(measured(straight, 100.0, noise=0.05, seed=1), 10_000)]
-    velocity = np.diff([pose.translation for pose in poses], axis=0) * 100
+    reports = list(islice(measured(straight, 100.0, noise=0.05, seed=1), 10_000))
+    velocity = np.array([report.velocity_m_s for report in reports])
     np.testing.assert_allclose(velocity.mean(axis=0), [1, 0, 0], atol=0.02)
     np.testing.assert_allclose(velocity.std(axis=0), 0.05, rtol=0.2)
     error = velocity[:, 1]
     assert np.corrcoef(error[:-50], error[50:])[0, 1] == pytest.approx(np.exp(-1), abs=0.1)     # 0.5 s apart
-    turned = [pose for _, _, pose in islice(measured(spin, 100.0, noise=0.05, seed=2), 5_000)]
+    last = reports[-1].pose         # the pose is the sum of these steps: this path does not turn
+    np.testing.assert_allclose(last.translation, velocity[:-1].sum(axis=0) / 100, rtol=1e-9)
+    turned = [report.pose for report in islice(measured(spin, 100.0, noise=0.05, seed=2), 5_000)]
     rates = np.array([(a.inverse() @ b).rotation_vector for a, b in zip(turned, turned[1:])]) * 100
     np.testing.assert_allclose(rates.std(axis=0), 0.05 * np.radians(30), rtol=0.25)
 
 
 def test_jitter_moves_stamps_which_still_rise():
     seen = list(islice(measured(walk, 100.0, jitter_s=0.02, seed=3), 1000))
-    measured_s, stamps_s, _ = map(np.array, zip(*[(t, s, 0) for t, s, _ in seen]))
+    measured_s, stamps_s = np.array([report[:2] for report in seen]).T
     assert (np.diff(stamps_s) > 0).all() and np.abs(stamps_s - measured_s).max() <= 0.02
     assert (stamps_s - measured_s).std() > 0.008
 
