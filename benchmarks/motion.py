@@ -11,6 +11,7 @@ frame promises. Lines: true detections (TD) within 10 bins, %, and depth error (
     moved_late      by odometry at 100 Hz whose stamps are off by up to 20 ms, with 5 % noise of the velocity
     estimated       its parts are moved by the motion that the photons themselves show
     window          ten moved frames
+    at_rest_window  the sensor stands, with the photons of ten frames
 """
 
 import argparse
@@ -20,12 +21,14 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.deskew import range_image
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.motion import Trajectory
 from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
@@ -34,15 +37,19 @@ from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.datasets.motion_profiles import Path, hand, trajectory, walk
 from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
 from srt3d_ros.datasets.room import Room, World
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 
 FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part
 SBR, TOLERANCE_BINS = 1.0, 10.0
 WINDOW = 10
+HEADINGS = {"at_rest": "at rest", "not_moved": "moving, photons added", "moved": "moving, parts moved first"}
+NEAR_M, ERROR_CM = 2.3, 10          # of the picture
 NOISE, JITTER_S = 0.05, 0.02
 FAULTY = {"noise": NOISE, "jitter_s": JITTER_S, "seed": 1}
 
@@ -77,7 +84,7 @@ class Views:
 def drives(scenes: FilePath | None) -> list[Drive]:
     """The room, and the depth maps of a folder."""
     found = sorted(scenes.glob("*.npz")) if scenes else []
-    return [Drive("room", Room(), walk, 2.0), *(Drive(path.stem, read_relief(path), hand) for path in found)]
+    return [Drive("room", Room(), walk, 6.55), *(Drive(path.stem, read_relief(path), hand) for path in found)]
 
 
 def packets(views: Views, sensor: SensorModel, ppp: float, seed: int) -> Iterator[list[PhotonEvents]]:
@@ -132,6 +139,16 @@ class Method:
         return self.last
 
 
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """The clouds of one frame and what they are worth, by method, and the exact ranges."""
+
+    sensor: SensorModel
+    range_m: np.ndarray
+    clouds: dict[str, PointCloud]
+    metrics: dict[str, Metrics]
+
+
 def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory
             ) -> dict[str, Method]:
     """The methods by the names of their lines."""
@@ -144,15 +161,18 @@ def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory,
             "window": method(exact, window_frames=WINDOW)}
 
 
-def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Iterator[dict]:
-    """A line for each number of photons and each method: means over the last frames, when the window is full."""
+def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str, shots: list[Shot]) -> Iterator[dict]:
+    """A line for each number of photons and each method: means over the last frames, when the window is full.
+
+    Adds to `shots` the last clouds of the last number of photons.
+    """
     sensor = moving_sensor()
     view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
     last_s = drive.first_s + (WINDOW + frames) * FRAME_S
-    tracks = [trajectory(lambda t_s: view.sensor_pose(t_s), drive.first_s, last_s, **kind)
-              for kind in ({"rate_hz": 200.0}, FAULTY)]
+    tracks = [trajectory(view.sensor_pose, drive.first_s, last_s, **errors) for errors in ({}, FAULTY)]
     ways = {ppp: methods(sensor, frequencies, deskew_to, *tracks) for ppp in ppps}
-    still = {ppp: Pooled(sensor, frequencies) for ppp in ppps}
+    still = {ppp: {"at_rest": (1, Pooled(sensor, frequencies)), "at_rest_window": (WINDOW, Pooled(sensor, frequencies))}
+             for ppp in ppps}
     found: dict[tuple[float, str], list] = defaultdict(list)
     for k in tqdm(range(WINDOW - 1 + frames), desc=drive.name, unit="frame", leave=False):
         first_s = drive.first_s + k * FRAME_S
@@ -161,14 +181,15 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Itera
         range_m, reflectivity = view.at(to_s)
         truth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
         for ppp in ppps:
-            sketch = at_rest(range_m, reflectivity, sensor, frequencies, ppp, k)
-            clouds = {"at_rest": still[ppp](sketch)}
+            clouds = {name: way(at_rest(range_m, reflectivity, sensor, frequencies, frames_each * ppp, k))
+                      for name, (frames_each, way) in still[ppp].items()}
             parts = part_sketches(views, sensor, frequencies, first_s, ppp, k)
             frame = MovingFrame(parts, round(first_s * 1e9), round((first_s + FRAME_S) * 1e9), round(to_s * 1e9))
             clouds |= {name: way.cloud(frame) for name, way in ways[ppp].items()}
             if k >= WINDOW - 1:
                 for name, cloud in clouds.items():
                     found[ppp, name].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
+    shots.append(Shot(sensor, range_m, clouds, {name: last for (of, name), (*_, last) in found.items() if of == ppp}))
     for (ppp, name), metrics in found.items():
         means = {key: float(np.mean([getattr(one, key) for one in metrics]))
                  for key in ("true_detections", "false_detections", "dae_bins")}
@@ -178,14 +199,38 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str) -> Itera
                "frames": len(metrics)}
 
 
+def draw(path: FilePath, shot: Shot) -> None:
+    """Clouds above, maps of their errors below."""
+    clouds = {name: shot.clouds[name].within(max_m=NEAR_M) for name in HEADINGS}
+    first = clouds["at_rest"]
+    style, eye = CloudStyle.of(first, shot.sensor), look_at(first.xyz, shot.sensor.projection, yaw_deg=-25)
+    figure = Figure(figsize=(12, 7.6), dpi=80, layout="constrained")
+    FigureCanvasAgg(figure)
+    for (above, below), (name, heading) in zip(figure.subplots(2, len(HEADINGS)).T, HEADINGS.items()):
+        above.imshow(draw_surface(clouds[name].xyz, style.shaded(clouds[name]), eye, 480, 480, style.radius_m, finer=2))
+        above.set_title(heading, fontsize=15)
+        error_cm = 100 * (shot.clouds[name].range_image() - shot.range_m)
+        map_ = below.imshow(error_cm, cmap="RdBu_r", vmin=-ERROR_CM, vmax=ERROR_CM)
+        below.set_title(f"{100 * shot.metrics[name].true_detections:.1f} % within 10 cm, "
+                        f"mean error {shot.metrics[name].dae_bins:.2f} cm", fontsize=11)
+        for panel in (above, below):
+            panel.set_axis_off()
+    figure.colorbar(map_, ax=figure.axes[1::2], shrink=0.8).set_label("error of the range, cm")
+    figure.savefig(path)
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=FilePath, metavar="DIR", help="depth maps (docs/evaluation.md), .npz")
     parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
     parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
+    parser.add_argument("--picture", type=FilePath, metavar="FILE", help="draw the last clouds of the room")
     parser.add_argument("--deskew-to", choices=("start", "middle", "end"), default="middle", help="(%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each scene, number of photons and method."""
+    shots: list[Shot] = []
     for drive in drives(args.scenes):
-        yield from judge(drive, args.ppp, args.frames, args.deskew_to)
+        yield from judge(drive, args.ppp, args.frames, args.deskew_to, shots)
+    if args.picture:
+        draw(args.picture, shots[0])

@@ -1,5 +1,6 @@
 """Where a sensor was, and when: rigid motions, and trajectories that interpolate them."""
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from typing import Self
@@ -9,8 +10,8 @@ import numpy as np
 from srt3d_ros.errors import require
 
 KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
-SMOOTH_NS = 100_000_000     # of odometry: longer than the jitter of its stamps is likely to be
-FEWEST = 4                  # poses that a line is drawn through
+SMOOTH_NS = 150_000_000     # of odometry. Stamps off by up to 20 ms: 4 mm at 1 m/s; a hand's shaking: 1 mm lost
+FEWEST = 6                  # poses that a parabola is drawn through
 SMALL_RAD = 1e-6            # below it sin(a) / a is 1 to the last digit of a double
 
 
@@ -33,10 +34,10 @@ class Pose:
         Raises:
             InvalidInput: a number that is not finite, or a quaternion that is not of length 1 to 1 %.
         """
-        x, y, z, w = quaternion = np.asarray(xyzw, np.float64)
+        quaternion = np.asarray(xyzw, np.float64)
         translation = np.asarray(translation, np.float64)
         require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")
-        length = float(np.linalg.norm(quaternion))
+        length = math.hypot(*quaternion)
         require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # NaN fails
         x, y, z, w = quaternion / length
         rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -90,9 +91,8 @@ class Trajectory:
     """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds.
 
     Args:
-        smooth_ns: poses and stamps are noisy: where at least FEWEST poses are so near, that of an instant lies on a line
-            through them (local linear regression: Cleveland, JASA 74, 1979, with weights 1 − u²). An even motion stays
-            as it is; an acceleration of a is off by a · smooth² / 10: 1 mm for each m/s² with SMOOTH_NS.
+        smooth_ns: poses and stamps are noisy: where FEWEST poses are so near, that of an instant lies on a parabola
+            through them (local quadratic regression: Cleveland, JASA 74, 1979, with weights 1 − u²).
     """
 
     def __init__(self, smooth_ns: int = 0) -> None:
@@ -143,20 +143,21 @@ class Trajectory:
                     (1 - share) * before.translation + share * then.translation)
 
     def _fitted(self, stamp_ns: int) -> Pose | None:
-        """The pose on a line through those around; None if they are too few."""
+        """The pose on a parabola through those around; None if they are too few, or the instant is in a gap."""
+        after = bisect_left(self._stamps_ns, stamp_ns)
+        gap_ns = self._stamps_ns[after] - self._stamps_ns[max(after - 1, 0)]
         first = bisect_left(self._stamps_ns, stamp_ns - self._smooth_ns)
         end = bisect_right(self._stamps_ns, stamp_ns + self._smooth_ns)
-        if end - first < FEWEST:
+        if end - first < FEWEST or 3 * gap_ns > self._smooth_ns:
             return None
         away = (np.array(self._stamps_ns[first:end]) - stamp_ns) / self._smooth_ns
         near = self._poses[first:end]
-        weight = 1 - away**2 + 1e-9         # those at the ends may be all
-        weight /= weight.sum()
-        mean, square = weight @ away, weight @ away**2
-        line = weight * (square - mean * away) / (square - mean**2)     # of what is known, at the instant
+        powers = away ** np.arange(3)[:, None]
+        weighted = powers * (1 - away**2 + 1e-9)
+        share = np.linalg.solve(weighted @ powers.T, weighted)[0]        # of what is known, at the instant
         middle = near[int(np.abs(away).argmin())].rotation
-        turn = line @ _vectors(middle.T @ np.stack([pose.rotation for pose in near]))
-        return Pose(middle @ Pose.turned(turn).rotation, line @ np.stack([pose.translation for pose in near]))
+        turn = share @ _vectors(middle.T @ np.stack([pose.rotation for pose in near]))
+        return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in near]))
 
     def motion(self, from_ns: int, to_ns: int) -> Pose:
         """Where a point of the sensor's frame at from_ns lies in its frame at to_ns, if the world stands still."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.motion import Pose, Trajectory
+from srt3d_ros.core.motion import SMOOTH_NS, Pose, Trajectory
 from srt3d_ros.errors import require
 
 Path = Callable[[float], Pose]          # the pose at a time, s
@@ -112,8 +112,8 @@ def measured(path: Path, rate_hz: float = 100.0, noise: float = 0.0, jitter_s: f
 
 
 def trajectory(path: Path, first_s: float, last_s: float, **as_measured) -> Trajectory:
-    """What `measured` gives from before first_s to after last_s, as a Trajectory whose stamps are ns from time 0."""
-    known, margin_s = Trajectory(), 0.1     # longer than a period and any likely jitter
+    """What `measured` gives from before first_s to after last_s, as the sketcher follows it; stamps are ns from 0 s."""
+    known, margin_s = Trajectory(SMOOTH_NS), 0.1        # longer than a period and any likely jitter
     for report in measured(path, start_s=first_s - margin_s, **as_measured):
         known.add(round(report.stamp_s * 1e9), report.pose)
         if report.stamp_s > last_s + margin_s:

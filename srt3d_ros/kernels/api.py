@@ -122,7 +122,8 @@ class Kernels(Protocol):
         The photons of a pixel with ray d come from range ρ. At the other instant what they show lies at X = ρ R d + p.
         The four pixels i around the place at which X is seen share the photons by bilinear weights w_i; those that lie
         on another surface than the nearest of them, by more than `steepest` of its range, or outside of the array,
-        leave their share to it. On average over the four X lies at ρ' = Σ w_i ρ'_i, and ρ = |ρ' X / |X| − p|:
+        leave their share to it. Between the four lies X, at ρ' = 1 / Σ (w_i / ρ'_i), exactly on a plane that a pinhole
+        sees, and ρ = |ρ' X / |X| − p|:
 
             moved_i += w_i exp(−i ω_l (ρ / metres_per_bin + late)) sums,    numbers_i += w_i n.
 

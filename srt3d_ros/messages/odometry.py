@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.motion_track import MAX_RAD_S, MotionReport
+from srt3d_ros.core.motion_track import MAX_M_S, MAX_RAD_S, MotionReport
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Reader
 
@@ -15,7 +15,7 @@ UNKNOWN = -1.0              # the first number of a covariance of what is not me
 
 
 def decode_odometry(raw: bytes) -> MotionReport:
-    """The report of a serialised Odometry; a twist that is not finite counts as none.
+    """The report of a serialised Odometry; a twist that no robot has counts as none.
 
     Raises:
         InvalidInput: it breaks off, or its pose is none.
@@ -26,13 +26,13 @@ def decode_odometry(raw: bytes) -> MotionReport:
     x, y, z, *quaternion = reader.doubles("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
     reader.doubles("pose.covariance", COVARIANCE)
-    twist = np.array(reader.doubles("twist", 6))
+    twist = reader.doubles("twist", 6)
     reader.doubles("twist.covariance", COVARIANCE)
     reader.end()
-    speed_m_s = math.hypot(*twist[:3])
-    if not (math.isfinite(speed_m_s) and np.isfinite(twist).all()):
-        speed_m_s, twist = 0.0, np.zeros(6)
-    return MotionReport(stamp_ns, body, Pose.from_quaternion(quaternion, (x, y, z)), speed_m_s, twist[3:])
+    if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
+        twist = (0.0,) * 6
+    return MotionReport(stamp_ns, body, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
+                        np.array(twist[3:]))
 
 
 def decode_imu(raw: bytes) -> MotionReport:

@@ -16,7 +16,7 @@ from srt3d_ros.nodes.sources import NS_PER_S, SIMULATOR, FrameSource, Item
 
 PACKETS = 10            # of a frame
 ODOM_HZ = 100.0
-BEFORE_S, AFTER_S = 0.1, 0.2        # of the photons: odometry begins so much earlier and ends so much later
+BEFORE_S, AFTER_S = 0.5, 0.2        # of the photons: odometry begins so much earlier and ends so much later
 FIXED, BODY = "odom", "base_link"
 
 
@@ -50,19 +50,21 @@ class MovingSource(FrameSource):
         reports = self._reports()
         report = next(reports)
         for packet in super().items():
-            due_ns = packet.due_ns + self._packet_ns
+            begun_ns = packet.acquired_ns + round(BEFORE_S * NS_PER_S)
+            due_ns = begun_ns + self._packet_ns
             while report.due_ns <= due_ns:
                 yield report
                 report = next(reports)
-            yield packet._replace(due_ns=due_ns)
+            yield packet._replace(due_ns=due_ns, acquired_ns=begun_ns)
         while report.due_ns < due_ns + (self._delay_s + AFTER_S) * NS_PER_S:
             yield report
             report = next(reports)
 
     def _reports(self) -> Iterator[Item]:
         for report in measured(self._path, ODOM_HZ, start_s=-BEFORE_S, **self._errors):
-            due_ns = round((report.measured_s + self._delay_s) * NS_PER_S)
-            yield Item("odom", serialize_message(odometry(report)), due_ns, round(report.stamp_s * NS_PER_S))
+            due_ns = round((report.measured_s + BEFORE_S + self._delay_s) * NS_PER_S)
+            stamp_ns = round((report.stamp_s + BEFORE_S) * NS_PER_S)
+            yield Item("odom", serialize_message(odometry(report)), due_ns, stamp_ns)
 
 
 def odometry(report: Measured) -> Odometry:

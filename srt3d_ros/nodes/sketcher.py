@@ -50,6 +50,8 @@ class SketcherNode(PipelineNode):
                                     self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
         self._check(self.parameters.as_dict())
         precompile.sketching()
+        if self.parameters["motion"] != OFF:
+            precompile.deskewing()
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction

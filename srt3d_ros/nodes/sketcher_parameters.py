@@ -76,8 +76,7 @@ SPEC = NodeSpec(
     "sketcher",
     purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
-    inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES, topics.ODOM, topics.IMU, topics.TF_STATIC,
-            topics.IMAGES[0]),
+    inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES, *topics.MOTION, topics.IMAGES[0]),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     services=(Service("reset", "forget the photons of the open frame and of the window"),),
     parameters=PARAMETERS,

@@ -27,7 +27,7 @@ class Topic:
 
     Args:
         name: relative, so that namespaces and remappings apply.
-        type: its name where its package may not be installed.
+        type: its name if its package need not be installed.
         about: what is in it, in a few words.
         latched: reliable and transient local: a late subscriber still gets the last message.
         when: the condition under which it exists; always if empty.
@@ -61,10 +61,11 @@ PHOTONS = Topic("photons", PointCloud2, "photons as events: row, col, time of ar
 GATES = Topic("gates", Image, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", Image, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
-ODOM = Topic("odom", Odometry, "where the robot is, by which moving sensors' frames are deskewed")
-IMU = Topic("imu", Imu, "how fast the sensor turns, instead of `odom`")
-TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "where the sensor is on the robot, if `extrinsics` is empty",
-                  latched=True)
+ODOM = Topic("odom", Odometry, "where the robot is", when="`motion` is odom")
+IMU = Topic("imu", Imu, "how fast the robot turns", when="`motion` is imu")
+TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "where the sensor is on the robot", latched=True,
+                  when="there is `motion`, and `extrinsics` is empty")
+MOTION = (ODOM, IMU, TF_STATIC)
 SKETCH_SENSOR = Topic("sketch/sensor", String, "sensor, frequencies and window of the sketches (JSON)", latched=True)
 SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and m complex numbers")
 POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from srt3d_ros.core.framing import OpenFrame
@@ -14,7 +14,7 @@ from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
 from srt3d_ros.nodes.estimated_motion import EstimatedMotion
 from srt3d_ros.nodes.motion_input import ESTIMATE, MotionInput
 
-MOST = 4                    # frames that wait: their parts take many times the memory of sketches
+MOST, MOST_BYTES = 4, 2**28     # frames that wait whatever they take, and the memory that more of them may take
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class WaitingFrames:
     def release(self) -> None:
         """Finish the frames whose motion is known, or will not be in time."""
         self._motion.update()
-        while self._frames and self._finish(len(self._frames) > MOST):
+        while self._frames and self._finish(crowded([waiting.parts for waiting in self._frames])):
             pass
         self._wake_later()
 
@@ -131,3 +131,8 @@ class WaitingFrames:
             self._timer = threading.Timer(left_s, self._node.worker.call, (self.release,))
             self._timer.daemon = True
             self._timer.start()
+
+
+def crowded(frames: Sequence[MovingFrame]) -> bool:
+    """Whether so many frames wait that the first has to go on."""
+    return len(frames) > MOST and sum(sketch.sums.nbytes for frame in frames for _, sketch in frame.parts) > MOST_BYTES

@@ -112,3 +112,10 @@ def test_few_poses_are_not_smoothed():
     for k in range(5):
         sparse.add(k * 100_000_000, Pose(np.eye(3), np.array([float(k**2), 0, 0])))
     assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
+
+
+def test_in_a_gap_the_motion_is_even():
+    broken = Trajectory(SMOOTH_NS)
+    for k in [*range(30), *range(60, 90)]:
+        broken.add(k * 10_000_000, Pose(np.eye(3), np.array([(k / 100) ** 2, 0, 0])))
+    assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))

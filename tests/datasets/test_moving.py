@@ -173,7 +173,7 @@ def test_a_trajectory_covers_what_was_asked_for_and_repeats_with_the_seed():
     assert first.covers(10**9, 2 * 10**9)
     np.testing.assert_array_equal(first.at(15 * 10**8).translation, again.at(15 * 10**8).translation)
     exact = trajectory(walk, 1.0, 2.0)
-    np.testing.assert_allclose(exact.at(15 * 10**8).translation, walk(1.5).translation, atol=1e-4)
+    np.testing.assert_allclose(exact.at(15 * 10**8).translation, walk(1.5).translation, atol=1e-3)       # smoothed
 
 
 def test_the_same_seed_gives_the_same_photons_and_their_truth_is_of_the_middle():

@@ -73,7 +73,7 @@ def _measure(nearest, offset, rays, ranges, length):
 
 @line
 def _share(row, col, nearest, ranges, steepest, rows, target, weight, there):
-    """The four pixels around each place, and the share of each; their ranges, weighted, m."""
+    """The four pixels around each place, and the share of each; the range between them, m."""
     cols = len(nearest)
     for j in range(cols):
         at = nearest[j]
@@ -90,8 +90,8 @@ def _share(row, col, nearest, ranges, steepest, rows, target, weight, there):
             if not inside or abs(ranges[pixel] - own) > limit:
                 pixel = np.int64(at)
             target[j, k], weight[j, k] = pixel, share
-            total += share * ranges[pixel]
-        there[j] = total
+            total += share / ranges[pixel]
+        there[j] = ONE / total
 
 
 @line

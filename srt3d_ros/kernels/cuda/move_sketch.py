@@ -24,7 +24,7 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     seen, nearest = _pixel(row, col, rows, cols)
     numbers_here = photons.reshape(-1).to(torch.float32) * (seen & (used.reshape(-1) > 0))
     target, weight = _shares(row, col, nearest, ranges, steepest, rows, cols)
-    there = (weight * ranges[target]).sum(dim=0)
+    there = 1 / (weight / ranges[target]).sum(dim=0)
     before = (xyz * (there / xyz.norm(dim=1))[:, None] - offset).norm(dim=1)
     z = sums.reshape(size, -1) * _phases(-(before / metres_per_bin + late.reshape(-1)), bin_frequencies)
     weight = torch.where(numbers_here > 0, weight, 0)

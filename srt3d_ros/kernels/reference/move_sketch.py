@@ -23,7 +23,7 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     chosen = np.flatnonzero(seen & (used.reshape(-1) > 0) & (photons.reshape(-1) > 0))
     row, col, xyz, offset, nearest = (values[chosen] for values in (row, col, xyz, offset, nearest))
     target, weight = _shares(row, col, nearest, ranges, steepest, rows, cols)
-    there = (weight * ranges[target]).sum(axis=0)
+    there = 1 / (weight / ranges[target]).sum(axis=0)
     before = np.linalg.norm(xyz * (there / np.linalg.norm(xyz, axis=1))[:, None] - offset, axis=1)
     depth = before / metres_per_bin + late.reshape(-1)[chosen]
     z = sums.reshape(size, -1)[chosen] * np.exp(-2j * np.pi * depth[:, None] * bin_frequencies)
@@ -34,7 +34,7 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
 
 def read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin):
     depth = ranges / metres_per_bin + late
-    whole = np.minimum(np.floor(numbers + 0.5), MAX_PHOTONS)
+    whole = np.minimum(np.floor(numbers.astype(float) + 0.5), MAX_PHOTONS)
     scale = whole / np.maximum(numbers, 0.5)
     sums = moved * np.exp(2j * np.pi * depth[..., None] * bin_frequencies) * scale[..., None]
     return sums.astype(np.complex64), whole.astype(np.uint32)
