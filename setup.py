@@ -23,6 +23,7 @@ PICTURES = ["matplotlib>=3.8,<4", "Pillow>=10.2,<14"]
 TORCH = "torch>=2.4,<3"
 PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
+DASK = "distributed>=2025.1,<2028"      # with dask and what both need: 38 MB
 ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
 # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
 TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
@@ -38,10 +39,11 @@ EXTRAS = {
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
     "devices": [PYZMQ],
+    "dask": [DASK],
     "gpu": [TORCH, TRITON],
     **LAB,
     "lab": [package for packages in LAB.values() for package in packages],
-    "test": [ROSBAGS, PYZMQ, *LAB["ptu"], *LAB["sdt"], *LAB["hdf5"], "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+    "test": [ROSBAGS, PYZMQ, DASK, *LAB["ptu"], *LAB["sdt"], *LAB["hdf5"], "pytest>=8,<10", "pytest-xdist>=3.6,<4",
              "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH, TRITON],
 }

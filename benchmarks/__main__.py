@@ -13,6 +13,7 @@ from srt3d_ros.evaluation.machine import machine
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
+    "degrade": "sketches over a link whose rate falls to a tenth and rises again: age and quality, as a picture (root)",
     "deskew": "time to move the parts of a frame to one instant, and a window of frames",
     "devices": "ranges of devices' logs against what is known of them",
     "frequencies": "expected and measured depth error for each rule that chooses frequencies, as a picture",

@@ -73,6 +73,13 @@ class Link:
             _run("tc", "-n", name, "filter", "replace", "dev", INTERFACE, "ingress", "prio", "1", "handle", "1",
                  "bpf", "da", "bytecode", program)
 
+    def carry(self, rate_mbit: float) -> None:
+        """Carry so much each way from now on, Mbit/s."""
+        burst = max(int(rate_mbit * 1e6 / 8 * 1e-3), 4000)      # what a millisecond carries, at least two packets
+        for name in self.names.values():
+            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate", f"{rate_mbit}mbit",
+                 "burst", str(burst), "latency", QUEUE)
+
     def unplug(self) -> None:
         """Pull the cable out of the robot."""
         _run("ip", "-n", self.names[ROBOT], "link", "set", INTERFACE, "down")
@@ -99,14 +106,12 @@ class Link:
             _run("ip", "netns", "add", name)
         one, other = self.names.values()
         _run("ip", "link", "add", INTERFACE, "netns", one, "type", "veth", "peer", "name", INTERFACE, "netns", other)
-        burst = max(int(self._rate_mbit * 1e6 / 8 * 1e-3), 4000)    # what a millisecond carries, at least two packets
         for machine, name in self.names.items():
             _run("ip", "-n", name, "address", "add", f"{ADDRESSES[machine]}/24", "dev", INTERFACE)
             _run("ip", "-n", name, "link", "set", "lo", "up")
             # packets of at most 1500 bytes leave, as from a network card, also where TCP would hand over 64 kB at once
             _run("ip", "-n", name, "link", "set", INTERFACE, "gso_max_segs", "1", "up")
-            _run("tc", "-n", name, "qdisc", "replace", "dev", INTERFACE, "root", "tbf", "rate",
-                 f"{self._rate_mbit}mbit", "burst", str(burst), "latency", QUEUE)
+        self.carry(self._rate_mbit)
         for machine in ADDRESSES:       # DDS never uses an interface that was not up when a node started
             self._wait_until_up(machine)
             _run(*self.command(machine, ["true"]))
@@ -153,11 +158,12 @@ class Machines(Processes):
         """Start a node there, with the Fast DDS profile that it chooses itself or with this one."""
         return self.run(name, self._command(machine, profile, node_command(name, **parameters)))
 
-    def watch(self, topic: str, profile: str | None = None) -> "Watch":
-        """See at the robot what arrives on a topic, and all diagnostics."""
+    def watch(self, topic: str, profile: str | None = None, keep: Path | None = None) -> "Watch":
+        """See at the robot what arrives on a topic, and all diagnostics; messages are kept in a folder."""
         script = str(Path(__file__).with_name("watch.py"))
         seen = Watch()
-        self["watch"] = Process(self._command(ROBOT, profile, [sys.executable, script, topic]), seen.on_line)
+        command = [sys.executable, script, topic, *([str(keep)] if keep else [])]
+        self["watch"] = Process(self._command(ROBOT, profile, command), seen.on_line)
         return seen
 
     def wait(self, condition: Callable[[], object], what: str, timeout_s: float = WAIT_S):

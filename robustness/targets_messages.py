@@ -44,7 +44,8 @@ SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2,
                      histograms=HistogramBins(5))
 FREQUENCIES = (1, 3)        # of the golden sketches
 HISTOGRAM_SKETCHER = Sketcher(SENSOR, FREQUENCIES)
-SENSOR_TEXTS = [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens", "sensor_histograms")]
+SENSOR_TEXTS = [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens", "sensor_histograms",
+                                                                       "sensor_scan")]
 COMMAND_LINES = ("reconstruct a.npz -o out.ply --sketch-size 2 --device auto", "review a.rrd --no-report --json",
                  "reconstruct a.npz -o out.ply --gate 5:44 --frequencies 1,3 --surfaces 2", "evaluate --out results",
                  "up -p sketcher.sketch_size:=5 -r photons:=/p --config spad_32x32_gates", "play a.npz --rate 2")
@@ -202,13 +203,14 @@ def _target(name: str, read, examples: list[bytes], rounds: int) -> Target:
 
 
 TARGETS = (
-    _target("photons", _photons, _golden("photons_uint16", "photons_uint32", "photons_float32"), 200_000),
+    _target("photons", _photons, _golden(*(f"photons_{toa}{t}" for toa in ("uint16", "uint32", "float32")
+                                           for t in ("", "_t"))), 200_000),
     _target("gates", _gates, _golden("gates"), 200_000),
     _target("histograms", _histograms, _golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC"))),
             200_000),
     _target("sketch", _sketch, _golden("sketch_float32", "sketch_int16", "sketch_coded"), 150_000),
     Target("coded_sketch", _coded_sketch, 150_000),
-    _target("points", points.decode_cdr, _golden("points_xyzi", "points_full", "points_xyzi_organised",
+    _target("points", points.decode_cdr, _golden("points_xyzi", "points_full", "points_full_t", "points_xyzi_organised",
                                                  "points_full_organised"), 200_000),
     _target("images", _images, _golden("image_32FC1"), 200_000),
     _target("sensor", _sensor, SENSOR_TEXTS, 100_000),

@@ -16,6 +16,9 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.datasets import Photons, arrays
 from srt3d_ros.datasets.arrays import SensorOptions
+from srt3d_ros.datasets.bag import is_bag
+from srt3d_ros.datasets.bag_photons import BagFrames, FramePlace
+from srt3d_ros.datasets.files import readable
 from srt3d_ros.datasets.photons import OPTIONS as FILE_OPTIONS
 from srt3d_ros.datasets.photons import outside_note
 from srt3d_ros.datasets.stream import PhotonStream
@@ -28,23 +31,38 @@ __all__ = ["Cloud", "InvalidInput", "Photons", "Sensor", "Sketch", "open", "phot
 Sensor = SensorModel
 
 
-def open(path: str | Path, frame: int = 0, photons_topic: str = "", **options: Any) -> Photons | PhotonStream:
+def open(path: str | Path, frame: int = 0, photons_topic: str = "", **options: Any
+         ) -> Photons | PhotonStream | Sketch:
     """The photons of a file or bag, with their sensor and what the file knows of the truth.
 
     Args:
         path: .npz, .mat, a laboratory's file (.ptu, .sdt, …: docs/photon-file.md), a device's log (docs/devices.md), or
             a bag (docs/bags.md).
-        frame: which message of a bag's photons, or frame of a log, from 0.
-        photons_topic: where a bag's photons are, if it has several topics of them.
+        frame: which message of a bag's photons or sketches, or frame of a log, from 0.
+        photons_topic: where a bag's photons or sketches are, if it has several topics of them.
         options: what the file does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate, ….
 
     Returns:
-        Photons; a PhotonStream if they are too many to keep, which `sketch` and `reconstruct` take alike.
+        Photons; a PhotonStream if they are too many to keep; a Sketch of a bag of sketches. `reconstruct` takes all.
 
     Raises:
         InvalidInput: naming the file and what cannot be used.
     """
+    with readable(path):
+        if is_bag(path):
+            with BagFrames(path, photons_topic) as frames:
+                return open_frame(frames, frames.place(frame), options)
     return open_stream(path, frame, photons_topic, **options)
+
+
+def open_frame(frames: BagFrames, place: FramePlace, options: dict[str, Any]) -> Photons | Sketch:
+    """A frame of a bag as `open` gives it."""
+    if not frames.are_sketches:
+        return frames.photons(place, options)
+    for name, value in options.items():
+        require(value is None, name, value, "nothing: the bag has sketches, made without it")
+    sensor, sketched = frames.sketch(place)
+    return Sketch(**vars(sketched), sensor=sensor)
 
 
 def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = None, sensor: SensorModel | None = None,
@@ -72,7 +90,7 @@ def photons(row: Any = None, col: Any = None, toa: Any = None, *, counts: Any = 
         require(row is None and col is None and toa is None, "counts", "given beside photons", "one or the other")
         return arrays.from_counts(counts, sensor, stamp_ns, options)
     if isinstance(row, str | Path):     # what the file lacks is needed to read it; the rest only describes the sensor
-        row = open(row, **{name: options.pop(name) for name in FILE_OPTIONS if name in options})
+        row = open_stream(row, **{name: options.pop(name) for name in FILE_OPTIONS if name in options})
     if isinstance(row, Photons | PhotonStream | PhotonEvents | PhotonGates | PhotonHistograms):
         require(col is None and toa is None, "col and toa", "given", "none beside photons that have theirs")
         return arrays.completed(row, sensor, options)

@@ -24,6 +24,11 @@ class InvalidInput(ValueError):
         super().__init__(printable(f"{_shortened(field, LONGEST_FIELD)} is {shown or 'empty'}: "
                                    f"expected {_shortened(expected, LONGEST_EXPECTED)}"))
 
+    def __reduce__(self):
+        """For errors of other processes: the value as it is shown, since nobody knows whether it can be pickled."""
+        return type(self), (self.field, self.value if isinstance(self.value, str) else _BRIEFLY.repr(self.value),
+                            self.expected)
+
 
 def require(condition: bool, field: str, value: object, expected: str) -> None:
     """Raise InvalidInput(field, value, expected) unless the condition holds."""

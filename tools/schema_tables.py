@@ -68,7 +68,7 @@ def json_tables(schema: dict) -> str:
     for kind, projection in schema.get("projection", {}).items():
         rows += _keys(projection["fields"], "projection.", f" ({kind})")
         notes.append(f"* `projection` of the kind `{kind}`: {projection['purpose']}\n")
-    for name, prefix in (("distortion", "projection."), ("gates", ""), ("histograms", "")):
+    for name, prefix in (("distortion", "projection."), ("gates", ""), ("histograms", ""), ("scan", "")):
         if name in schema:
             rows += _keys(schema[name]["fields"], f"{prefix}{name}.")
         if "purpose" in schema.get(name, {}):

@@ -19,7 +19,7 @@ COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "pl
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
           "rosbags": "bags", "torch": "gpu", "triton": "gpu", "zmq": "devices", "ptufile": "ptu", "sdtfile": "sdt",
-          "phconvert": "spc", "tables": "spc", "h5py": "hdf5"}
+          "phconvert": "spc", "tables": "spc", "h5py": "hdf5", "distributed": "dask"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process

@@ -1,6 +1,7 @@
-"""`srt3d reconstruct`: a photon file, or a frame of a bag, to a point cloud file, without ROS."""
+"""`srt3d reconstruct`: a photon file, a frame of a bag, or all its frames, to point cloud files, without ROS."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from srt3d_ros.cli import common
@@ -8,27 +9,28 @@ from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.gate import AUTO, OFF
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, find
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
 if TYPE_CHECKING:
-    from srt3d_ros.results import Cloud, Sketch
+    from srt3d_ros.batch.request import Request
 
 METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background",
                   "weighting", "upsampling")
+MANY_OPTIONS = ("format", "jobs", "dask")
 
 
 def add_parser(subparsers) -> None:
     parser = subparsers.add_parser(
-        "reconstruct", help="reconstruct a photon file or a frame of a bag and save the point cloud",
+        "reconstruct", help="reconstruct a photon file or frames of a bag and save the point clouds",
         description="Sketch the photons of a file, reconstruct them and save the cloud. A published .mat file may lack "
                     "bin width, IRF or gate: give them as options, or in a sidecar INPUT.json.",
         epilog="Methods. " + " ".join(f"{method.name}: {method.about}." for method in METHODS.values())
                + " docs/algorithm.md says more.")
-    parser.add_argument("-o", "--output", metavar="OUT", required=True,
+    parser.add_argument("-o", "--output", "--out", metavar="OUT", required=True,
                         help="cloud file: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or a picture of it: "
-                             ".png, .jpg")
+                             ".png, .jpg; with --frames a folder")
     parser.add_argument("--sketch-size", type=int, metavar="M",
                         help=f"complex numbers kept of a pixel ({DEFAULT_SKETCH_SIZE})")
     parser.add_argument("--frequencies", metavar="auto|spread|consecutive|k1,k2,…",
@@ -55,21 +57,42 @@ def add_parser(subparsers) -> None:
                              "photons shows a scene (auto); T becomes their number (off)")
     common.add_json(parser)
     common.add_photon_file(parser)
+    many = parser.add_argument_group("many frames of a bag or log", "OUT gets a file for each, that of --frame N. The "
+                                     "same command goes on where an interrupted one stopped.")
+    many.add_argument("--frames", metavar="all|FIRST:LAST", help="which frames, from 0; LAST is one of them")
+    many.add_argument("--format", metavar="SUFFIX", help="of the files: npz, ply, pcd, … as for OUT (npz)")
+    many.add_argument("--jobs", type=int, metavar="N", help="processes, among which the cores are divided (1)")
+    many.add_argument("--dask", metavar="ADDRESS",
+                      help="scheduler of a Dask cluster, such as tcp://host:8786, whose workers do it instead")
     parser.add_argument("--dark", metavar="FILE",
                         help="photon file recorded without the laser's echo: how the background spreads over the bins")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros import api
+    from srt3d_ros.batch.request import Request
     from srt3d_ros.new_files import check_not_input
+
+    check_not_input(args.output, args.input, args.dark, args.irf)
+    options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
+    request = Request(Path(args.input), args.photons_topic, common.overrides(args), options, args.dark,
+                      args.surface_order)
+    if args.frames is None:
+        for name in MANY_OPTIONS:
+            require(getattr(args, name) is None, name, getattr(args, name), "nothing without --frames")
+        return _one(request, args)
+    require(args.frame == 0, "frame", args.frame, "nothing beside --frames")
+    require(args.dask is None or args.jobs is None, "jobs", args.jobs, "nothing beside --dask: workers are jobs")
+    require(args.jobs is None or args.jobs >= 1, "jobs", args.jobs, "1 or more")
+    return _many(request, args)
+
+
+def _one(request: "Request", args: argparse.Namespace) -> int:
+    from srt3d_ros import api
     from srt3d_ros.recording import cloud_files
 
     cloud_files.check(args.output)
-    check_not_input(args.output, args.input, args.dark, args.irf)
-    sketch = _sketch_of_bag(args)
-    cloud = (_of_photons(args) if sketch is None else api.reconstruct(sketch, **common.given(args, METHOD_OPTIONS)))
-    cloud = cloud.ordered(args.surface_order)
+    cloud = request.cloud(api.open(request.input, args.frame, request.photons_topic, **request.overrides))
     cloud.save(args.output)
     facts = cloud.facts | {"output": str(args.output)}
     common.print_notes(cloud.notes)     # only now: a mistake is one line
@@ -80,42 +103,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _sketch_of_bag(args: argparse.Namespace) -> "Sketch | None":
-    """The sketch that the input has instead of photons; InvalidInput for options that only photons can follow."""
-    from srt3d_ros.datasets.bag import is_bag
-    from srt3d_ros.datasets.bag_photons import read_sketch
-    from srt3d_ros.results import Sketch
+def _many(request: "Request", args: argparse.Namespace) -> int:
+    from srt3d_ros.batch.command import reconstruct_frames
 
-    found = read_sketch(args.input, args.frame, args.photons_topic) if is_bag(args.input) else None
-    if found is None:
-        return None
-    for name in ("sketch_size", "frequencies", "gate", "dark", *common.SENSOR_OVERRIDES):
-        given = getattr(args, name)
-        require(given in (None, OFF), name, given, "nothing: the bag has sketches, made without it")
-    sensor, sketch = found
-    return Sketch(**vars(sketch), sensor=sensor)
-
-
-def _of_photons(args: argparse.Namespace) -> "Cloud":
-    from srt3d_ros import api
-
-    method, overrides = find(args.method), common.overrides(args)
-    photons = api.open(args.input, args.frame, args.photons_topic, **overrides)
-    sensor = photons.sensor
-    if args.dark is not None:
-        require("background" in method.options, "dark", args.dark, f"nothing: {method.name} has no use for it")
-        require(args.background != "flat", "background", args.background, "auto or sensor, with a dark frame")
-        known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
-        sensor = _with_dark_frame(sensor, api.open(args.dark, **(known | overrides)).read_whole())
-    return api.reconstruct(photons, sensor=sensor, gate=args.gate if args.gate == AUTO else OFF,
-                           **common.given(args, METHOD_OPTIONS))
-
-
-def _with_dark_frame(sensor, dark):
-    """The sensor with the background of a dark frame that it recorded."""
-    from srt3d_ros.core.background import dark_shape
-
-    for name in ("rows", "cols", "num_bins"):
-        found, wanted = getattr(dark.sensor, name), getattr(sensor, name)
-        require(found == wanted, f"dark frame {name}", found, f"{wanted}, as in the input")
-    return sensor.replace(background_shape=dark_shape(dark.frame, sensor))
+    found = reconstruct_frames(request, args)
+    common.print_notes(found.notes)
+    if found.failed:
+        common.print_notes([f"{found.failed} of {found.frames} frames failed; the same command tries them again"])
+    common.print_facts(args, vars(found) | {"output": str(args.output)},
+                       "{done} of {frames} frames reconstructed, {points:,} points; {earlier} were there, {failed} "
+                       "failed\n{output}")
+    return 1 if found.failed else 0

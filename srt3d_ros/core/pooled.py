@@ -21,7 +21,7 @@ from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.core.sketch import Sketch, check_frequencies, noise_sketch
 from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
@@ -137,6 +137,10 @@ class Pooled:
         """Begin the next frame as if it were the first."""
         self._next_is_warm, self._is_first = False, True
         self._background.forget()
+
+    def begin_at(self, row: int, col: int) -> None:
+        """Where the sensor's first pixel lies in an array of which it is a part: slanted windows count from (0, 0)."""
+        self._matcher.origin = row, col
 
     def _begin_streams(self) -> None:
         """Frames by kernels, which a GPU records with their thresholds."""
@@ -291,10 +295,3 @@ def check_options(surfaces: int, false_alarm_rate: float | None) -> None:
             f"an integer from 1 to {MAX_SURFACES}")
     require(false_alarm_rate is None or 0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate,
             "a probability between 0 and 1")
-
-
-def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
-    """A sketch that shows nothing."""
-    rng = np.random.default_rng(0)
-    sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
-    return Sketch(frequencies, sums.view(np.complex64)[..., 0], np.full((sensor.rows, sensor.cols), 9, np.uint32))

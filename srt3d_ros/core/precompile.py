@@ -10,8 +10,9 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
-from srt3d_ros.core.pooled import Pooled, noise_sketch
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
+from srt3d_ros.core.sketch import noise_sketch
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import SAME_SURFACE

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import Pinhole, Projection
+from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 SPEED_OF_LIGHT = 299_792_458.0
@@ -65,6 +66,7 @@ class SensorModel:
         histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
         frame_id: the sensor's frame in tf.
         toa_reference: "bin_center" or "bin_edge".
+        scan: when each pixel looks; all at the frame's stamp if absent, or if sketches were moved to it.
 
     Raises:
         InvalidInput: naming the field that cannot be used.
@@ -87,6 +89,7 @@ class SensorModel:
     histograms: HistogramBins | None = None
     frame_id: str = "lidar"
     toa_reference: str = "bin_center"
+    scan: ScanRate | None = None
 
     def __post_init__(self) -> None:
         for name, most in (("rows", MAX_SIDE), ("cols", MAX_SIDE), ("num_bins", MAX_BINS)):
@@ -113,6 +116,8 @@ class SensorModel:
             object.__setattr__(self, "background_shape", self._checked_background())
         if self.histograms is not None:
             self.histograms.check(self.rows, self.cols, self.num_bins)
+        if self.scan is not None:
+            self.scan.check(self.rows, self.cols)
         if self.projection is None:
             object.__setattr__(self, "projection", Pinhole.from_fov(self.rows, self.cols))
         if isinstance(self.projection, Pinhole):
@@ -163,6 +168,11 @@ class SensorModel:
         """Unit rays in the sensor's frame, float32 [rows, cols, 3]."""
         return self.projection.rays(self.rows, self.cols)
 
+    @cached_property
+    def pixel_times_s(self) -> np.ndarray | None:
+        """Seconds after the frame's stamp at which each pixel looks, float64 [rows, cols]; None if all look at once."""
+        return None if self.scan is None else self.scan.times_s(self.rows, self.cols)
+
     @property
     def bin_width_m(self) -> float:
         """Metres of range in one bin, c/2 · bin_width_s."""
@@ -211,7 +221,8 @@ class SensorModel:
             irf = finer(irf.reshape(self.rows, self.cols, -1)).reshape(-1, irf.shape[1])
         return self.replace(rows=self.rows * factor, cols=self.cols * factor, irf=irf, gain=finer(self.gain),
                             delay_bins=finer(self.delay_bins), mask=finer(self.mask), histograms=None,
-                            projection=self.projection.upsampled(factor))
+                            projection=self.projection.upsampled(factor),
+                            scan=self.scan and self.scan.upsampled(factor))
 
     def cropped(self, rows: slice, cols: slice = slice(None)) -> "SensorModel":
         """The sensor of some pixels alone, which see the same: those of the rows and columns, such as slice(10, 40).
@@ -231,7 +242,8 @@ class SensorModel:
         return self.replace(rows=row_count, cols=col_count, irf=irf, gain=kept(self.gain), mask=kept(self.mask),
                             delay_bins=kept(self.delay_bins),
                             histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
-                            projection=self.projection.cropped(first_row, first_col))
+                            projection=self.projection.cropped(first_row, first_col),
+                            scan=self.scan and self.scan.cropped(first_row, first_col))
 
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""

@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
 
@@ -79,6 +80,13 @@ class Sketch:
         return replace(self, sums=sums, photons=np.minimum(photons, MAX_PHOTONS).astype(np.uint32),
                        stamp_ns=min(self.stamp_ns, other.stamp_ns),
                        added_variance=max(self.added_variance, other.added_variance))
+
+
+def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
+    """A sketch that shows nothing."""
+    rng = np.random.default_rng(0)
+    sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
+    return Sketch(frequencies, sums.view(np.complex64)[..., 0], np.full((sensor.rows, sensor.cols), 9, np.uint32))
 
 
 def _numpy(values: Any) -> np.ndarray:

@@ -5,12 +5,13 @@ from importlib import import_module
 from pathlib import Path
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import bag_photons, hdf5, mat, npz
+from srt3d_ros.datasets import hdf5, mat, npz
 from srt3d_ros.datasets.bag import is_bag
-from srt3d_ros.datasets.files import naming_file, read_text, require_file
-from srt3d_ros.datasets.photons import Photons, gather_options
+from srt3d_ros.datasets.bag_photons import BagFrames
+from srt3d_ros.datasets.files import naming_file, read_text, readable, require_file
+from srt3d_ros.datasets.photons import Photons, gather_options, refuse_channel
 from srt3d_ros.datasets.stream import PhotonStream, Recording
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor as sensor_message
 
 __all__ = ["PhotonStream", "Photons", "open_photons", "open_sensor", "open_stream"]
@@ -48,32 +49,30 @@ def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess
     Args:
         guess_irf: as for PhotonStream.
     """
-    path = Path(path)
-    try:
-        return _open(path, frame, photons_topic, guess_irf, overrides)
-    except OSError as error:
-        raise InvalidInput("photon file", str(path), f"a file that can be read ({error.strerror or error})") from None
+    with readable(path):
+        return _open(Path(path), frame, photons_topic, guess_irf, overrides)
 
 
 def _open(path: Path, frame: int, photons_topic: str, guess_irf: bool, overrides: dict) -> Photons | PhotonStream:
     suffix = path.suffix.lower()
     is_file = suffix in SUFFIXES
-    require(is_file or is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(SUFFIXES)}, or a bag")
-    options = gather_options(path.absolute(), overrides)        # a bag may be the folder "."
-    require(not is_file or frame == 0, "frame", frame, "0: a photon file has one frame")
-    if is_file:
-        require_file(path, "photon file")
+    if not is_file:
+        require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(SUFFIXES)}, or a bag")
+        with BagFrames(path, photons_topic) as frames:
+            return frames.photons(frames.place(frame), overrides)
+    options = gather_options(path, overrides)
+    require(frame == 0, "frame", frame, "0: a photon file has one frame")
+    require_file(path, "photon file")
     reader = _laboratory_reader(path)
     if reader is not None:
         module, name = reader.split(":")
         recording: Recording = getattr(import_module(f"srt3d_ros.datasets.{module}"), name)(path, options)
         return _of_recording(recording, options, guess_irf)
-    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
     if suffix == ".mat":
+        refuse_channel(options)
         found = mat.read(path, options, guess_irf)
         return _of_recording(found, options, guess_irf) if isinstance(found, Recording) else found
-    photons = npz.read(path) if is_file else bag_photons.read_frame(path, frame, photons_topic)
-    return photons.with_options(options)
+    return npz.read(path).with_options(options)
 
 
 def _of_recording(recording: Recording, options: dict, guess_irf: bool) -> Photons | PhotonStream:

@@ -55,6 +55,10 @@ class Bag:
     Args:
         path: the folder of a bag, or one of its .mcap or .db3 files.
 
+    Attributes:
+        topics: that it has.
+        has_index: whether messages of a certain time can be read without those before.
+
     Raises:
         InvalidInput: there is no bag that can be read.
     """
@@ -75,6 +79,8 @@ class Bag:
                 counts[connection.topic, connection.msgtype] += connection.msgcount
             self._files = stack.pop_all()
         self.topics = tuple(BagTopic(*key, count) for key, count in counts.items())
+        # An mcap file may have been written without chunks, or cut off its index: rosbags reads such a one whole.
+        self.has_index = all(getattr(reader.storage, "chunks", True) for reader in self._readers)
 
     def __enter__(self) -> "Bag":
         return self
@@ -82,8 +88,9 @@ class Bag:
     def __exit__(self, *exc) -> None:
         self.close()
 
-    def messages(self, topics: Collection[BagTopic], start_ns: int | None = None) -> Iterator[Message]:
-        """The messages of these topics in the order of their recording, those from `start_ns` on if given.
+    def messages(self, topics: Collection[BagTopic], start_ns: int | None = None, stop_ns: int | None = None
+                 ) -> Iterator[Message]:
+        """The messages of these topics in the order of their recording, those from `start_ns` to before `stop_ns`.
 
         Raises:
             InvalidInput: at the message at which the bag breaks off.
@@ -94,7 +101,7 @@ class Bag:
                 connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
                 if not connections:         # none would mean all
                     continue
-                for connection, time_ns, raw in reader.messages(connections, start_ns):
+                for connection, time_ns, raw in reader.messages(connections, start_ns, stop_ns):
                     if type(time_ns) is not int or type(raw) is not bytes:      # SQLite keeps anything anywhere
                         raise TypeError(f"a message on {connection.topic} is not bytes with a time")
                     yield Message(connection.topic, time_ns, _unpacked(raw) if self._messages_are_packed else raw)

@@ -1,14 +1,19 @@
 """The photons or sketches in a bag: which of its topics they are on, and single frames of them."""
 
 import re
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets.bag import Bag, BagTopic
-from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons
+from srt3d_ros.datasets.bag import Bag, BagTopic, Message
+from srt3d_ros.datasets.in_order import InOrder
+from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, gather_options
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages import sensor as sensor_message
@@ -62,55 +67,134 @@ def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> P
     return PhotonTopics(contents[photons], photons, sensor)
 
 
-def read_frame(path: str | Path, number: int = 0, photons_topic: str = "") -> Photons:
-    """One frame of a bag: message `number` of its photons, with the sensor that was in force when it came.
+class Place(NamedTuple):
+    """Where a message is in a bag: the one after `skip` others that were recorded on its topic at `time_ns`."""
+
+    time_ns: int
+    skip: int
+
+
+class FramePlace(NamedTuple):
+    """Where frame `number` of a bag is, and the description of the sensor that was in force when it came."""
+
+    number: int
+    frame: Place
+    sensor: Place
+
+
+class BagFrames:
+    """The photons or sketches of a bag that is open, frame by frame; a context manager.
 
     Raises:
-        InvalidInput: the bag cannot be read, has no photons, no sensor or fewer frames.
+        InvalidInput: the bag cannot be read, or has no photons or no sensor.
     """
-    with Bag(path) as bag:
-        topics = find_photons(bag, photons_topic)
-        require(topics.output != "sketch", "bag", str(path), "one of photons; it has sketches of them")
-        described, raw = _read(bag, topics, number)
-    sensor = sensor_message.decode_cdr(described)
-    frame = CODECS[topics.output].decode_cdr(raw, sensor)[1]
-    notes = () if "projection" in json_text.parse(cdr.read_text(described), "sensor") else (ASSUMED_FOV,)
-    return Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
-                   f"{Path(path).stem}_{number}", notes)
 
+    def __init__(self, path: str | Path, photons_topic: str = ""):
+        self.path = Path(path)
+        self._bag = Bag(path)
+        try:
+            self.topics = topics = find_photons(self._bag, photons_topic)
+            require(topics.sensor is not None, f"bag {self.path.name}", "without a sensor",
+                    f"a description of the sensor beside {topics.frames.name}; it has {self._bag.content()}")
+        except InvalidInput:
+            self.close()
+            raise
+        self._sensor: tuple[Place, tuple[SensorModel, tuple]] | None = None
+        self._messages = InOrder(self._from_start)
 
-def read_sketch(path: str | Path, number: int = 0, sketch_topic: str = "") -> tuple[SensorModel, Sketch] | None:
-    """One frame of a bag of sketches, with its sensor; None if the bag has photons. InvalidInput as `read_frame`."""
-    with Bag(path) as bag:
-        topics = find_photons(bag, sketch_topic)
-        if topics.output != "sketch":
-            return None
-        described, raw = _read(bag, topics, number)
-    sensor, frequencies, _ = sketch_message.decode_sensor_cdr(described)
-    return sensor, sketch_message.decode_cdr(raw, frequencies, sensor)[1]
+    def __enter__(self) -> "BagFrames":
+        return self
 
+    def __exit__(self, *exc) -> None:
+        self.close()
 
-def _read(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
-    """The serialised description and the serialised frame; InvalidInput if there is none."""
-    require(topics.sensor is not None, f"bag {bag.path.name}", "without a sensor",
-            f"a description of the sensor beside {topics.frames.name}; it has {bag.content()}")
-    last = topics.frames.messages - 1
-    require(0 <= number <= last, "frame", number, f"0 to {last}, the messages on {topics.frames.name}")
-    return _frame_with_sensor(bag, topics, number)
+    def __len__(self) -> int:
+        return self.topics.frames.messages
 
+    def close(self) -> None:
+        """Give back the files."""
+        self._bag.close()
 
-def _frame_with_sensor(bag: Bag, topics: PhotonTopics, number: int) -> tuple[bytes, bytes]:
-    """The serialised description of the sensor and the serialised frame."""
-    described = frame = None
-    for message in bag.messages((topics.frames, topics.sensor)):
-        if message.topic == topics.sensor.name:
-            described = message.raw
-        elif frame is None:
-            frame = message.raw if number == 0 else None
-            number -= 1
-        if described is not None and frame is not None:     # a sensor that came late still describes the first frames
-            return described, frame
-    raise InvalidInput(f"bag {bag.path.name}", "shorter than it says", "a complete bag")
+    def places(self, first: int = 0) -> Iterator[FramePlace]:
+        """Where the frames are, from `first` on, found by one pass through the bag, which goes on as they are taken.
+
+        Raises:
+            InvalidInput: the bag breaks off.
+        """
+        at_time: Counter[tuple[str, int]] = Counter()
+        waiting, sensor, number = [], None, 0       # a sensor that came late still describes the first frames
+        for message in self._bag.messages((self.topics.frames, self.topics.sensor)):
+            key = message.topic, message.time_ns
+            place = Place(message.time_ns, at_time[key])
+            at_time[key] += 1
+            if message.topic == self.topics.sensor.name:
+                sensor = place
+            else:
+                if number >= first:
+                    waiting.append((number, place))
+                number += 1
+            if sensor is not None:
+                yield from (FramePlace(*frame, sensor) for frame in waiting)
+                waiting.clear()
+        require(number == len(self) and sensor is not None, f"bag {self.path.name}", "shorter than it says",
+                "a complete bag")
+
+    def place(self, number: int) -> FramePlace:
+        """Where a frame is; InvalidInput if there is none of that number."""
+        require(0 <= number < len(self), "frame", number,
+                f"0 to {len(self) - 1}, the messages on {self.topics.frames.name}")
+        return next(self.places(number))
+
+    @property
+    def are_sketches(self) -> bool:
+        """Whether the frames are sketches."""
+        return self.topics.output == "sketch"
+
+    def photons(self, place: FramePlace, overrides: dict) -> Photons:
+        """The photons of a frame, with these options, and a sidecar's, in place of what the bag says of the sensor.
+
+        Raises:
+            InvalidInput: they cannot be read, or are sketches; an option that cannot be used.
+        """
+        options = gather_options(self.path.absolute(), overrides)       # a bag may be the folder "."
+        require(not self.are_sketches, "bag", str(self.path), "one of photons; it has sketches of them")
+        sensor, notes = self._sensor_at(place.sensor)
+        frame = CODECS[self.topics.output].decode_cdr(self._frame(place), sensor)[1]
+        photons = Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
+                          f"{self.path.stem}_{place.number}", notes)
+        return photons.with_options(options)
+
+    def sketch(self, place: FramePlace) -> tuple[SensorModel, Sketch]:
+        """The sketch of a frame, with its sensor; InvalidInput if it cannot be read."""
+        sensor, frequencies = self._sensor_at(place.sensor)
+        return sensor, sketch_message.decode_cdr(self._frame(place), frequencies, sensor)[1]
+
+    def _sensor_at(self, place: Place) -> tuple[SensorModel, tuple]:
+        """The sensor, and notes on it or the frequencies of its sketches; decoded once for all frames it describes."""
+        if self._sensor is None or self._sensor[0] != place:
+            raw = self._raw(self.topics.sensor, place)
+            if self.are_sketches:
+                found = sketch_message.decode_sensor_cdr(raw)[:2]
+            else:
+                own = json_text.parse(cdr.read_text(raw), "sensor")
+                found = sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,)
+            self._sensor = place, found
+        return self._sensor[1]
+
+    def _frame(self, place: FramePlace) -> bytes:
+        """A serialised frame."""
+        return (self._raw(self.topics.frames, place.frame) if self._bag.has_index else self._messages[place.number].raw)
+
+    def _from_start(self) -> Iterator[Message]:
+        with Bag(self.path) as bag:         # one of its own: without an index, a bag is read at one place at a time
+            yield from bag.messages((self.topics.frames,))
+
+    def _raw(self, topic: BagTopic, place: Place) -> bytes:
+        """A serialised message: only what was recorded at its time is read, where the bag has an index."""
+        there = self._bag.messages((topic,), place.time_ns, place.time_ns + 1)
+        message = next(islice(there, place.skip, None), None)
+        require(message is not None, f"bag {self.path.name}", "another than it was", "one that stays as it is")
+        return message.raw
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:

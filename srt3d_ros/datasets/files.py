@@ -33,6 +33,15 @@ def require_file(path: Path, field: str) -> None:
 
 
 @contextmanager
+def readable(path: str | Path) -> Iterator[None]:
+    """Turn what the system says of a photon file that cannot be read into InvalidInput."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput("photon file", str(path), f"a file that can be read ({error.strerror or error})") from None
+
+
+@contextmanager
 def naming_file(path: Path) -> Iterator[None]:
     """Put the name of the file before the field of any InvalidInput."""
     try:

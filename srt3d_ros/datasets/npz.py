@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.photons import MAX_T_NS, PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
+from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays, require_file
 from srt3d_ros.datasets.photons import ASSUMED_FOV, MAX_PHOTONS, Photons, pinhole
@@ -27,7 +28,7 @@ OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 
 INTENSITY = "ref_refl_photons"
 TEXTS = ("frame_id", "toa_reference")
 KNOWN = (*REQUIRED, *SCALARS, *MAPS, *TEXTS, *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg", "projection",
-         "projection_values", "distortion", "gate_words", "stamp_ns")
+         "projection_values", "distortion", "gate_words", "scan", "stamp_ns", "t_ns")
 
 
 def read(path: str | Path) -> Photons:
@@ -77,6 +78,10 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
         arrays["distortion"] = np.array(astuple(sensor.projection.distortion))
     if sensor.gates is not None:
         arrays["gate_words"] = np.array([sensor.gates.first_word, sensor.gates.no_detection], np.uint16)
+    if sensor.scan is not None:
+        arrays["scan"] = np.array(astuple(sensor.scan))
+    if events.t is not None:
+        arrays["t_ns"] = events.t
     if reference_depth_bins is not None:
         surfaces = np.asarray(reference_depth_bins, np.float32)
         surfaces = surfaces[None] if surfaces.ndim == 2 else surfaces
@@ -98,6 +103,9 @@ def _sensor(arrays: dict[str, np.ndarray]) -> SensorModel:
     if "gate_words" in arrays:
         words = _numbers(arrays, "gate_words", (2,), "[2]: first word, no-detection word")
         known["gates"] = GateWords(int(words[0]), int(words[1]))
+    if "scan" in arrays:
+        values = _numbers(arrays, "scan", (3,), "[3]: row_period_s, col_period_s, start_s")
+        known["scan"] = ScanRate(*(float(value) for value in values))
     sensor = SensorModel(**known)
     projection = _projection(arrays, sensor)
     if "distortion" in arrays:
@@ -131,7 +139,13 @@ def _events(arrays: dict[str, np.ndarray], sensor: SensorModel) -> PhotonEvents:
         _within("toa", toa, sensor.num_bins)
     toa = toa.astype(np.float32 if toa.dtype.kind == "f" else np.uint16, copy=False)
     stamp_ns = int(_scalar(arrays, "stamp_ns")) if "stamp_ns" in arrays else 0
-    events = PhotonEvents(pixel.astype(np.uint32, copy=False), toa, stamp_ns)
+    t = _numbers(arrays, "t_ns") if "t_ns" in arrays else None
+    if t is not None:
+        require(t.dtype.kind in "iu" and t.shape == toa.shape, "t_ns", f"{t.dtype} {t.shape}",
+                "nanoseconds, best uint32, one entry a photon")
+        _within("t_ns", t, MAX_T_NS + 1)
+        t = t.astype(np.uint32, copy=False)
+    events = PhotonEvents(pixel.astype(np.uint32, copy=False), toa, stamp_ns, t)
     events.check(sensor)
     return events
 

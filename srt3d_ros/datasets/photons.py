@@ -76,6 +76,7 @@ class Photons:
 
     def with_options(self, options: dict) -> "Photons":
         """The photons of a file that describes its sensor, with `options` in place of what it says."""
+        refuse_channel(options)
         for name in ("rows", "cols"):
             own = getattr(self.sensor, name)
             require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
@@ -116,6 +117,11 @@ def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str
     """The note on photons that a gate drops, if there are any."""
     note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
     return (note,) if dropped else ()
+
+
+def refuse_channel(options: dict) -> None:
+    """Raise InvalidInput if the options choose a channel, for a file without."""
+    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
 
 
 def gather_options(path: Path, overrides: dict) -> dict:

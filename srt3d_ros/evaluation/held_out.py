@@ -21,8 +21,7 @@ RIM_NEIGHBOURS = 2          # of the 8, not on its surface: enough to make a poi
 def split(frame: PhotonEvents, share: float) -> tuple[PhotonEvents, PhotonEvents]:
     """The photons to reconstruct, and those held out: each with the probability `share`, the same ones every time."""
     seen = np.random.default_rng(SEED).random(frame.photons) < 1 - share
-    chosen, held_out = (PhotonEvents(frame.pixel[part], frame.toa[part], frame.stamp_ns) for part in (seen, ~seen))
-    return chosen, held_out
+    return frame.part(seen), frame.part(~seen)
 
 
 def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: PhotonEvents, share: float) -> dict:

@@ -197,7 +197,8 @@ class Kernels(Protocol):
         With a slope, z_l exp(−i ω_l slope · position) are pooled instead, which adds up a plane of this slope as a flat
         window adds up one of slope 0, and slope · position is added to t, of each pixel. So slopes are tried one after
         the other, with pixels that are open `before` the first of them: a surface found since is replaced by one with
-        a higher score, while its own is below DOUBTFUL.
+        a higher score, while its own is below DOUBTFUL. Positions count from (0, 0) of the whole array: a part of it,
+        whose `origin` is a whole number of cells, gets the same bits.
 
         The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
         √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,

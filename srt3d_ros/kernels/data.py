@@ -23,6 +23,7 @@ class FrameData(Protocol):
             background photons is worth ρ standard deviations per √photon (Chernoff's bound).
         total_energy, curvature: E and C.
         clutter: float32 [T], c(t): by how much scores at a depth exceed standard deviations; None for 1.
+        origin: row and column of the first pixel in the whole array, if the frame is of a part of one.
         resolution_bins: δ.
         shape: rows, cols.
     """
@@ -40,6 +41,7 @@ class FrameData(Protocol):
     total_energy: float
     curvature: float
     clutter: Array | None
+    origin: tuple[int, int]
 
     @property
     def resolution_bins(self) -> float: ...

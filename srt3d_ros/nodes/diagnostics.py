@@ -4,7 +4,8 @@ Level, from what happened since the last report:
     ERROR   something failed that should not have, frame accounting does not add up, inputs contradict each other, or
             more than half of the frames that came in were dropped or lost
     WARN    a frame was dropped or lost, time is simulated and there is no clock, the node waits for something, no frame
-            came for 2 s, frames are more than 2 s old when they leave, or stamped ahead of the node's clock
+            came for 2 s, frames are more than 2 s old when they leave, or stamped ahead of the node's clock, or are
+            degraded
     OK      otherwise
 """
 
@@ -59,7 +60,7 @@ class Diagnostics:
         self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self._waiting_for = ""
+        self._waiting_for = self._degraded = ""
         self._topics: dict[str, str] = {}   # on which frames may come, and of what type
         self._silent_since = 0.0            # when the last frame came in, or frames were first expected
         self._any_frame = False             # whether one has come since then
@@ -115,6 +116,11 @@ class Diagnostics:
         """Report what the node waits for; an empty text when it no longer does."""
         with self._lock:
             self._waiting_for = what
+
+    def degraded(self, how: str) -> None:
+        """Report how frames are degraded; an empty text when they no longer are."""
+        with self._lock:
+            self._degraded = how
 
     def show(self, **values: object) -> None:
         """Report these values until they change."""
@@ -230,7 +236,7 @@ class Diagnostics:
             return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
         if untimely := self._untimely(new["frames_out"]):
             return DiagnosticStatus.WARN, untimely
-        return DiagnosticStatus.OK, ""
+        return (DiagnosticStatus.WARN, self._degraded) if self._degraded else (DiagnosticStatus.OK, "")
 
 
 def all_acknowledged(publisher: Publisher) -> bool:

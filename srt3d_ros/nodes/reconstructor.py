@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from std_msgs.msg import String
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.tiles import TileReconstruction
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -52,15 +51,13 @@ SPEC = NodeSpec(
             "the time of a few frames and forgets the last frame's surfaces."),
 )
 
-ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
-
 
 @dataclass(frozen=True, eq=False)
 class ReconstructedFrame:
     """A frame in flight: a function that waits for its cloud, and what is needed to publish it."""
 
     wait: Callable[[], PointCloud]
-    sensor: SensorModel
+    reconstructor: TileReconstruction
     frequencies: tuple[int, ...]
     frame_id: str
     photons: int
@@ -77,7 +74,7 @@ class FormerDescription:
 
     sensor: SensorModel
     frequencies: tuple[int, ...]
-    reconstructor: Callable
+    reconstructor: TileReconstruction
     valid_from_ns: int
 
 
@@ -92,6 +89,7 @@ class ReconstructorNode(PipelineNode):
         self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: tuple[SensorModel, tuple[int, ...]] | None = None
         self._former: FormerDescription | None = None
+        self._refused: String | None = None     # a description that these parameters cannot be used with
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
         self._uneven = False                # whether the log says that an uneven background is taken out
         self.parameters.on_check = self._check
@@ -101,7 +99,7 @@ class ReconstructorNode(PipelineNode):
         """Compile and advertise."""
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
         check_together(self._settings)
-        self._reconstructor = build(ANY_SENSOR, (1, 2, 3), self._settings)
+        self._reconstructor = build(None, self._settings)
         self._reconstructor.warm_up()
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
@@ -111,7 +109,7 @@ class ReconstructorNode(PipelineNode):
 
     def activate(self) -> None:
         """Follow the sketches and their description."""
-        self._described = self._former = None
+        self._described = self._former = self._refused = None
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("sketch", self._on_sketch, handle_outdated=self._on_outdated_sketch)
@@ -120,8 +118,7 @@ class ReconstructorNode(PipelineNode):
         """Forget the last frame's surfaces and background, and the newest cloud."""
         self._stage.finish(self.finish_s)
         self._newest = None
-        if isinstance(self._reconstructor, Pooled):
-            self._reconstructor.forget()
+        self._reconstructor.forget()
 
     def _reset(self) -> str:
         self.forget()
@@ -133,7 +130,7 @@ class ReconstructorNode(PipelineNode):
         cloud, frame = self._newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
         path = free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
-        sensor = frame.sensor.replace(frame_id=frame.frame_id)
+        sensor = frame.reconstructor.sensor.replace(frame_id=frame.frame_id)
         cloud_files.save(cloud, path, frequencies=frame.frequencies, sensor=sensor)
         return f"{len(cloud)} points saved as {path}"
 
@@ -141,32 +138,40 @@ class ReconstructorNode(PipelineNode):
         """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
-            build(*(self._described or (ANY_SENSOR, (1, 2, 3))), values)
+            build(self._described, values)
 
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""
         settings = self.parameters.as_dict()
         self._stage.finish(self.finish_s)
         if self._described is not None and options(settings) != options(self._settings):
-            self._rebuild(*self._described, settings)
+            self._rebuild(self._described, settings)
         self._settings = settings
+        if self._refused is not None:
+            self._on_sensor(self._refused)
 
-    def _rebuild(self, sensor: SensorModel, frequencies: tuple[int, ...], settings: dict[str, Value]) -> None:
-        reconstructor = build(sensor, frequencies, settings)
+    def _rebuild(self, described: tuple[SensorModel, tuple[int, ...]], settings: dict[str, Value]) -> None:
+        reconstructor = build(described, settings)
         reconstructor.warm_up()
         self._reconstructor, self._former = reconstructor, None
         self.diagnostics.show(device=reconstructor.device)
+        if settings["tile"]:
+            rows, cols = (f"{first} to {first + pixels - 1}" for first, pixels in zip(
+                reconstructor.first_pixel, (reconstructor.sensor.rows, reconstructor.sensor.cols)))
+            self.get_logger().info(f"tile {settings['tile']}: rows {rows}, columns {cols}")
 
     def _on_sensor(self, message: String) -> None:
+        self._refused = message
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
         if self._described is None or frequencies != self._described[1] or not sensor.same_as(self._described[0]):
             before, reconstructor, valid_from_ns = self._described, self._reconstructor, self.valid_from_ns
-            self._rebuild(sensor, frequencies, self._settings)
+            self._rebuild((sensor, frequencies), self._settings)
             self._described = sensor, frequencies
             if before is not None:
                 self.drop_older()
                 self._former = FormerDescription(*before, reconstructor, valid_from_ns)
             self.get_logger().info(f"sketches: {in_words(sensor)}, {len(frequencies)} frequencies")
+        self._refused = None
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
                               frequencies=" ".join(map(str, frequencies)))
         self.release_frames()
@@ -185,15 +190,16 @@ class ReconstructorNode(PipelineNode):
         self.diagnostics.count(overtaken=1)
         self._reconstruct(raw, former.sensor, former.frequencies, former.reconstructor)
 
-    def _reconstruct(self, raw: bytes, sensor: SensorModel, frequencies: tuple[int, ...], reconstructor) -> None:
-        header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor)
+    def _reconstruct(self, raw: bytes, sensor: SensorModel, frequencies: tuple[int, ...],
+                     reconstructor: TileReconstruction) -> None:
+        header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor, reconstructor.window)
         parallel = self._settings["pipeline"] == "throughput"
         if parallel:
             self._in_flight.acquire()
         try:
-            photons = int(sketch.photons.sum())
+            photons = int(sketch.photons[reconstructor.own].sum())
             frame = ReconstructedFrame(
-                self._begin(sketch, reconstructor, photons), reconstructor.sensor, frequencies,
+                self._begin(sketch, reconstructor, photons), reconstructor, frequencies,
                 self._settings["frame_id"] or header.frame_id, photons, self._settings)
         except BaseException:
             if parallel:
@@ -204,17 +210,15 @@ class ReconstructorNode(PipelineNode):
         else:
             self._publish(frame)
 
-    def _begin(self, sketch: Sketch, reconstructor, photons: int) -> Callable[[], PointCloud]:
+    def _begin(self, sketch: Sketch, reconstructor: TileReconstruction, photons: int) -> Callable[[], PointCloud]:
         """Begin to reconstruct; returns a function that waits for the cloud."""
         started = time.perf_counter()
-        submit = getattr(reconstructor, "submit", None)
-        wait = submit(sketch) if submit else None
-        done = None if submit else reconstructor(sketch)
+        wait = reconstructor.submit(sketch)
 
         def finish() -> PointCloud:
-            cloud = wait() if wait else done
+            cloud = wait()
             self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
-            self._show_background(cloud, getattr(reconstructor, "uneven_background", 0.0), photons)
+            self._show_background(cloud, reconstructor.uneven_background, photons)
             return cloud
 
         return finish
@@ -236,14 +240,15 @@ class ReconstructorNode(PipelineNode):
             self._in_flight.release()
 
     def _publish(self, frame: ReconstructedFrame) -> None:
-        settings, seen = frame.settings, frame.wait()
+        settings, sensor, seen = frame.settings, frame.reconstructor.sensor, frame.wait()
         cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
-        data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], frame.sensor, settings["organised"])
+        data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], sensor, settings["organised"],
+                                         frame.reconstructor.first_pixel)
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=frame.photons)
         self._newest = cloud, frame
         try:
-            self._publish_images(cloud, frame.sensor, frame.frame_id)
+            self._publish_images(cloud, sensor, frame.frame_id)
         except Exception as problem:    # does not concern the frame: it was published
             self._failed(problem)
 

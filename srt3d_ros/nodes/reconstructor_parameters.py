@@ -8,11 +8,13 @@ from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, refuse_old_name
 from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
+from srt3d_ros.core.tiles import FORM, Tile, TileReconstruction
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.node_spec import LOSSLESS
 from srt3d_ros.nodes.parameters import Parameter, Value
 
+ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
 AS_PUBLISHED = "auto"
 PIPELINES = ("latency", "throughput")
 PARAMETERS = (
@@ -38,9 +40,12 @@ PARAMETERS = (
               choices=PIPELINES, live=True),
     Parameter("upsampling", 1, "pooled: finer pixels of `points` and of the images along the side of each pixel.",
               low=1, high=MAX_UPSAMPLING, live=True),
+    Parameter("tile", "", "pooled: the part of the array to reconstruct; other reconstructors do the rest of one that "
+              "is too large for one. `row` and `col` of points count in the whole array; images and an organised cloud "
+              "show the tile.", form=FORM, live=True, loose=True, refuse=Tile.read),
     Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
-              "surface.", choices=("xyzi", "full"), live=True),
+              "surface, and t of a scanner (`scan` in `sketch/sensor`).", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "`points` as rows × cols with the first point of each pixel, NaN where there is "
               "none; if false, a list of all points.", live=True),
     Parameter("min_range_m", 0.0, "Leave out points nearer than this along their pixel's ray, of `points` and of the "
@@ -63,6 +68,8 @@ def check_together(values: dict[str, Value]) -> None:
     for name in OPTIONS:
         require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
                 f"{DEFAULTS[name]}, as {method.name} has no such option")
+    require(method.name == DEFAULT_METHOD or Tile.read(values["tile"]) == Tile(), "tile", values["tile"],
+            f"empty, as {method.name} does not reconstruct parts")
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
@@ -73,11 +80,18 @@ def limits_m(values: dict[str, Value]) -> tuple[float, float]:
 
 def options(values: dict[str, Value]) -> dict[str, Value]:
     """The values on which the reconstruction itself depends."""
-    names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
+    names = ("method", "surfaces", "device", "tile", *METHODS[values["method"]].options)
     return {name: values[name] for name in names if (name, values[name]) != ("weighting", AS_PUBLISHED)}
 
 
-def build(sensor: SensorModel, frequencies: tuple[int, ...], values: dict[str, Value]):
-    """The reconstruction that these parameters ask for; InvalidInput if there is none."""
+def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> TileReconstruction:
+    """The reconstruction that these parameters ask for; InvalidInput if there is none.
+
+    Args:
+        described: sensor and frequencies of the sketches; None while they are not known: of any.
+    """
     chosen = options(values)
-    return METHODS[chosen.pop("method")].build(sensor, frequencies, **chosen)
+    method, tile = METHODS[chosen.pop("method")], Tile.read(chosen.pop("tile"))
+    sensor, frequencies = described or (ANY_SENSOR, (1, 2, 3))
+    return TileReconstruction(sensor, tile if described else Tile(),
+                              lambda part: method.build(part, frequencies, **chosen))

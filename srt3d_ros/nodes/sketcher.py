@@ -55,7 +55,7 @@ class SketcherNode(PipelineNode):
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction
-        self._output = SketchOutput(self)
+        self._output = SketchOutput(self, self._failed)
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
         self.parameters.on_change = self._on_change
@@ -97,9 +97,9 @@ class SketcherNode(PipelineNode):
         self._drop_incomplete(self._framing.clear())
 
     def open_frame(self) -> tuple[int, int]:
-        """Packets of the open frame and of those that wait, and their photons."""
-        frames = (self._framing and self._framing.open, self._waiting and self._waiting.open)
-        return tuple(map(sum, zip((0, 0), *filter(None, frames))))
+        """Packets of the open frame and of those that wait for motion or to be sent, and their photons."""
+        waiting = self._waiting.open if self._waiting else OpenFrame()
+        return tuple(map(sum, zip(self._framing.open, self._output.waiting, waiting))) if self._framing else (0, 0)
 
     def _reset(self) -> str:
         self.forget()
@@ -278,6 +278,7 @@ class SketcherNode(PipelineNode):
         """Drop a frame that did not end, if there is one, and begin a new window after the frames that did."""
         if self._waiting is not None:
             self._waiting.flush()
+        self._output.flush()
         if frame is not None:
             self.diagnostics.drop("incomplete", *frame)
         if self._sketcher is not None:

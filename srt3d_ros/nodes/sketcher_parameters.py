@@ -9,6 +9,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import WINDOW_STAMPS, WindowSketcher
+from srt3d_ros.errors import require
 from srt3d_ros.messages.coded_sketch import DEFAULT_STEP, MAX_STEP, MIN_STEP
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
@@ -68,6 +69,10 @@ PARAMETERS = (
     Parameter("coding_step", DEFAULT_STEP, "For coded: sums are rounded to multiples of so many standard deviations of "
               "their photon noise. Rounding adds coding_step² / 12 to its variance; twice the step saves two bits of "
               "each complex number.", "σ", MIN_STEP, MAX_STEP, live=True),
+    Parameter("max_mbit_s", 0.0, "What a link to another machine can spare for `sketch`: the mean of what is sent "
+              "stays below. Where that or a reliable reader does not keep up, a frame waits, those that come meanwhile "
+              "are added to it, and `coding_step` doubles up to 1.6, until there is room again (WARN in /diagnostics). "
+              "0: every frame is sent, as it is.", "Mbit/s", 0, 100_000, live=True),
     Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
     LOSSLESS,
 )
@@ -95,6 +100,8 @@ SPEC = NodeSpec(
         "`photons_dropped.out_of_view` photons that no pixel sees from where they are moved. Reports that cannot be "
         "used are counted (`motion_refused`); after a jump, a gap of 0.5 s or stamps that fall back the trajectory "
         "begins again (`motion_restarts`). `window_stamp` counts without motion only.",
+        "With `max_mbit_s`, frames that wait to be sent are `under_way`, and a sketch of several has the first's "
+        "stamp. /diagnostics then has `coding_step_now`, `frames_per_sketch` and `sketch_mbit_s`.",
         "Another sensor or gate, other frequencies, and stamps that begin again start a new window.",
     ),
     balances=(PACKETS, PHOTONS),
@@ -108,8 +115,11 @@ def design_settings(values: dict[str, Value]) -> tuple[str, str, int | None]:
 
 
 def make_sketcher(sensor: SensorModel, design: SketchDesign, values: dict[str, Value]) -> AnySketcher:
-    """The sketcher of a design; InvalidInput if its window is too large."""
-    frequencies, frames = design.frequencies, values["window_frames"]
-    if values["motion"] == OFF:
+    """The sketcher of a design; InvalidInput if its window is too large, or parameters contradict each other."""
+    frequencies, frames, still = design.frequencies, values["window_frames"], values["motion"] == OFF
+    for reason, fits in (("lossless, which sends every frame", not values["lossless"]),
+                         ("motion, which has frames seen from different places", still)):
+        require(fits or not values["max_mbit_s"], "max_mbit_s", values["max_mbit_s"], f"0 with {reason}")
+    if still:
         return WindowSketcher(sensor, frequencies, frames, values["window_stamp"], design.gate)
     return MovingSketcher(sensor, frequencies, frames, values["subframes"], values["deskew_to"], design.gate)

@@ -243,7 +243,7 @@ def test_a_frame_of_a_bag_of_sketches_is_reconstructed_as_its_photons(photons, s
     assert len(coded["xyz"]) == pytest.approx(len(wanted["xyz"]), rel=0.02) and len(coded["xyz"]) > 400
     assert coded["depth_bins"].mean() == pytest.approx(wanted["depth_bins"].mean(), abs=1)
     for option, field in ((("--sketch-size", "3"), "sketch_size is 3: expected nothing"),
-                          (("--gate", "1:40"), "gate is 1:40: expected nothing"),
+                          (("--gate", "1:40"), "gate is (1, 40): expected nothing"),
                           (("--method", "rt3d"), "method is rt3d: expected one that takes sketches")):
         code, _, err = srt3d("reconstruct", tmp_path / "bag", *OUT, *option)
         assert code == 2 and field in err and len(err.splitlines()) == 1

@@ -45,6 +45,14 @@ def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixe
     assert len(two_in_one_pixel.within(max_m=1)) == 0
 
 
+def test_a_window_has_its_points_and_background_counted_from_its_first_pixel(two_in_one_pixel):
+    part = two_in_one_pixel.cropped(slice(1, 2), slice(1, 3))
+    assert (part.row.tolist(), part.col.tolist(), part.surface.tolist()) == ([0], [1], [0])
+    assert part.row.dtype == np.uint16 and (part.xyz == two_in_one_pixel.xyz[2:]).all()
+    assert (part.background == two_in_one_pixel.background[1:2, 1:3]).all()
+    assert two_in_one_pixel.cropped(slice(0, 1), slice(0, 2)).surface.tolist() == [0, 1]
+
+
 def test_the_strongest_point_within_the_limits_is_the_first_of_its_pixel(two_in_one_pixel):
     kept = two_in_one_pixel.within(min_m=3)
     assert kept.surface.tolist() == [0, 0] and kept.surface.dtype == np.uint8

@@ -1,5 +1,7 @@
 """Gate: photons outside are dropped, and those inside keep their ranges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,7 +49,9 @@ def test_the_sketch_is_that_of_the_photons_inside_in_every_form(sensor, dtype):
     gate = Gate(sensor, *GATE)
     for ordered in (True, False):
         events = observe(sensor, dtype=dtype, ordered=ordered)
+        events = replace(events, t=np.arange(events.photons, dtype=np.uint32))
         inside = gate.photons(events)
+        assert np.array_equal(inside.pixel, events.pixel[inside.t])     # each with its own instant
         assert 0 < inside.photons < events.photons
         inside.check(gate.sensor)
         expected = sketch_photons(inside, gate.sensor, FREQUENCIES)

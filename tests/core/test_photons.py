@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.photons import MAX_T_NS, MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -66,6 +66,30 @@ def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
     events([0, 11], [0, np.nextafter(np.float32(100), np.float32(0))], np.float32)])
 def test_the_last_pixel_and_the_last_bin_are_inside(frame):
     frame.check(SENSOR)
+
+
+@pytest.mark.parametrize("t", [np.zeros(2, np.int32), np.zeros(2, np.float32), np.zeros(1, np.uint32),
+                               np.zeros((2, 1), np.uint32), np.zeros(2, ">u4")])
+def test_instants_of_other_types_and_shapes_are_refused(t):
+    with pytest.raises(InvalidInput, match=r"^t is .*: expected uint32 \(2,\), nanoseconds$"):
+        PhotonEvents(np.zeros(2, np.uint32), np.zeros(2, np.uint16), 0, t)
+
+
+def test_an_instant_before_the_stamp_wraps_around_and_is_named():
+    before = np.array([7, 0], np.uint32) - np.uint32(1)
+    with pytest.raises(InvalidInput, match="^t is 4294967295: expected nanoseconds after the stamp, 0 to 4000000000$"):
+        PhotonEvents(np.zeros(2, np.uint32), np.zeros(2, np.uint16), 0, before).check(SENSOR)
+    PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16), 0, np.array([MAX_T_NS], np.uint32)).check(SENSOR)
+
+
+@pytest.mark.parametrize("which", [np.array([2, 0]), np.array([True, False, True]), np.zeros(3, bool)])
+@pytest.mark.parametrize("t", [None, np.array([5, 6, 7], np.uint32)])
+def test_a_part_of_the_photons_keeps_stamp_type_and_instants(which, t):
+    frame = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array([7.5, 8, 9], np.float32), 11, t)
+    part = frame.part(which)
+    assert part.stamp_ns == 11 and part.toa.dtype == np.float32
+    assert np.array_equal(part.pixel, frame.pixel[which]) and np.array_equal(part.toa, frame.toa[which])
+    assert part.t is None if t is None else np.array_equal(part.t, t[which])
 
 
 @pytest.mark.parametrize(("words", "named"), [

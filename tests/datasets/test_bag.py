@@ -21,7 +21,7 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import bag as bags
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.bag_photons import find_photons, read_sketch
+from srt3d_ros.datasets.bag_photons import BagFrames, find_photons
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.datasets.photons import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
@@ -282,9 +282,35 @@ def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
     bag = write(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED)])
     with pytest.raises(InvalidInput, match="expected one of photons; it has sketches of them$"):
         open_photons(bag)
-    sensor, sketch = read_sketch(bag)
+    with BagFrames(bag) as frames:
+        assert frames.are_sketches and len(frames) == 1
+        sensor, sketch = frames.sketch(frames.place(0))
     assert sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
-    assert read_sketch(write(tmp_path / "photons", RECORDED)) is None
+
+
+@pytest.mark.parametrize("kind", [*STORAGES, "without index"])
+def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
+    """Two descriptions, the first of which comes late, and messages that were recorded at the same time."""
+    writer = BagWriter(tmp_path / "bag", kind if kind in STORAGES else "mcap")
+    writer.add_topic("/sensor", TEXT, [LATCHED])
+    writer.add_topic("/photons", CLOUD, [Offer()])
+    steps = [(1, 0), (1, 1), (1, SENSOR), (2, 2), (2, OTHER), (2, 3), (3, 4)]
+    for time, what in steps:
+        is_frame = isinstance(what, int)
+        writer.write(*("/photons", time, photons_of(what)) if is_frame else ("/sensor", time, described(what)))
+    writer.close()
+    if kind == "without index":
+        whole = (file := storage_file(tmp_path / "bag")).read_bytes()
+        file.write_bytes(whole[:-28] + bytes(16) + whole[-12:])        # where the summary begins
+    with Bag(tmp_path / "bag") as bag:
+        assert bag.has_index == (kind in STORAGES)
+    with BagFrames(tmp_path / "bag") as frames:
+        places = list(frames.places())
+        assert [place.number for place in places] == list(range(5)) and list(frames.places(3)) == places[3:]
+        for place in (*reversed(places), *places[::2]):
+            found = frames.photons(place, {})
+            assert found.frame.toa[0] == place.number
+            assert found.sensor.num_bins == (40 if place.number > 2 else 50)
 
 
 PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"

@@ -4,6 +4,7 @@ import io
 import struct
 import tracemalloc
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets import files, npz, open_photons
 from srt3d_ros.datasets.photons import ASSUMED_FOV
@@ -35,7 +37,7 @@ def write(tmp_path, **changes):
 def assert_same_sensor(a: SensorModel, b: SensorModel):
     np.testing.assert_allclose(a.irf, b.irf, rtol=1e-6)
     for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
-                 "projection", "gates", "frame_id", "toa_reference"):
+                 "projection", "gates", "frame_id", "toa_reference", "scan"):
         assert getattr(a, name) == getattr(b, name), name
     for name in ("gain", "delay_bins", "mask", "background_shape"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
@@ -49,7 +51,8 @@ def assert_same_sensor(a: SensorModel, b: SensorModel):
                    projection=AngularScan(0.1, -0.2, 0.3, 0.4)),
     SENSOR.replace(projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5))),
     SENSOR.replace(irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins)),
-], ids=["plain", "projection, gates, frame", "maps, scanner", "lens", "IRF per pixel, background"])
+    SENSOR.replace(scan=ScanRate(1 / 3, -0.01, 0.1)),
+], ids=["plain", "projection, gates, frame", "maps, scanner", "lens", "IRF per pixel, background", "scan"])
 def test_everything_comes_back(tmp_path, sensor):
     reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
     reference[1, 0, 0] = np.nan
@@ -68,6 +71,13 @@ def test_every_type_of_toa_is_read(tmp_path, dtype, read_as):
     back = open_photons(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame
     np.testing.assert_array_equal(back.toa, EVENTS.toa)
     assert (back.toa.dtype, back.pixel.dtype) == (read_as, np.uint32)
+
+
+@pytest.mark.parametrize("t", [None, np.array([0, 4_000_000_000, 1, 2], np.uint32)])
+def test_instants_of_photons_come_back(tmp_path, t):
+    npz.save(tmp_path / "a.npz", SENSOR, replace(EVENTS, t=t))
+    back = open_photons(tmp_path / "a.npz").frame.t
+    assert back is None if t is None else back.dtype == np.uint32 and np.array_equal(back, t)
 
 
 def test_gates_are_saved_as_events(tmp_path):
@@ -141,6 +151,11 @@ MALFORMED = {
     "frame of numbers": ({"frame_id": 3}, "frame_id dtype"),
     "one gate word": ({"gate_words": np.array([1])}, "gate_words shape"),
     "gate words too large": ({"gate_words": np.array([1, 10**6])}, "gates.no_detection"),
+    "a scan of two numbers": ({"scan": np.ones(2)}, "scan shape"), "a scan of zeros": ({"scan": np.zeros(3)}, "scan"),
+    "a NaN scan": ({"scan": np.full(3, np.nan)}, "scan"),
+    "instants in seconds": ({"t_ns": np.zeros(4)}, "t_ns"), "fewer instants": ({"t_ns": np.zeros(3, int)}, "t_ns"),
+    "an instant before the stamp": ({"t_ns": np.array([0, -1, 0, 0])}, "t_ns"),
+    "an instant that wraps": ({"t_ns": np.array([0, 2**32, 0, 0])}, "t_ns"),
     "no character": ({"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")}, "frame_id"),
     "intensity of another shape": ({"ref_depth_bins": DEPTH, "ref_refl_photons": DEPTH.T}, "ref_refl_photons shape"),
     "negative intensity": ({"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH}, "ref_refl_photons"),

@@ -94,7 +94,7 @@ def test_every_sub_command_and_option_that_is_named_in_the_text_exists(page, opt
 @each_page
 def test_every_parameter_topic_and_launch_argument_that_is_set_exists(page, repository):
     launch = set(re.findall(r'"(\w+)"', (repository / "launch/srt3d.launch.py").read_text(encoding="utf-8")))
-    known = TOPICS | launch | OCTOMAP | {"sketcher:sketch_size"}
+    known = TOPICS | launch | OCTOMAP | {"sketcher:sketch_size", "__ns", "__node"}
     for code in [*map(" ".join, pages.command_lines(PAGES[page])), *pages.inline(PAGES[page])]:
         for name in re.findall(r"(?:^|[ {])([\w./:]+):=", code):
             assert name in known or is_parameter(name), code

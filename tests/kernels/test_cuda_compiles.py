@@ -52,7 +52,7 @@ def compile_all() -> list[str]:
         "matched": (shape[0], 2 * m, shape[1]), "counts": shape, "exposure": shape, "energy": m, "bin_frequencies": m,
         "moments": 2, "intensity_moments": 2, "background_table": 257}.items()}
     data = SimpleNamespace(**arrays, num_bins=300, max_response=1.0, total_energy=5.0, curvature=0.1, clutter=None,
-                           resolution_bins=7.0, shape=(rows, cols))
+                           origin=(0, 0), resolution_bins=7.0, shape=(rows, cols))
     state = torch.zeros(shape[0], surfaces, maps.FIELDS, shape[1])
     cuda.match(torch.zeros(rows, 2 * m, cols), data.energy, data.bin_frequencies, 300, surfaces)
     terms = cuda.expand(data, state, cuda.Scratch())

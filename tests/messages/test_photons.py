@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as arrays
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.photons import MAX_T_NS, PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.messages import cdr, photons
 from srt3d_ros.messages.cdr import Header
@@ -23,7 +23,8 @@ def sensors_with_events(draw):
     dtype = draw(st.sampled_from([np.uint16, np.uint32, np.float32]))
     bins = st.floats(0, sensor.num_bins, width=32, exclude_max=True) if dtype is np.float32 else \
         st.integers(0, sensor.num_bins - 1)
-    return sensor, PhotonEvents(pixel, draw(arrays.arrays(dtype, count, elements=bins)), draw(st.integers(0, 2**60)))
+    t = draw(st.none() | arrays.arrays(np.uint32, count, elements=st.integers(0, MAX_T_NS)))
+    return sensor, PhotonEvents(pixel, draw(arrays.arrays(dtype, count, elements=bins)), draw(st.integers(0, 2**60)), t)
 
 
 @settings(max_examples=100, deadline=None)
@@ -34,7 +35,8 @@ def test_any_events_make_the_trip_in_their_order(case):
     assert header == Header(events.stamp_ns, "spad") and back.stamp_ns == events.stamp_ns
     assert back.pixel.tobytes() == events.pixel.tobytes()
     assert back.toa.dtype == events.toa.dtype and back.toa.tobytes() == events.toa.tobytes()
-    for array in (back.pixel, back.toa):
+    assert (back.t is None) == (events.t is None) and (back.t is None or back.t.tobytes() == events.t.tobytes())
+    for array in (back.pixel, back.toa) if back.t is None else (back.pixel, back.toa, back.t):
         assert array.flags.writeable and array.flags.aligned and array.flags.c_contiguous and array.dtype.isnative
 
 
@@ -64,6 +66,21 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, big_endia
     _, events = photons.decode_cdr(serialize_message(message), small_sensor)
     assert events.pixel.tolist() == [11, 0, 6] and events.toa.tolist() == [99.5, 0, 7.25]
     assert events.toa.dtype == np.float32 and events.toa.dtype.isnative
+
+
+def test_t_in_another_place_and_order_is_read_and_a_frame_without_photons_keeps_it(small_sensor):
+    point = np.dtype({"names": ["t", "toa", "col", "row"], "offsets": [1, 6, 9, 14], "itemsize": 17,
+                      "formats": [">u4", ">u2", ">u2", ">u2"]})
+    points = np.zeros(2, point)
+    points["t"], points["toa"] = [0, 33_000_000], [5, 99]
+    codes = {"t": PointField.UINT32, "toa": PointField.UINT16, "col": PointField.UINT16, "row": PointField.UINT16}
+    fields = [PointField(name=name, offset=point.fields[name][1], datatype=code, count=1)
+              for name, code in codes.items()]
+    for count in (2, 0):
+        message = PointCloud2(height=1, width=count, fields=fields, is_bigendian=True, point_step=17,
+                              row_step=17 * count, data=points[:count].tobytes())
+        _, events = photons.decode_cdr(serialize_message(message), small_sensor)
+        assert events.t.tolist() == [0, 33_000_000][:count] and events.t.dtype == np.uint32 and events.t.dtype.isnative
 
 
 def test_last_row_and_column_of_the_largest_side_fit():

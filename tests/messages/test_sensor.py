@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import json_text, sensor
@@ -44,7 +45,8 @@ def refused(content) -> InvalidInput:
     ("sensor", FULL), ("sensor_edge", FULL.replace(toa_reference="bin_edge")),
     ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01)))),
     ("sensor_histograms", FULL.replace(gates=None, histograms=HistogramBins(
-        4, np.arange(6, dtype=np.float32).reshape(2, 3) / 2, 1.5, np.array([3, 1.5, 0, 0], np.float32))))])
+        4, np.arange(6, dtype=np.float32).reshape(2, 3) / 2, 1.5, np.array([3, 1.5, 0, 0], np.float32)))),
+    ("sensor_scan", FULL.replace(scan=ScanRate(-0.25, 0.0625, 0.5)))])
 def test_text_is_the_golden_one(name, content):
     golden = (GOLDEN / f"{name}.json").read_text()
     assert sensor.to_json(content) == golden.strip()
@@ -55,7 +57,8 @@ def test_text_is_the_golden_one(name, content):
     {}, {"projection": Pinhole(10.5, 11.5, 1.0, 0.5)},
     {"projection": Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 1e-3, -2e-3, 0.01))},
     {"toa_reference": "bin_edge"}, {"gain": None, "delay_bins": None, "mask": None, "gates": None},
-    {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}, {"background_shape": np.arange(100)}])
+    {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99}, {"background_shape": np.arange(100)},
+    {"scan": ScanRate(1 / 3, -0.1, 0.7)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)
     assert sensor.decode(sensor.encode(content)).same_as(content)
@@ -143,6 +146,11 @@ MALFORMED = [       # what SensorModel itself refuses: tests/core/test_sensor.py
         "elevation_step_rad": 1, "distortion": {}}}, "projection.unknown key"),
     ("gates without no_detection", {"gates": {"first_word": 0}}, "gates.no_detection"),
     ("gates with an unknown key", {"gates": {"first_word": 0, "no_detection": 1, "last": 2}}, "gates.unknown key"),
+    ("scan a number", {"scan": 1e-3}, "scan"),
+    ("scan with a period as text", {"scan": {"row_period_s": "1 ms"}}, "scan.row_period_s"),
+    ("scan with an unknown key", {"scan": {"row_period": 1e-3}}, "scan.unknown key"),
+    ("scan without a period", {"scan": {"start_s": 1}}, "scan"),
+    ("scan before the stamp", {"scan": {"col_period_s": -1e-3}}, "scan"),
     ("toa_reference a number", {"toa_reference": 0.5}, "toa_reference"),
     ("toa_reference a list", {"toa_reference": ["bin_edge"]}, "toa_reference"),
     ("frame_id a number", {"frame_id": 3}, "frame_id"),

@@ -48,6 +48,16 @@ def test_message_is_organised_and_without_padding(layout, bytes_per_pixel):
     assert len(message.data) == 5 * 7 * bytes_per_pixel
 
 
+@pytest.mark.parametrize("layout", ["float32", "int16", "coded"])
+def test_a_window_of_a_message_is_that_of_its_sketch(layout):
+    message, window = sketch.encode_cdr(random_sketch(2, 6, 9, 4), "spad", layout), (slice(1, 4), slice(3, None))
+    whole = sketch.decode_cdr(message, (1, 2, 3, 4))[1]
+    part = sketch.decode_cdr(message, (1, 2, 3, 4), window=window)[1]
+    for name in ("sums", "photons"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[window])
+    assert (part.stamp_ns, part.added_variance) == (whole.stamp_ns, whole.added_variance)
+
+
 def test_full_scale_of_int16_is_one(codecs):
     message = codecs["sketch_int16"].message()
     values = np.frombuffer(message.data, np.dtype([("photons", "<u4"), ("sketch", "<i2", 4)]))

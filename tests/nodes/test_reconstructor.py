@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.projection import AngularScan
+from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets.scene import NetScene, StaticScene, net_sensor
 from srt3d_ros.datasets.simulator import Simulator
@@ -35,6 +36,12 @@ def decode_points(cloud: PointCloud2):
 
 def decode_image(image: Image):
     return image_message.decode_cdr(serialize_message(image))
+
+
+@pytest.fixture(scope="session")
+def sensor(sensor):
+    """Its rows look one after the other."""
+    return sensor.replace(scan=ScanRate(row_period_s=0.001, col_period_s=0.0001))
 
 
 @pytest.fixture
@@ -130,6 +137,7 @@ def test_upsampling_gives_points_and_images_of_finer_pixels(graph, sensor, sketc
     assert (points["row"].max(), points["col"].max()) == (finer.rows - 1, finer.cols - 1)
     directions = points["xyz"] / np.linalg.norm(points["xyz"], axis=1, keepdims=True)
     np.testing.assert_allclose(directions, finer.rays[points["row"], points["col"]], atol=1e-5)
+    np.testing.assert_allclose(points["t"], finer.pixel_times_s[points["row"], points["col"]], atol=1e-9)
     assert depth_m.shape == (finer.rows, finer.cols)
     assert (cameras[0].height, cameras[0].width) == depth_m.shape
     assert (cameras[0].k[0], cameras[0].k[2]) == (finer.projection.fx, finer.projection.cx)

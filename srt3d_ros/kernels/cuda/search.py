@@ -141,8 +141,8 @@ def _pool_cols(matched, counts, light, line, across, line_of_one, weights, row, 
 
 @triton.jit
 def _decide(matched, counts, light, line, across, line_of_one, exposure, before, state, carried, weights, share,
-            enough, confirmed, slope_col, slope_row, bin_frequencies, total, curvature, apart, max_response,
-            background_table, moments, clutter, period, rows, cols, padded_cols, m, WARM: tl.constexpr,
+            enough, confirmed, slope_col, slope_row, first_row, first_cell, bin_frequencies, total, curvature, apart,
+            max_response, background_table, moments, clutter, period, rows, cols, padded_cols, m, WARM: tl.constexpr,
             LAYER: tl.constexpr, SURFACES: tl.constexpr, STEP: tl.constexpr, TAPS: tl.constexpr, STEPS: tl.constexpr,
             BINS: tl.constexpr, M: tl.constexpr, PIXELS: tl.constexpr, CELLS: tl.constexpr):
     """Pool the columns of PIXELS cells of a row, match the pools, and write the surfaces of those that are sure.
@@ -151,6 +151,7 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, before,
         matched, counts, light, line, across, line_of_one: as of `_pool_cols`.
         before: the state that tells which pixels are open.
         WARM: whether there are carried surfaces.
+        first_row, first_cell: of cells, in the whole array.
         BINS: of `clutter`; 0 for none.
     """
     row, cell, l = tl.program_id(1), tl.program_id(0) * PIXELS + tl.arange(0, PIXELS), tl.arange(0, M)
@@ -167,7 +168,7 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, before,
                                       STEP, TAPS, M, PIXELS)
     frequency = tl.load(bin_frequencies + l, mask=l < m, other=0.0)
     depth, height = peak(re, im, tl.floor(frequency * period + 0.5), period, CELLS)
-    depth += STEP * (slope_col * cell.to(tl.float32) + slope_row * row.to(tl.float32))
+    depth += STEP * (slope_col * (first_cell + cell).to(tl.float32) + slope_row * (first_row + row).to(tl.float32))
     depth, signal = depth - period * tl.floor(depth / period), height / total
     score = _score(signal, photons, share, total, max_response, background_table, STEPS)
     score = _rarer(score, depth, clutter, BINS)
@@ -207,7 +208,8 @@ def _decide(matched, counts, light, line, across, line_of_one, exposure, before,
 def _sheared(frame, matched, slope):
     """The map with a plane of this slope turned to depth 0."""
     rows, _, cols = matched.shape
-    down, right = (torch.arange(pixels, device=matched.device) - MARGIN.value for pixels in (rows, cols))
+    down, right = (torch.arange(pixels, device=matched.device) + (first - MARGIN.value)
+                   for pixels, first in zip((rows, cols), frame.origin))
     cosine, sine = phases(frame, slope[0] * right + slope[1] * down[:, None])
     re, im = matched.chunk(2, dim=1)
     return torch.cat([re * cosine + im * sine, im * cosine - re * sine], dim=1)
@@ -235,9 +237,9 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     clutter, bins = (frame.counts, 0) if frame.clutter is None else (frame.clutter, len(frame.clutter))
     _decide[(triton.cdiv(triton.cdiv(cols, step), PIXELS), high)](
         *pooled, *lines, frame.exposure, before, state, state if carried is None else carried, weights, share, enough,
-        confirmed, *slope, frame.bin_frequencies, frame.total_energy, frame.curvature,
-        constants.APART * frame.resolution_bins, frame.max_response, frame.background_table, frame.moments, clutter,
-        float(frame.num_bins), rows, cols, padded_cols, m, WARM=carried is not None, **sizes,
+        confirmed, *slope, *(first // step for first in frame.origin), frame.bin_frequencies, frame.total_energy,
+        frame.curvature, constants.APART * frame.resolution_bins, frame.max_response, frame.background_table,
+        frame.moments, clutter, float(frame.num_bins), rows, cols, padded_cols, m, WARM=carried is not None, **sizes,
         STEPS=len(frame.background_table) - 1, BINS=bins,
         M=max(axis(m), 16), PIXELS=PIXELS, CELLS=CELLS, num_warps=4)
 

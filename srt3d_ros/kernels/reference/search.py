@@ -86,7 +86,8 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     depth, signal = (found[:, 0] for found in match(pooled, frame.energy, frame.bin_frequencies, frame.num_bins, 1))
     for i, j in np.argwhere(is_open & ((view[:, layer, INTENSITY] == 0) | (view[:, layer, SCORE] < DOUBTFUL))):
         cell = i // step, j // step
-        corner = depth[cell] + step * (slope[0] * cell[1] + slope[1] * cell[0])
+        first_row, first_col = (first // step for first in frame.origin)
+        corner = depth[cell] + step * (slope[0] * (first_col + cell[1]) + slope[1] * (first_row + cell[0]))
 
         def measured(t, slopes, signal):
             """The fields FOUND of a surface at depth t with this signal in the pixel's cell."""
@@ -110,7 +111,8 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
 def _sheared(matched, slope, frame):
     """z_l exp(−i ω_l slope · position) of an image."""
     rows, channels, cols = matched.shape
-    along = slope[0] * np.arange(cols) + slope[1] * np.arange(rows)[:, None]
+    right, down = (first + np.arange(pixels) for first, pixels in zip(frame.origin[::-1], (cols, rows)))
+    along = slope[0] * right + slope[1] * down[:, None]
     z = (matched[:, :channels // 2] + 1j * matched[:, channels // 2:]) * np.exp(
         -1j * angular(frame)[:, None] * along[:, None])
     return np.concatenate([z.real, z.imag], axis=1)

@@ -1,0 +1,229 @@
+"""`srt3d reconstruct --frames`: the files of --frame N, byte for byte, whoever makes them, stopped or not."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from srt3d_ros.batch import command
+from srt3d_ros.cli import main
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.messages import cdr, photon_frames
+from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketches
+from tests.devices.made import tmf882x_log
+
+SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), gates=GateWords())
+FREQUENCIES = (1, 2, 5, 9)
+TYPES = {"photons": "PointCloud2", "sketch": "PointCloud2", "gates": "Image", "histograms": "Image"}
+FRAMES = 6
+
+
+class InProcess(ThreadPoolExecutor):
+    """In place of processes, which take seconds to start."""
+
+    most_waiting = 2
+
+    def __init__(self, jobs, say):
+        super().__init__(1)
+
+    def close(self):
+        self.shutdown(cancel_futures=True)
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    monkeypatch.setattr(command, "LocalProcesses", InProcess)
+
+
+@pytest.fixture
+def reconstruct(capfd):
+    """A function of the arguments of `srt3d reconstruct`: exit code, stdout, stderr."""
+    def run(*arguments: object) -> tuple[int, str, str]:
+        code = main.main(["reconstruct", *map(str, arguments)])
+        return code, *capfd.readouterr()
+
+    return run
+
+
+def events(k: int) -> PhotonEvents:
+    """Frame k: a wall at bin 80 + 10 k."""
+    depth = np.full((12, 20), 80.0 + 10 * k)
+    return Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=5, ppp=20, seed=k).frame(0)[0]
+
+
+def message(kind: str, k: int) -> bytes:
+    if kind == "sketch":
+        return sketches.encode_cdr(sketch_photons(events(k), SENSOR, FREQUENCIES), "lidar", "coded")
+    return photon_frames.encode_cdr(events(k), kind, SENSOR)
+
+
+def write_bag(path: Path, kind: str = "photons", broken: tuple[int, ...] = (), frames: int = FRAMES) -> Path:
+    """A bag whose frames `broken` are cut off."""
+    described = {"sketch": ("/sketch/sensor", cdr.write_text(sketches.encode_sensor(SENSOR, FREQUENCIES, 1).data))}
+    topic, sensor = described.get(kind, ("/sensor", sensor_message.encode_cdr(SENSOR)))
+    writer = BagWriter(path)
+    writer.add_topic(topic, "std_msgs/msg/String", [Offer()])
+    writer.add_topic(f"/{kind}", f"sensor_msgs/msg/{TYPES[kind]}", [Offer()])
+    writer.write(topic, 0, sensor)
+    for k in range(frames):
+        raw = message(kind, k % FRAMES)
+        writer.write(f"/{kind}", k + 1, raw[:-len(raw) // 2] if k in broken else raw)
+    writer.close()
+    return path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.name != "batch.json"}
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_the_files_are_those_of_each_frame_by_itself(tmp_path, at_once, reconstruct, kind):
+    bag = write_bag(tmp_path / "bag", kind)
+    code, out, _ = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all", "--surfaces", 2, "--json")
+    assert code == 0
+    made, summary = files(tmp_path / "all"), json.loads(out)
+    assert list(made) == [f"frame_{k:06d}.npz" for k in range(FRAMES)]
+    assert (summary["done"], summary["earlier"], summary["failed"]) == (FRAMES, 0, 0) and summary["points"] > 1000
+    for k in (0, 4):
+        reconstruct(bag, "--frame", k, "-o", tmp_path / "one.npz", "--surfaces", 2)
+        assert made[f"frame_{k:06d}.npz"] == (tmp_path / "one.npz").read_bytes()
+    depths = [np.median(np.load(tmp_path / "all" / name)["depth_bins"]) for name in made]
+    assert depths == pytest.approx([80 + 10 * k for k in range(FRAMES)], abs=2)
+
+
+def test_the_frames_of_a_log(tmp_path, at_once, reconstruct):
+    log = tmf882x_log(tmp_path / "log.json", [20, 30, 40])
+    code, out, _ = reconstruct(log, "--frames", "1:2", "--out", tmp_path / "all", "--format", "ply")
+    assert code == 0 and out.startswith("2 of 2 frames reconstructed")
+    made = files(tmp_path / "all")
+    assert list(made) == ["frame_000001.ply", "frame_000002.ply"]
+    reconstruct(log, "--frame", 2, "-o", tmp_path / "one.ply")
+    assert made["frame_000002.ply"] == (tmp_path / "one.ply").read_bytes()
+
+
+def test_frames_that_fail_are_a_line_each_and_the_same_command_tries_only_them_again(tmp_path, at_once, reconstruct):
+    bag = write_bag(tmp_path / "bag", broken=(2, 4))
+    for earlier in (0, FRAMES - 2):
+        code, out, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all")
+        lines = sorted(line for line in err.splitlines() if line.startswith("srt3d: "))     # beside the progress bar's
+        assert code == 1 and len(lines) == 3 and lines[0].startswith(f"srt3d: 2 of {FRAMES} frames failed; ")
+        assert lines[1].startswith("srt3d: frame 2: ") and lines[2].startswith("srt3d: frame 4: ")
+        assert f"{earlier} were there, 2 failed" in out
+        assert len(files(tmp_path / "all")) == FRAMES - 2
+
+
+def test_it_goes_on_where_it_stopped_and_removes_what_was_half_written(tmp_path, at_once, reconstruct):
+    bag, folder = write_bag(tmp_path / "bag"), tmp_path / "all"
+    reconstruct(bag, "--frames", "0:3", "--out", folder)
+    before = files(folder)
+    (folder / "frame_000001.npz").unlink()
+    (folder / ".frame_000001.0123abcd.part.npz").write_text("half")
+    times = {path: path.stat().st_mtime_ns for path in folder.glob("frame*")}
+    code, out, _ = reconstruct(bag, "--frames", "all", "--out", folder, "--jobs", 3)
+    assert code == 0 and out.startswith("3 of 6 frames reconstructed") and "; 3 were there" in out
+    assert all(path.stat().st_mtime_ns == time for path, time in times.items())
+    assert before.items() < files(folder).items() and len(files(folder)) == FRAMES
+
+
+def test_a_folder_keeps_to_the_options_and_the_input_with_which_it_was_begun(tmp_path, at_once, reconstruct):
+    bag, folder = write_bag(tmp_path / "bag"), tmp_path / "all"
+    other = write_bag(tmp_path / "other" / "bag", frames=FRAMES + 1)
+    run = bag, "--frames", "0:1", "--out", folder
+    code, _, err = reconstruct(*run, "--method", "magic")
+    assert code == 2 and "error: method is magic" in err and not files(folder)
+    assert reconstruct(*run)[0] == 0
+    for arguments, line in (((*run, "--method", "smle"), "begun with method pooled, not smle"),
+                            ((*run, "--upsampling", "2"), "begun with upsampling not given, not 2"),
+                            ((*run, "--format", "ply"), "begun with format npz, not ply"),
+                            ((other, *run[1:]), 'begun with input {"name": "bag", "bytes"'),
+                            ((*run[:-1], tmp_path), "expected a new or empty folder, or one of the same command")):
+        code, out, err = reconstruct(*arguments)
+        assert (code, out) == (2, "") and line in err and len(err.splitlines()) == 1
+    assert len(files(folder)) == 2
+
+
+@pytest.mark.parametrize(("arguments", "line"), [
+    (("--frames", "0:6"), "frames is 0:6: expected all, or first and last such as 0:5, the last there is"),
+    (("--frames", "3:2"), "frames is 3:2"), (("--frames", "some"), "frames is some"),
+    (("--frames", "-1:2"), "--frames"),
+    (("--frames", "all", "--frame", "1"), "frame is 1: expected nothing beside --frames"),
+    (("--frames", "all", "--jobs", "0"), "jobs is 0: expected 1 or more"),
+    (("--frames", "all", "--jobs", "2", "--dask", "tcp://a:1"), "jobs is 2: expected nothing beside --dask"),
+    (("--jobs", "2"), "jobs is 2: expected nothing without --frames"),
+    (("--frames", "all", "--format", "las"), "frame_000000.las: expected a file name that ends in .npz, ")])
+def test_mistakes_are_one_line(tmp_path, at_once, reconstruct, capfd, arguments, line):
+    bag = write_bag(tmp_path / "bag")
+    try:
+        code, _, err = reconstruct(bag, "--out", tmp_path / "all", *arguments)
+    except SystemExit as stopped:
+        code, err = stopped.code, capfd.readouterr()[1]
+    assert code == 2 and line in err and len(err.splitlines()) == 1
+
+
+def test_a_file_of_one_frame_is_refused(tmp_path, reconstruct):
+    np.savez(tmp_path / "one.npz", a=1)
+    code, _, err = reconstruct(tmp_path / "one.npz", "--frames", "all", "--out", tmp_path / "all")
+    assert code == 2 and "frames is one.npz: expected a bag or a device's log" in err
+
+
+def test_processes_make_the_same_files(tmp_path, reconstruct, monkeypatch):
+    bag = write_bag(tmp_path / "bag")
+    assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "processes", "--jobs", 2)[0] == 0
+    monkeypatch.setattr(command, "LocalProcesses", InProcess)
+    assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "here")[0] == 0
+    assert files(tmp_path / "processes") == files(tmp_path / "here")
+
+
+def test_a_dask_cluster_makes_the_same_files_though_a_worker_is_killed_half_way(tmp_path, reconstruct, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    bag, frames = write_bag(tmp_path / "bag", frames=60), 60
+
+    def kill_half_way(worker: subprocess.Popen) -> None:
+        while len(list((tmp_path / "dask").glob("frame*"))) < frames // 2:
+            time.sleep(0.001)
+        worker.kill()
+
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        command_line = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1",
+                        "--no-nanny", "--no-dashboard", "--local-directory", tmp_path]
+        workers = [subprocess.Popen(command_line, stderr=subprocess.DEVNULL, env=os.environ | {
+            "PYTHONPATH": os.pathsep.join(sys.path)}) for _ in range(2)]
+        try:
+            with distributed.Client(cluster, set_as_default=False) as client:
+                client.wait_for_workers(2, 60)
+            killer = threading.Thread(target=kill_half_way, args=(workers[0],), daemon=True)
+            killer.start()
+            code, out, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "dask", "--dask", address)
+            killer.join(10)
+        finally:
+            for worker in workers:
+                worker.kill()
+                worker.wait()
+    assert code == 0 and out.startswith("60 of 60 frames reconstructed") and not killer.is_alive()
+    assert f"{address}: 2 workers" in err
+    monkeypatch.setattr(command, "LocalProcesses", InProcess)
+    assert reconstruct(bag, "--frames", "all", "--out", tmp_path / "here")[0] == 0
+    assert files(tmp_path / "dask") == files(tmp_path / "here")
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, reconstruct, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("srt3d_ros.batch.executors.CONNECT_S", 0.2)
+    bag = write_bag(tmp_path / "bag")
+    for address in ("tcp://127.0.0.1:1", "tcp://127.0.0.1:x"):
+        code, _, err = reconstruct(bag, "--frames", "all", "--out", tmp_path / "all", "--dask", address)
+        assert code == 2 and f"dask is {address}: expected the address of a scheduler, such as tcp://" in err
