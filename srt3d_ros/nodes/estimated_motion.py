@@ -18,12 +18,13 @@ class EstimatedMotion:
     The same methods as `MotionInput`, in the worker's thread.
 
     Args:
-        moved: called in the worker's thread when a depth image has come.
+        moved: called in the worker's thread when a depth image has come that is waited for.
+        wanted: whether one is.
     """
 
-    def __init__(self, node: PipelineNode, moved: Callable[[], None]):
+    def __init__(self, node: PipelineNode, moved: Callable[[], None], wanted: Callable[[], bool]):
         self._node, self._sketcher, self._last_ns = node, None, None
-        self._depth = DepthInput(node, self._refuse, lambda: node.worker.call(moved))
+        self._depth = DepthInput(node, self._refuse, lambda: node.worker.call(moved) if wanted() else None)
 
     def of(self, sensor: SensorModel, frame_id: str = "") -> None:
         """Nothing depends on where the sensor is on a robot."""

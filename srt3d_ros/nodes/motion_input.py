@@ -22,6 +22,7 @@ READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 ESTIMATE = "estimate"
 MOTIONS = ("off", *READERS, ESTIMATE)
 INBOX = 10_000              # reports that may wait for a worker that waits itself: 10 s of a fast IMU
+MANY = 100                  # reports that the worker is told of in any case; telling it of each costs more than reading
 ARRIVING = 256              # reports that may wait in the middleware for the executor
 
 
@@ -44,11 +45,12 @@ class MotionInput:
 
     Args:
         node: with the parameters `motion` and `extrinsics`.
-        moved: called in the worker's thread when reports have come.
+        moved: called in the worker's thread when reports have come that are waited for, or many.
+        wanted: whether reports are waited for.
     """
 
-    def __init__(self, node: PipelineNode, moved: Callable[[], None]):
-        self._node, self._moved = node, moved
+    def __init__(self, node: PipelineNode, moved: Callable[[], None], wanted: Callable[[], bool]):
+        self._node, self._moved, self._wanted = node, moved, wanted
         self.kind = node.parameters["motion"]
         self._given = parse_extrinsics(node.parameters["extrinsics"])
         self._inbox: deque[tuple[bytes, int]] = deque(maxlen=INBOX)
@@ -118,7 +120,7 @@ class MotionInput:
 
     def _received(self, raw: bytes) -> None:
         self._inbox.append((raw, self._node.now_ns()))
-        if not self._woken:
+        if not self._woken and (len(self._inbox) >= MANY or self._wanted()):
             self._woken = True
             self._node.worker.call(self._moved)
 

@@ -52,7 +52,8 @@ class WaitingFrames:
         self._timed: Waiting | None = None          # the frame that the timer is for
         self._timer: threading.Timer | None = None
         self._undeskewed = 0, ""            # frames since the last report, and the last one's cause
-        self._motion = (EstimatedMotion if node.parameters["motion"] == ESTIMATE else MotionInput)(node, self.release)
+        source = EstimatedMotion if node.parameters["motion"] == ESTIMATE else MotionInput
+        self._motion = source(node, self.release, lambda: bool(self._frames))
         node.diagnostics.count(frames_deskewed=0, frames_undeskewed=0, motion_refused=0, motion_restarts=0)
         node.diagnostics.find_warning = self._warning
 
