@@ -11,7 +11,7 @@ import numpy as np
 from srt3d_ros.core.sensor import SensorModel
 
 CELLS = 2**22           # responses of pixels that are computed together: 16 MB
-TIE = 1e-5              # relative difference of responses that rounding may make
+TIE = 1e-6              # relative difference of responses that rounding may make
 TINY = 1e-12
 
 
