@@ -35,6 +35,7 @@ SKETCH_SIZES = (3, 5, 7, 10, 14, 20, 28, 40, 56)       # steps of √2
 STEPS = (coded_sketch.DEFAULT_STEP, 1.4)        # σ; coarser ones save the bytes for more frequencies
 COARSE_BINS = (8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512, 724, 1024)
 RECEIVED_SIZES = (20, 40)   # m of the sketches that a receiver of counts or photons makes: it may take any
+KEPT = (5, 7, 10, 14, 20, 28, 40, 56, 80)       # bytes a pixel that photons are thinned to
 ALONE = SKETCH_SIZES[:8:2]      # m that are reconstructed by "pixel" as well, which takes most of the time
 TRIED = 2**20           # numbers on which forms of packing are tried
 SEED = 3
@@ -124,7 +125,7 @@ def coded(choose: Callable[[Frame, int], tuple[int, ...]]) -> Callable[[Frame, i
                 clouds = [(POOLED, partial(frame.pooled, arrived))]
                 if m in ALONE and step == STEPS[0]:
                     codes = sums.view(np.float32).reshape(frame.sensor.pixels, -1)
-                    matrix = phase_table(sketch.frequencies, frame.sensor.num_bins)
+                    matrix = phase_table(sketch.frequencies, frame.sensor.num_bins, frame.sensor.first_bin_center)
                     clouds.append((PIXEL, partial(frame.by_pixel, codes, matrix)))
                 yield Packed(f"m = {m}, {step:g} σ", len(raw), clouds)
     return pack
@@ -172,14 +173,22 @@ def full(frame: Frame, _: int) -> Iterator[Packed]:
 
 def photons(frame: Frame, every: int) -> Iterator[Packed]:
     """Times of arrival, pixel after pixel; as large a share of them, drawn at random, as fits into some sizes."""
-    whole, random = photon_bytes(frame.photons, frame.sensor), np.random.default_rng(SEED)
-    place = random.random(frame.photons.photons)
-    for target in (*(5, 7, 10, 14, 20, 28, 40, 56, 80)[::every], np.inf):
-        share = min(target * frame.sensor.pixels / whole, 1)
-        kept = PhotonEvents(frame.photons.pixel[place < share], frame.photons.toa[place < share])
-        yield Packed(f"{100 * share:.3g} %", photon_bytes(kept, frame.sensor), _of_photons(frame, kept))
-        if share == 1:
-            return
+    place = np.random.default_rng(SEED).random(frame.photons.photons)
+
+    def kept(share: float) -> tuple[PhotonEvents, int]:
+        some = PhotonEvents(frame.photons.pixel[place < share], frame.photons.toa[place < share])
+        return some, photon_bytes(some, frame.sensor)
+
+    _, whole = kept(1)
+    for target in np.multiply(KEPT[::every], frame.sensor.pixels):
+        if target >= whole:
+            break
+        share, size = 1.0, whole
+        while size > target:        # fewer photons take more bytes each
+            share *= 0.99 * target / size
+            some, size = kept(share)
+        yield Packed(f"{100 * share:.3g} %", size, _of_photons(frame, some))
+    yield Packed("100 %", whole, _of_photons(frame, frame.photons))
 
 
 OURS = "coded sketch"
