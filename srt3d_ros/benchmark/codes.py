@@ -78,7 +78,7 @@ def correlate(codes, expected: np.ndarray) -> np.ndarray:
         left, peak, right = (response[each, (begin + step) % num_bins] for step in (-1, 0, 1))
         bend = left - 2 * peak + right
         shift = np.divide(left - right, 2 * bend, out=np.zeros_like(bend), where=bend < 0).clip(-0.5, 0.5)
-        enough = peak - TIE * np.abs(peak)
+        enough = np.where(peak > 0, (1 - TIE) * peak, np.inf)       # no photons, no top
         before, after = (_run(response, begin, enough, step) for step in (-1, 1))
         depths.append(begin + np.where(before + after > 0, (after - before) / 2, shift))
     return np.concatenate(depths)

@@ -136,7 +136,7 @@ def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str]
     """
     cases = list(dict.fromkeys(line["case"] for line in lines))
     cols = min(len(cases), _PANELS_IN_ROW)
-    figure = Figure((3.9 * cols + 0.6, 3.3 * -(-len(cases) // cols) + 1.2), dpi=DPI, layout="constrained")
+    figure = Figure((max(3.9 * cols + 0.6, 9), 3.3 * -(-len(cases) // cols) + 1.4), dpi=DPI, layout="constrained")
     axes = figure.subplots(-(-len(cases) // cols), cols, squeeze=False).ravel()
     for ax, case in zip(axes, cases):
         for budget in budgets:
@@ -161,13 +161,15 @@ def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str]
         _grid(ax)
     for ax in axes[len(cases):]:
         ax.set_axis_off()
-    figure.supxlabel("bytes a pixel", size=11)
-    figure.supylabel("mean depth error, bins (a missed surface counts as the tolerance)", size=11)
+    figure.suptitle("Depth error in equal bytes: pooled along surfaces, or each pixel alone", size=13)
+    figure.supylabel("mean depth error, bins; of a missed surface the tolerance", size=10)
+    for ax in axes[max(len(cases) - cols, 0):len(cases)]:
+        ax.set_xlabel("bytes a pixel")
     handles = [axes[0].plot([], [], color=colour, marker=marker, label=name)[0]
                for name, (colour, marker) in zip(representations, _BYTES_STYLES)]
     handles += [axes[0].plot([], [], color=_GOAL_LINE, linestyle=dashes, label=how)[0]
                 for how, dashes in _BYTES_DASHES.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(2 * cols + 2, 6), frameon=False)
     save_png(figure, path)
 
 
