@@ -151,8 +151,8 @@ def gray(frame: Frame, every: int) -> Iterator[Packed]:
     """Gray codes, rounded to integers; there are at most log₂ T of them."""
     for count in range(2, frame.sensor.num_bins.bit_length())[::every]:
         matrix = gray_codes(frame.sensor.num_bins, count)
-        codes = np.stack([np.bincount(frame.photons.pixel, row, frame.sensor.pixels)
-                          for row in matrix[frame.bins].T], axis=1)
+        codes = np.stack([np.bincount(frame.photons.pixel, code[frame.bins], frame.sensor.pixels)
+                          for code in matrix.T], axis=1)
         codes = np.rint(codes).astype(np.int32)
         yield Packed(f"K = {count}", packed_size(codes.T), [
             (PIXEL, partial(frame.by_pixel, codes, matrix)), (WINDOW, partial(frame.by_pixel, codes, matrix, 3))])
@@ -179,16 +179,16 @@ def photons(frame: Frame, every: int) -> Iterator[Packed]:
         some = PhotonEvents(frame.photons.pixel[place < share], frame.photons.toa[place < share])
         return some, photon_bytes(some, frame.sensor)
 
-    _, whole = kept(1)
+    every_photon, whole = kept(1)
     for target in np.multiply(KEPT[::every], frame.sensor.pixels):
         if target >= whole:
             break
-        share, size = 1.0, whole
-        while size > target:        # fewer photons take more bytes each
+        share, size, some = 1.0, whole, every_photon
+        while size > target and some.photons:       # fewer photons take more bytes each
             share *= 0.99 * target / size
             some, size = kept(share)
         yield Packed(f"{100 * share:.3g} %", size, _of_photons(frame, some))
-    yield Packed("100 %", whole, _of_photons(frame, frame.photons))
+    yield Packed("100 %", whole, _of_photons(frame, every_photon))
 
 
 OURS = "coded sketch"
@@ -227,7 +227,8 @@ def photon_bytes(events: PhotonEvents, sensor: SensorModel) -> int:
     counts = packed_size(np.bincount(events.pixel, minlength=sensor.pixels)[None])
     if events.toa.dtype.kind == "f":
         return counts + _packed(_planes(events.toa))
-    return counts + min(_packed(_planes(form)) for form in (events.toa, np.diff(events.toa, prepend=events.toa[:0])))
+    differences = np.diff(events.toa, prepend=events.toa.dtype.type(0))
+    return counts + min(_packed(_planes(form)) for form in (events.toa, differences))
 
 
 def _planes(values: np.ndarray) -> bytes:
@@ -247,12 +248,12 @@ def _of_photons(frame: Frame, kept: PhotonEvents) -> list[Cloud]:
 
 
 def _histogram(frame: Frame, width: int) -> Iterator[Packed]:
-    """The histogram of bins that are `width` bins of the sensor wide; none if it has too many."""
+    """The histogram of bins that are `width` bins of the sensor wide; none if there are too many, or too few."""
     from scipy.sparse import coo_array
 
     sensor, pixel = frame.sensor, frame.photons.pixel
     count = -(-sensor.num_bins // width)
-    if count * sensor.pixels > MAX_WORDS:
+    if count * sensor.pixels > MAX_WORDS or sensor.irf.shape[-1] + width - width % 2 > count * width:
         return
     cell = frame.bins // width
     sparse = coo_array((np.ones(len(cell), np.float32), (pixel, cell)), (sensor.pixels, count)).tocsr()

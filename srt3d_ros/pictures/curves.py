@@ -28,6 +28,7 @@ _INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", 
 _BYTES_STYLES = tuple(zip((*METHOD_COLOURS, "#8a8f98", "#7a4a00"), "osv^DPX*<"))
 _BYTES_DASHES = {"pooled": "-", "pixel": (0, (1, 1.5)), "3 × 3": (0, (4, 2))}
 _PANELS_IN_ROW = 4
+_CUT_OFF = 15           # times the least error of a panel
 _GRID, _GOAL, _GOAL_LINE = "#d9dce0", "#b8bec6", "#6b7280"
 # Lighter and warmer along a series.
 _SERIES_MAP = LinearSegmentedColormap.from_list(
@@ -127,7 +128,9 @@ def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float
 
 
 def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str], budgets: Sequence[int]) -> None:
-    """Draw a panel for each case: the least error that so many bytes a pixel give, both axes logarithmic.
+    """Draw a panel for each case: the least error that so many bytes a pixel give, on logarithmic axes.
+
+    Errors above _CUT_OFF times the least are cut off.
 
     Args:
         lines: with `case`, `representation`, `reconstruction`, `bytes_per_pixel` and `error_bins`.
@@ -153,7 +156,8 @@ def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str]
                             linewidth=2.6 if name == representations[0] and not alone else 1.2)
         ppp = next(line["photons_per_pixel"] for line in lines if line["case"] == case)
         ax.set_title(f"{case} ({ppp:.3g} photons)" if "ppp" not in case else case, size=10)
-        ax.set(xscale="log", yscale="log")
+        least = min(line["error_bins"] for line in lines if line["case"] == case)
+        ax.set(xscale="log", yscale="log", ylim=(0.85 * least, _CUT_OFF * least))
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_minor_formatter(NullFormatter())
