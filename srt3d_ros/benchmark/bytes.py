@@ -121,14 +121,15 @@ def _ratio(found: dict, cases: list[str], row: tuple[str, str], budget: int) -> 
 
 
 def _standing(found: dict, cases: list[str], budget: int) -> str:
-    """In how many cases no other representation has less error than ours, and in which one has."""
+    """In how many cases no other representation has less error than ours, by its best reconstruction; and the rest."""
     behind = []
     for case in cases:
-        ours = found.get((case, OURS, POOLED, budget))
-        others = [line for (*key, limit), line in found.items() if (key[0], limit) == (case, budget) and key[1] != OURS]
-        least = min(others, key=lambda line: line["error_bins"], default=None)
-        if least and (ours is None or ours["error_bins"] > LEVEL * least["error_bins"]):
-            own = "nothing" if ours is None else f"{ours['error_bins']:.3g}"
+        lines = sorted((line for (of, *_, limit), line in found.items() if (of, limit) == (case, budget)),
+                       key=lambda line: line["error_bins"])
+        ours = next((line["error_bins"] for line in lines if line["representation"] == OURS), None)
+        least = next((line for line in lines if line["representation"] != OURS), None)
+        if least and (ours is None or ours > LEVEL * least["error_bins"]):
+            own = "nothing" if ours is None else f"{ours:.3g}"
             behind.append(f"{case} ({least['representation']} {least['error_bins']:.3g}, ours {own})")
     leads = f"the coded sketch leads or is level within {100 * LEVEL - 100:.0f} % in {len(cases) - len(behind)} of " \
             f"{len(cases)} cases"

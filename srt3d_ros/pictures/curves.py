@@ -156,8 +156,8 @@ def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str]
                             linewidth=2.6 if name == representations[0] and not alone else 1.2)
         ppp = next(line["photons_per_pixel"] for line in lines if line["case"] == case)
         ax.set_title(f"{case} ({ppp:.3g} photons)" if "ppp" not in case else case, size=10)
-        least = min(line["error_bins"] for line in lines if line["case"] == case)
-        ax.set(xscale="log", yscale="log", ylim=(0.85 * least, _CUT_OFF * least))
+        errors = [line["error_bins"] for line in lines if line["case"] == case]
+        ax.set(xscale="log", yscale="log", ylim=(0.85 * min(errors), 1.15 * min(max(errors), _CUT_OFF * min(errors))))
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_minor_formatter(NullFormatter())
