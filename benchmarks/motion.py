@@ -161,6 +161,23 @@ def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory,
             "window": method(exact, window_frames=WINDOW)}
 
 
+def along(view: MovingView, frames: int, ppp: float, names: tuple[str, ...]
+          ) -> Iterator[tuple[int, dict[str, PointCloud]]]:
+    """Frames from 0 s on: the instant of each, ns, and its clouds by some methods, with exact odometry."""
+    frequencies = choose("auto", view.sensor)
+    ways = methods(view.sensor, frequencies, "middle", Trajectory(), Trajectory())
+    for k in tqdm(range(frames), unit="frame"):
+        first_s = k * FRAME_S
+        parts = part_sketches(Views(view, first_s), view.sensor, frequencies, first_s, ppp, k)
+        known = trajectory(view.sensor_pose, first_s - FRAME_S, first_s + FRAME_S)
+        first_ns, middle_ns, last_ns = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
+        frame, clouds = MovingFrame(parts, first_ns, last_ns, middle_ns), {}
+        for name in names:
+            ways[name].known = None if ways[name].known is None else known
+            clouds[name] = ways[name].cloud(frame)
+        yield middle_ns, clouds
+
+
 def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str, shots: list[Shot]) -> Iterator[dict]:
     """A line for each number of photons and each method: means over the last frames, when the window is full.
 

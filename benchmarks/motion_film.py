@@ -8,12 +8,8 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from tqdm import tqdm
-
-from benchmarks.motion import FRAME_S, Views, methods, part_sketches
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.moving_sketcher import MovingFrame
-from srt3d_ros.datasets.motion_profiles import MOTIONS, trajectory
+from benchmarks.motion import along
+from srt3d_ros.datasets.motion_profiles import MOTIONS
 from srt3d_ros.datasets.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.room import Room
 from srt3d_ros.recording.motion_film import Moment, write_film
@@ -35,14 +31,6 @@ def run(args: argparse.Namespace) -> tuple:
 
 
 def _moments(args: argparse.Namespace) -> Iterator[Moment]:
-    sensor = moving_sensor()
-    view, frequencies = MovingView(Room(), MOTIONS[args.motion], sensor), choose("auto", sensor)
-    known = trajectory(view.sensor_pose, 0.0, args.frames * FRAME_S)
-    ways = methods(sensor, frequencies, "middle", known, known)
-    for k in tqdm(range(args.frames), unit="frame"):
-        first_s = k * FRAME_S
-        parts = part_sketches(Views(view, first_s), sensor, frequencies, first_s, args.ppp, k)
-        first_ns, middle_ns, last_ns = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
-        frame = MovingFrame(parts, first_ns, last_ns, middle_ns)
-        yield Moment(middle_ns, view.sensor_pose(first_s + FRAME_S / 2),
-                     {title: ways[name].cloud(frame) for title, name in SHOWN.items()})
+    view = MovingView(Room(), MOTIONS[args.motion], moving_sensor())
+    for stamp_ns, clouds in along(view, args.frames, args.ppp, tuple(SHOWN.values())):
+        yield Moment(stamp_ns, view.sensor_pose(stamp_ns / 1e9), {title: clouds[name] for title, name in SHOWN.items()})

@@ -34,7 +34,7 @@ class MovingView:
     """
 
     def __init__(self, world: World, path: Path, sensor: SensorModel, exposure_s: float = 0.0):
-        self._world, self._path, self._exposure_s = world, path, exposure_s
+        self.sensor, self._world, self._path, self._exposure_s = sensor, world, path, exposure_s
         self._shape = sensor.rows, sensor.cols
         self._mount = OPTICAL if isinstance(sensor.projection, Pinhole) else Pose()
         self._rays = np.ascontiguousarray(sensor.rays.reshape(-1, 3).T)
