@@ -5,21 +5,38 @@ import io
 import itertools
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Imu
 
 from robustness.targets import Defect, Made, Target
 from srt3d_ros import zstd
 from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, parser
 from srt3d_ros.cli.up import node_specs, parameters_yaml, ros_arguments
 from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.motion_track import MotionTrack
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import camera, cdr, coded_sketch, gates, histograms, images, photons, points, sensor, sketch
+from srt3d_ros.messages import (
+    camera,
+    cdr,
+    coded_sketch,
+    gates,
+    histograms,
+    images,
+    odometry,
+    photons,
+    points,
+    sensor,
+    sketch,
+)
 from srt3d_ros.node_names import NODES
 
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "messages" / "golden"
@@ -110,6 +127,25 @@ def _camera_info() -> Made:
     return read, [serialize_message(message) for message in described if message is not None]
 
 
+def _motion(decode, example) -> Made:
+    """What is read is followed, after one that says where the robot was."""
+    def read(raw: bytes) -> None:
+        report, track = decode(raw), MotionTrack()
+        track.add(replace(report, stamp_ns=report.stamp_ns - 10**8, pose=report.pose and Pose()))
+        track.add(report)
+        pose = track.trajectory.at(report.stamp_ns)
+        if not (np.isfinite(pose.rotation).all() and np.isfinite(pose.translation).all()):
+            raise Defect("a pose that is not finite")
+
+    return read, [serialize_message(example)]
+
+
+def _odometry() -> Made:
+    example = Odometry(child_frame_id="base_link")
+    example.header.frame_id = "odom"
+    return _motion(odometry.decode_odometry, example)
+
+
 def _parameters() -> Made:
     """The bytes are a parameter file; the nodes read it in turn."""
     from rclpy.context import Context
@@ -180,6 +216,8 @@ TARGETS = (
     _target("sensor", _sensor, SENSOR_TEXTS, 100_000),
     _target("sketch_sensor", _sketch_sensor, [sketch.encode_sensor(SENSOR, FREQUENCIES, 3).data.encode()], 100_000),
     Target("camera_info", _camera_info, 100_000),
+    Target("odometry", _odometry, 200_000),
+    Target("imu", lambda: _motion(odometry.decode_imu, Imu()), 200_000),
     Target("parameters", _parameters, 3_000),
     _target("arguments", _arguments, [line.encode() for line in COMMAND_LINES], 20_000),
 )

@@ -5,11 +5,12 @@ from collections.abc import Iterable
 
 from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter, Value
-from srt3d_ros.nodes.topics import DIAGNOSTICS, FRAMES, Topic
+from srt3d_ros.nodes.topics import DIAGNOSTICS, FRAMES, MOTION, Topic
 from tools.schema_tables import table
 
 WIDTH = 120
-FROM_DRIVER = ("sensor", "sensor/camera_info", *(topic.name for topic in FRAMES))
+OUTSIDE = dict.fromkeys(("sensor", "sensor/camera_info", *(topic.name for topic in FRAMES)), "your driver") | {
+    topic.name: "your robot" for topic in MOTION}
 EVERY_NODE = "every node"
 HEAD = """\
 # The nodes
@@ -85,11 +86,11 @@ def _topics(specs: list[NodeSpec]) -> str:
 
 
 def _publishers(topic: Topic, specs: list[NodeSpec]) -> list[str]:
-    """The nodes that publish a topic, each with its condition, and the driver."""
+    """The nodes that publish a topic, each with its condition, and who else does."""
     own = [spec.name + (f" ({one.when})" if one.when else "") for spec in specs for one in spec.outputs
            if one.name == topic.name]
-    if topic.name in FROM_DRIVER:
-        return ["your driver", *own]
+    if topic.name in OUTSIDE:
+        return [OUTSIDE[topic.name], *own]
     return own or [EVERY_NODE]
 
 

@@ -4,8 +4,8 @@ import argparse
 
 from srt3d_ros.cli import common, node
 
-PARAMETERS = ("input", "rate_hz", "duration_s", "frames", "loop", "lossless", "output", "bag_rate", "bag_loop",
-              "bag_start_s", "bag_stamps", "bag_photons_topic", "clock")
+PARAMETERS = ("input", "rate_hz", "duration_s", "frames", "loop", "lossless", "output", "motion", "bag_rate",
+              "bag_loop", "bag_start_s", "bag_stamps", "bag_photons_topic", "clock")
 
 
 def add_parser(subparsers) -> None:
@@ -27,6 +27,9 @@ def add_parser(subparsers) -> None:
     for topic, source in (("gates", "a SPAD array reads out"), ("histograms", "sensors send that count on the chip")):
         form.add_argument(f"--{topic}", dest="output", action="store_const", const=topic,
                           help=f"publish `{topic}`, as {source}, instead of `photons`")
+    frames.add_argument("--motion", metavar="HOW",
+                        help="walk, drone or spin: the simulator's sensor moves, and odom says where it is "
+                             "(docs/motion.md)")
     bags = parser.add_argument_group("bags (docs/bags.md)")
     bags.add_argument("--rate", dest="bag_rate", type=float, metavar="X",
                       help="pace, 1 as recorded; 0 with --lossless: as fast as the pipeline answers")

@@ -5,6 +5,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.kernels.lens import distorted
 
 STEPS = 4                   # from the middle of the image to the pixel, so that Newton's method keeps to one solution
 ITERATIONS = 30             # in each; Newton's method needs 3 to 6 where there is a solution
@@ -45,10 +46,13 @@ class PlumbBob:
 
     def distorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(x', y') of rays (x, y, 1)."""
-        r2 = x * x + y * y
-        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
-        return (x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
-                y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y)
+        return distorted(x, y, *astuple(self))
+
+    @property
+    def reach(self) -> float:
+        """x² + y² of the rays at which the model turns back: what it says of wider ones is no place in an image."""
+        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1])        # of the radius' growth, in x² + y²
+        return float(min(roots[(roots.imag == 0) & (roots.real > 0)].real, default=np.inf))
 
     def undistorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The (x, y) of the rays (x, y, 1) that are seen at these (x', y'), float64, by Newton's method.

@@ -1,6 +1,7 @@
 """Where a sensor was, and when: rigid motions, and trajectories that interpolate them."""
 
-from bisect import bisect_left
+import math
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -9,6 +10,8 @@ import numpy as np
 from srt3d_ros.errors import require
 
 KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
+SMOOTH_NS = 150_000_000     # of odometry. Stamps off by up to 20 ms: 4 mm at 1 m/s; a hand's shaking: 1 mm lost
+FEWEST = 6                  # poses that a parabola is drawn through
 SMALL_RAD = 1e-6            # below it sin(a) / a is 1 to the last digit of a double
 
 
@@ -31,10 +34,10 @@ class Pose:
         Raises:
             InvalidInput: a number that is not finite, or a quaternion that is not of length 1 to 1 %.
         """
-        x, y, z, w = quaternion = np.asarray(xyzw, np.float64)
+        quaternion = np.asarray(xyzw, np.float64)
         translation = np.asarray(translation, np.float64)
         require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")
-        length = float(np.linalg.norm(quaternion))
+        length = math.hypot(*quaternion)
         require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # NaN fails
         x, y, z, w = quaternion / length
         rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -71,6 +74,10 @@ class Pose:
         """The motion back."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
 
+    def same_as(self, other: Self) -> bool:
+        """Whether both are the same, to the bit."""
+        return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.translation, other.translation)
+
     def __matmul__(self, other: Self) -> Self:
         """First `other`, then this."""
         return type(self)(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
@@ -81,9 +88,15 @@ class Pose:
 
 
 class Trajectory:
-    """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds."""
+    """Poses of a sensor in one fixed frame, in order of time; between them it moves evenly. Keeps the last seconds.
 
-    def __init__(self) -> None:
+    Args:
+        smooth_ns: poses and stamps are noisy: where FEWEST poses are so near, that of an instant lies on a parabola
+            through them (local quadratic regression: Cleveland, JASA 74, 1979, with weights 1 − u²).
+    """
+
+    def __init__(self, smooth_ns: int = 0) -> None:
+        self._smooth_ns = smooth_ns
         self._stamps_ns: list[int] = []
         self._poses: list[Pose] = []
 
@@ -118,6 +131,8 @@ class Trajectory:
         stamps = self._stamps_ns
         require(self.covers(stamp_ns, stamp_ns), "stamp", stamp_ns,
                 f"within the trajectory, {stamps[0]} to {stamps[-1]} ns" if stamps else "none: no pose has come yet")
+        if self._smooth_ns and (fitted := self._fitted(stamp_ns)):
+            return fitted
         after = bisect_left(stamps, stamp_ns)
         if stamps[after] == stamp_ns:
             return self._poses[after]
@@ -127,6 +142,32 @@ class Trajectory:
         return Pose(before.rotation @ turn.rotation,
                     (1 - share) * before.translation + share * then.translation)
 
+    def _fitted(self, stamp_ns: int) -> Pose | None:
+        """The pose on a parabola through those around; None if they are too few, or the instant is in a gap."""
+        after = bisect_left(self._stamps_ns, stamp_ns)
+        gap_ns = self._stamps_ns[after] - self._stamps_ns[max(after - 1, 0)]
+        first = bisect_left(self._stamps_ns, stamp_ns - self._smooth_ns)
+        end = bisect_right(self._stamps_ns, stamp_ns + self._smooth_ns)
+        if end - first < FEWEST or 3 * gap_ns > self._smooth_ns:
+            return None
+        away = (np.array(self._stamps_ns[first:end]) - stamp_ns) / self._smooth_ns
+        near = self._poses[first:end]
+        powers = away ** np.arange(3)[:, None]
+        weighted = powers * (1 - away**2 + 1e-9)
+        share = np.linalg.solve(weighted @ powers.T, weighted)[0]        # of what is known, at the instant
+        middle = near[int(np.abs(away).argmin())].rotation
+        turn = share @ _vectors(middle.T @ np.stack([pose.rotation for pose in near]))
+        return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in near]))
+
     def motion(self, from_ns: int, to_ns: int) -> Pose:
         """Where a point of the sensor's frame at from_ns lies in its frame at to_ns, if the world stands still."""
         return self.at(to_ns).inverse() @ self.at(from_ns)
+
+
+def _vectors(rotations: np.ndarray) -> np.ndarray:
+    """`Pose.rotation_vector` of rotations [N, 3, 3] by less than half a turn, [N, 3]."""
+    skew = (rotations - rotations.swapaxes(1, 2)) / 2
+    axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)      # times sin(angle)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, (np.trace(rotations, axis1=1, axis2=2) - 1) / 2)
+    return axis * np.where(sine > SMALL_RAD, angle / np.maximum(sine, SMALL_RAD), 1)[:, None]

@@ -7,6 +7,8 @@ import numpy as np
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.motion import Pose, Trajectory
+from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.photons import TOA_DTYPES, PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
@@ -27,6 +29,16 @@ def sketching() -> None:
         for pixels in ([0, 1], [1, 0]):         # sorted and not
             sketcher.add(PhotonEvents(np.array(pixels, np.uint32), np.zeros(2, toa_dtype)))
     sketcher.sketch()
+
+
+def deskewing() -> None:
+    """Move a window of two frames of a sensor that moves."""
+    sketcher, trajectory, ranges = MovingSketcher(ANY_SENSOR, (1,), 2), Trajectory(), np.ones((1, 2), np.float32)
+    for at_ns in (0, 100):
+        trajectory.add(at_ns, Pose())
+    for stamp_ns in (0, 10):
+        sketcher.add(PhotonEvents(np.array([0, 1], np.uint32), np.zeros(2, TOA_DTYPES[0]), stamp_ns))
+        sketcher.finish(sketcher.end_frame(), trajectory, ranges)
 
 
 def birth_death() -> None:
@@ -60,4 +72,4 @@ def rt3d() -> None:
 
 BASELINES = smle, rt3d
 # For two processes, which take as long: 24 s of a core each, of a busy AMD EPYC, and 7 s more for the baselines.
-PARTS = (birth_death, sketching, smle), (all_but_birth_death, rt3d)
+PARTS = (birth_death, sketching, smle), (all_but_birth_death, deskewing, rt3d)

@@ -57,6 +57,23 @@ class Pinhole:
             x, y = self.distortion.undistorted(x, y)
         return _unit(x, y, np.ones((rows, cols)))
 
+    @property
+    def lens(self) -> np.ndarray:
+        """As kernels read it (`kernels.lens`), float32 [10]."""
+        bend = self.distortion
+        return np.array([self.fx, self.fy, self.cx, self.cy, bend.k1, bend.k2, bend.p1, bend.p2, bend.k3, bend.reach],
+                        np.float32)
+
+    def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column at which points [..., 3] are seen, float32 [...]; NaN behind the camera or past its reach."""
+        x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
+        with np.errstate(all="ignore"):
+            x, y = x / z, y / z
+            seen = (z > 0) & (x * x + y * y < self.distortion.reach)
+            x, y = self.distortion.distorted(x, y)
+            return tuple(np.where(seen, at, np.nan).astype(np.float32)
+                         for at in (self.fy * y + self.cy, self.fx * x + self.cx))
+
     def upsampled(self, factor: int) -> "Pinhole":
         """The same camera with `factor` × `factor` finer pixels in the place of each."""
         first = _first_centre(factor)
@@ -99,6 +116,21 @@ class AngularScan:
         elevation = (self.elevation_start_rad + self.elevation_step_rad * np.arange(rows))[:, None]
         z = np.broadcast_to(np.sin(elevation), (rows, cols))
         return _unit(np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), z)
+
+    @property
+    def lens(self) -> np.ndarray:
+        """As kernels read it (`kernels.lens`), float32 [4]."""
+        return np.array([self.azimuth_start_rad, self.azimuth_step_rad, self.elevation_start_rad,
+                         self.elevation_step_rad], np.float32)
+
+    def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column at which points [..., 3] are seen, float32 [...]; columns from −½ to a turn later."""
+        x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
+        with np.errstate(all="ignore"):
+            row = (np.arctan2(z, np.hypot(x, y)) - self.elevation_start_rad) / self.elevation_step_rad
+            col = (np.arctan2(y, x) - self.azimuth_start_rad) / self.azimuth_step_rad
+            col = (col + 0.5) % (2 * np.pi / abs(self.azimuth_step_rad)) - 0.5
+        return row.astype(np.float32), col.astype(np.float32)
 
     def upsampled(self, factor: int) -> "AngularScan":
         """The same scan in steps `factor` times finer."""

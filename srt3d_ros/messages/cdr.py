@@ -92,7 +92,7 @@ class Image:
 
 def read_cloud(raw: bytes) -> Cloud:
     """A serialised PointCloud2; InvalidInput names the field at which it breaks off or makes no sense."""
-    reader = _Reader(raw)
+    reader = Reader(raw)
     header, height, width = reader.header(), reader.number("height"), reader.number("width")
     count = reader.number("fields")
     require(count <= MAX_FIELDS, "fields", f"a sequence of {count}", f"at most {MAX_FIELDS} fields")
@@ -106,7 +106,7 @@ def read_cloud(raw: bytes) -> Cloud:
 
 def cloud_shape(raw: bytes) -> tuple[int, int]:
     """Height and width of a serialised PointCloud2, of which nothing more is read; InvalidInput if it breaks off."""
-    reader = _Reader(raw)
+    reader = Reader(raw)
     reader.header()
     return reader.number("height"), reader.number("width")
 
@@ -131,7 +131,7 @@ def write_cloud(cloud: Cloud) -> bytes:
 
 def read_text(raw: bytes) -> str:
     """A serialised std_msgs/String; InvalidInput if it breaks off or is no text."""
-    reader = _Reader(raw)
+    reader = Reader(raw)
     text = reader.text("data")
     reader.end()
     return text
@@ -146,20 +146,20 @@ def write_text(text: str) -> bytes:
 
 def stamp_ns(raw: bytes) -> int:
     """The stamp of a serialised message that begins with a std_msgs/Header; InvalidInput if it breaks off there."""
-    return _Reader(raw).stamp_ns()
+    return Reader(raw).stamp_ns()
 
 
 def restamp(raw: bytes, stamp_ns: int) -> bytes:
     """A serialised message with another stamp: many times cheaper than to write its data again."""
     header = Header(stamp_ns, "")
     # The stamp comes first in every message with a header.
-    stamp = struct.pack(_Reader(raw).order + "iI", header.sec, header.nanosec)
+    stamp = struct.pack(Reader(raw).order + "iI", header.sec, header.nanosec)
     return b"".join((raw[:CDR_HEADER_BYTES], stamp, memoryview(raw)[CDR_HEADER_BYTES + len(stamp):]))
 
 
 def read_image(raw: bytes) -> Image:
     """A serialised Image; InvalidInput names the field at which it breaks off or makes no sense."""
-    reader = _Reader(raw)
+    reader = Reader(raw)
     image = Image(reader.header(), reader.number("height"), reader.number("width"), reader.text("encoding"),
                   reader.flag("is_bigendian"), reader.number("step"), reader.sequence("data"))
     reader.end()
@@ -178,7 +178,9 @@ def write_image(image: Image) -> bytes:
     return writer.finish(image.data)
 
 
-class _Reader:
+class Reader:
+    """Reads the parts of a serialised message in turn; InvalidInput names the one at which it breaks off."""
+
     def __init__(self, raw: bytes):
         self.raw = memoryview(raw)
         order = ORDERS.get(bytes(self.raw[:2]))
@@ -199,6 +201,11 @@ class _Reader:
         count = struct.calcsize(code)
         self.at += -(self.at - CDR_HEADER_BYTES) % count
         return struct.unpack(self.order + code, self.take(field, count))[0]
+
+    def doubles(self, field: str, count: int) -> tuple[float, ...]:
+        """So many float64."""
+        self.at += -(self.at - CDR_HEADER_BYTES) % 8
+        return struct.unpack(f"{self.order}{count}d", self.take(field, 8 * count))
 
     def flag(self, field: str) -> bool:
         value = self.number(field, "B")

@@ -49,10 +49,12 @@ class Diagnostics:
     Attributes:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
             these diagnostics.
+        find_warning: likewise for a warning.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
         self.find_contradiction: Callable[[], str] = str
+        self.find_warning: Callable[[], str] = str
         self._node = node
         self._lock = threading.Lock()
         self._accounts = FrameAccounts(balances)
@@ -224,6 +226,8 @@ class Diagnostics:
             several = "".join(f"; {count} publish {topic}" for topic in self._topics
                               if (count := self._node.count_publishers(topic)) > 1)
             return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
+        if warning := self.find_warning():
+            return DiagnosticStatus.WARN, warning
         if no_clock := self._missing_clock():
             return DiagnosticStatus.WARN, no_clock
         if self._waiting_for:

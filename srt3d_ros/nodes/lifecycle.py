@@ -86,7 +86,7 @@ class ManagedNode(LifecycleNode):
     def _make(self, create: Callable, topic: Topic, *args, **options):
         """A subscription or publisher. The middleware gives no reason for a failure; rclpy has checked the name."""
         try:
-            return create(topic.type, topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
+            return create(topic.load(), topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
         except rclpy_implementation.RCLError:
             raise InvalidInput(f"topic of {topic.name}", self.resolve_topic_name(topic.name),
                                f"one without another type than {topic.type_name} in this process") from None

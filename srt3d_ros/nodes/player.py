@@ -11,12 +11,14 @@ from rclpy.time import Time
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from srt3d_ros.datasets.motion_profiles import MOTIONS
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.moving_source import PACKETS, MovingSource
 from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
@@ -48,6 +50,13 @@ PARAMETERS = (
     Parameter("ppp", 15.0, "Simulator: mean photons a pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
+    Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person, a drone, or a "
+              f"robot that turns on the spot. A frame comes in {PACKETS} packets, and `odom` says where its body is.",
+              choices=("off", *MOTIONS), loose=True),
+    Parameter("odom_noise", 0.0, "Moving simulator: error of the velocity that `odom` adds up; 0.05 is 5 %.", low=0,
+              high=1),
+    Parameter("odom_jitter_s", 0.0, "Moving simulator: stamps of `odom` are off by up to this.", "s", 0, 1),
+    Parameter("odom_delay_s", 0.0, "Moving simulator: `odom` comes so late.", "s", 0, 10),
     Parameter("num_bins", 0, "File: T, where the file does not say.", "bins", 0, 65_535),
     Parameter("bin_width_s", 0.0, "File: bin width, where the file does not say.", "s", 0, 1),
     Parameter("irf", "", "File: path of the IRF (.npy or .npz), where the file has none.", form="a path"),
@@ -76,10 +85,12 @@ SPEC = NodeSpec(
              *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
              *(replace(topic, when="the bag has sketches and no photons")
                for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
+             replace(topics.ODOM, about="where the simulated body is that carries the sensor", when="`motion`"),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
     limits=("A frame counts as received when it is due.",
             "At a rate that the machine cannot keep, frames are late; none is skipped.",
+            "The moving simulator needs a core at 10 Hz.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
             "Of a bag, only the photons and their sensor are played, or, if it has none, the sketches and theirs."),
@@ -93,7 +104,8 @@ class PlayerNode(PipelineNode):
 
     def configure(self) -> None:
         """Open the input."""
-        self._source = open_source(self.parameters.as_dict())
+        moves = self.parameters["motion"] != "off"
+        self._source = (MovingSource if moves else open_source)(self.parameters.as_dict())
         self._replays = bool(self._source.start_ns) and self.parameters["bag_stamps"] == "original"
         require(self._replays or not self.parameters["clock"], "clock", True, "false, unless a bag keeps its stamps")
         for note in self._source.notes:
@@ -103,6 +115,7 @@ class PlayerNode(PipelineNode):
         if self._source.sensor is not None:
             self._sensors = self.advertise(self._source.describes)
         self._publisher = self.advertise(self._source.output)
+        self._others = {topic: self.advertise(topic) for topic in self._source.others}
         self._clock_timer: Timer | None = None
         if self.parameters["clock"]:
             self._clock_publisher = self.advertise("/clock")
@@ -177,6 +190,11 @@ class PlayerNode(PipelineNode):
             if item.topic == self._source.describes:
                 self._send_sensor(item, due_at)
                 continue
+            if item.topic in self._others:
+                if not self._wait_until_due(due_at):
+                    return
+                self._others[item.topic].publish(cdr.restamp(item.raw, self._stamp(item, None)))
+                continue
             self._wait_for_answers(self.parameters["in_flight"] - 1)
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
             if before_ns is None:
@@ -196,7 +214,7 @@ class PlayerNode(PipelineNode):
                 self.diagnostics.drop(stopped.cause)
                 return
             sent += 1
-            if sent == total or self.halted.is_set():
+            if (sent == total and not self._others) or self.halted.is_set():
                 return
 
     def _begin(self, stamp_ns: int) -> None:

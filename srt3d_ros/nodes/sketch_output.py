@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from srt3d_ros.core.framing import OpenFrame
 from srt3d_ros.core.gate import in_ranges
 from srt3d_ros.core.link_budget import LinkBudget
+from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketch_design import SketchDesign
 from srt3d_ros.core.window import UnsentWindows, WindowSketcher
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.base import PipelineNode
@@ -28,7 +28,7 @@ class _Unsent:
     """Frames of one sketcher that have ended and not been sent."""
 
     sketcher: WindowSketcher
-    design: SketchDesign
+    design: str
     windows: UnsentWindows
     frame_id: str = ""
     frames: int = 0
@@ -46,7 +46,7 @@ class SketchOutput:
         self._node, self._failed = node, failed
         self._sketches = node.advertise("sketch")
         self._sketch_sensor = node.advertise("sketch/sensor")
-        self._described = False     # whether sketch/sensor is that of the next sketch
+        self._described: WindowSketcher | None = None       # whose sketches sketch/sensor describes
         self._unsent: _Unsent | None = None
         self._budget: LinkBudget | None = None
         self._retrying = False
@@ -56,20 +56,15 @@ class SketchOutput:
         """Packets and photons of the frames that wait to be sent."""
         return self._unsent.content if self._unsent else OpenFrame()
 
-    def begin(self) -> None:
-        """Describe the next sketches before the first is published."""
-        self.flush()
-        self._described = False
-
     def describe(self, sketcher: WindowSketcher) -> None:
         """Publish the description of a sketcher's sketches."""
         self.flush()
         self._describe(sketcher)
 
-    def publish(self, sketch: Sketch, frame_id: str, sketcher: WindowSketcher, design: SketchDesign,
+    def publish(self, sketch: Sketch, frame_id: str, sketcher: WindowSketcher, design: str,
                 packets: int, photons: int) -> None:
         """Publish a frame of so many packets and photons, if need be after the description of its sketcher's sketches,
-        and if the link keeps up: else it waits.
+        whose design is in these words, and if the link keeps up: else it waits.
 
         Raises:
             InvalidInput: the sketch is not one of photons.
@@ -105,7 +100,7 @@ class SketchOutput:
         values, budget, sketch = self._node.parameters, self._budget, unsent.windows.sketch
         data = sketch_message.encode_cdr(sketch, values["frame_id"] or unsent.frame_id, values["layout"],
                                          budget.step if budget and budget.step else values["coding_step"])
-        if not self._described:
+        if self._described is not unsent.sketcher:
             self._announce(unsent.sketcher, unsent.design)
         self._node.publish_frame(self._sketches, data, sketch.stamp_ns, **unsent.content._asdict())
         if budget:
@@ -161,14 +156,17 @@ class SketchOutput:
     def _describe(self, sketcher: WindowSketcher) -> None:
         node, gate, frames = self._node, sketcher.gate, sketcher.window_frames
         sensor = gate.sensor if gate else sketcher.sensor
+        if isinstance(sketcher, MovingSketcher):
+            sensor = sensor.replace(scan=None)      # all pixels' photons are moved to one instant
         self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, sketcher.frequencies, frames))
-        self._described = True
+        self._described = sketcher
         node.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=frames,
                               frequencies=" ".join(map(str, sketcher.frequencies)), gate=in_ranges(gate))
         node.release_frames()
 
-    def _announce(self, sketcher: WindowSketcher, design: SketchDesign) -> None:
+    def _announce(self, sketcher: WindowSketcher, design: str) -> None:
         """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
         self._describe(sketcher)
-        self._node.get_logger().info(f"sketches of {in_words(design.sensor)}: {design.in_words}")
+        sensor = sketcher.gate.sensor if sketcher.gate else sketcher.sensor
+        self._node.get_logger().info(f"sketches of {in_words(sensor)}: {design}")
         self._node.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)

@@ -8,10 +8,11 @@ from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
 from srt3d_ros.core.framing import Framing, OpenFrame
+from srt3d_ros.core.gate import OFF
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketch_design import SketchDesign
-from srt3d_ros.core.window import WindowSketcher
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
@@ -19,7 +20,8 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import SensorChoice, read_lens
 from srt3d_ros.nodes.sketch_output import SketchOutput
-from srt3d_ros.nodes.sketcher_parameters import SPEC, design_settings
+from srt3d_ros.nodes.sketcher_parameters import SPEC, AnySketcher, design_settings, make_sketcher
+from srt3d_ros.nodes.waiting_frames import WaitingFrames
 from srt3d_ros.nodes.worker import Dropped
 
 CHECK_SILENCE_S = 0.05
@@ -30,13 +32,15 @@ STAMP = slice(4, 12)        # of a serialised message with a header
 class SketcherNode(PipelineNode):
     """Follows `sensor` and the lens, also when they change, and publishes `sketch/sensor` and a `sketch` a frame.
 
-    Every packet and photon that came in waits, is in a published frame or in the open one, or was dropped for a cause.
+    Every packet and photon that came in waits, alone or in an ended frame, is in a published frame or in the open one,
+    or was dropped for a cause.
     """
 
     spec = SPEC
     _sensor: SensorModel | None = None
     _design: SketchDesign | None = None         # gate and frequencies, which may follow the photons
-    _sketcher: WindowSketcher | None = None     # None while photons cannot be used
+    _sketcher: AnySketcher | None = None        # None while photons cannot be used
+    _waiting: WaitingFrames | None = None       # frames that ended, with motion
     _framing: Framing | None = None             # which counts the open frame; None before the first activation
     _silence: Timer | None = None
 
@@ -46,6 +50,8 @@ class SketcherNode(PipelineNode):
                                     self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
         self._check(self.parameters.as_dict())
         precompile.sketching()
+        if self.parameters["motion"] != OFF:
+            precompile.deskewing()
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction
@@ -61,6 +67,8 @@ class SketcherNode(PipelineNode):
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
         self._own_description = ""      # as published on `sensor`, from where it comes back
+        if self.parameters["motion"] != OFF:
+            self._waiting = WaitingFrames(self, self._failed)
         self._choice.begin()
         if self._choice.file is None:
             self.hold_frames_for("a sensor description on sensor")
@@ -82,15 +90,16 @@ class SketcherNode(PipelineNode):
         self.destroy_timer(self._silence)
         self._silence = None
         self._choice.forget()
-        self._sensor = self._design = self._sketcher = None
+        self._sensor = self._design = self._sketcher = self._waiting = None
 
     def forget(self) -> None:
         """Begin a new frame and a new window."""
         self._drop_incomplete(self._framing.clear())
 
     def open_frame(self) -> tuple[int, int]:
-        """Packets of the open frame and of those that wait to be sent, and their photons."""
-        return tuple(map(sum, zip(self._framing.open, self._output.waiting))) if self._framing else (0, 0)
+        """Packets of the open frame and of those that wait for motion or to be sent, and their photons."""
+        waiting = self._waiting.open if self._waiting else OpenFrame()
+        return tuple(map(sum, zip(self._framing.open, self._output.waiting, waiting))) if self._framing else (0, 0)
 
     def _reset(self) -> str:
         self.forget()
@@ -176,17 +185,14 @@ class SketcherNode(PipelineNode):
 
     def _sketch_by_design(self) -> None:
         """Begin a new window with the gate and the frequencies in force."""
-        self._sketcher = WindowSketcher(self._sensor, self._design.frequencies, self.parameters["window_frames"],
-                                        self.parameters["window_stamp"], self._design.gate)
-        self._output.begin()
+        self._sketcher = make_sketcher(self._sensor, self._design, self.parameters.as_dict())
+        if self._waiting is not None:
+            self._waiting.expect(self._sensor)
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
-        require(not (values["lossless"] and values["max_mbit_s"]), "max_mbit_s", values["max_mbit_s"],
-                "0 with lossless, which sends every frame")
         sensor = self._sensor or self._choice.file or precompile.ANY_SENSOR
-        design = SketchDesign(sensor, *design_settings(values))
-        WindowSketcher(sensor, design.frequencies, values["window_frames"], gate=design.gate)
+        make_sketcher(sensor, SketchDesign(sensor, *design_settings(values)), values)
 
     def _make_framing(self) -> Framing:
         period_ns, gap_ns = (round(self.parameters[name] * 1e9) for name in ("frame_period_s", "gap_s"))
@@ -234,18 +240,30 @@ class SketcherNode(PipelineNode):
         if frame is None:
             return
         self.worker.messages_per_frame = frame.packets
+        sketcher = self._sketcher
         try:
-            kept = frame.photons if self._sketcher.gate is None else min(self._sketcher.kept, frame.photons)
-            sketch = self._sketcher.end_frame()
-            self._output.publish(sketch, self._frame_id, self._sketcher, self._design, frame.packets, kept)
-            self.diagnostics.drop("gate", frames=0, photons=frame.photons - kept)
+            kept = frame.photons if sketcher.gate is None else min(sketcher.kept, frame.photons)
+            publish = partial(self._publish, frame, kept, sketcher, self._frame_id, self._design.in_words)
+            ended = sketcher.end_frame()
+            if self._waiting is None:
+                publish(ended)
+            else:
+                self._waiting.add(frame, ended, sketcher, self.parameters["frame_id"] or self._frame_id, publish)
         except Exception as error:
             self._failed(error, *frame)
             self._sketcher.reset()
             self._design.forget()
         else:
-            self._follow_photons(sketch.stamp_ns)
+            self._follow_photons(ended.to_ns if self._waiting else ended.stamp_ns)
         self._show_open_frame()
+
+    def _publish(self, frame: OpenFrame, kept: int, sketcher: AnySketcher, frame_id: str, design: str, sketch: Sketch,
+                 lost: int = 0) -> None:
+        """Publish the sketch of a frame, which kept so many of its photons and lost so many of these by the motion."""
+        lost = min(lost, kept)
+        self._output.publish(sketch, frame_id, sketcher, design, frame.packets, kept - lost)
+        self.diagnostics.drop("gate", frames=0, photons=frame.photons - kept)
+        self.diagnostics.drop("out_of_view", frames=0, photons=lost)
 
     def _follow_photons(self, stamp_ns: int) -> None:
         """Go on with another gate or other frequencies if the photons ask for it."""
@@ -257,7 +275,9 @@ class SketcherNode(PipelineNode):
         self.diagnostics.show(**self._design.light_in_words)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
-        """Drop a frame that did not end, if there is one, and begin a new window."""
+        """Drop a frame that did not end, if there is one, and begin a new window after the frames that did."""
+        if self._waiting is not None:
+            self._waiting.flush()
         self._output.flush()
         if frame is not None:
             self.diagnostics.drop("incomplete", *frame)

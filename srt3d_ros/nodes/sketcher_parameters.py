@@ -1,17 +1,23 @@
-"""The sketcher's public interface, and which of its parameters make a SketchDesign."""
+"""The sketcher's public interface, and what its parameters make."""
 
 from dataclasses import replace
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.gate import FORM, OFF
+from srt3d_ros.core.moving_sketcher import DESKEW_TO, MovingSketcher
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
-from srt3d_ros.core.window import WINDOW_STAMPS
+from srt3d_ros.core.sketch_design import SketchDesign
+from srt3d_ros.core.window import WINDOW_STAMPS, WindowSketcher
+from srt3d_ros.errors import require
 from srt3d_ros.messages.coded_sketch import DEFAULT_STEP, MAX_STEP, MIN_STEP
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
+from srt3d_ros.nodes.motion_input import MOTIONS, parse_extrinsics
 from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Service
 from srt3d_ros.nodes.parameters import Parameter, Value
 
+AnySketcher = WindowSketcher | MovingSketcher
 PARAMETERS = (
     Parameter("sensor_file", "", "Description of the sensor, for a driver that publishes none: JSON as on `sensor`, or "
               "a photon file. If a driver publishes another description on `sensor`, photons are dropped "
@@ -44,6 +50,19 @@ PARAMETERS = (
               "acquisition of its newest frame, of its oldest, or half-way between. With `newest`, tf is right for "
               "the newest photons, and the oldest are off by the sensor's motion since; with `middle`, both by half of "
               "it.", choices=tuple(WINDOW_STAMPS)),
+    Parameter("motion", "off", "What says how the sensor moves, for frames of several packets: their photons are moved "
+              "to where the sensor is at the frame's stamp, before they are added up. odom: nav_msgs/Odometry; imu: "
+              "rotation only; estimate: the photons themselves, which have to fit the last cloud (`depth`).",
+              choices=MOTIONS, loose=True),
+    Parameter("subframes", 10, "With motion: most parts of a frame that are moved each on its own.", low=1, high=1000),
+    Parameter("deskew_to", "middle", "With motion: the instant of a frame to which its photons are moved, and its "
+              "stamp; to the middle, they are moved by half as much.", choices=DESKEW_TO),
+    Parameter("motion_timeout_s", 0.1, "With motion: how long a frame that has ended waits, in real time, for reports "
+              "of the motion until then; it goes on undeskewed and counted.", "s", 0, 10, live=True),
+    Parameter("extrinsics", "", "With motion: where the sensor is in the frame that moves, an Odometry's "
+              "child_frame_id or an Imu's frame. If empty, /tf_static says so; where tf2_msgs is not installed, in the "
+              "same place, turned alike.", form="x y z qx qy qz qw in metres, or nothing", loose=True,
+              refuse=parse_extrinsics),
     Parameter("layout", "float32", "Form of the sketch on the wire; int16 halves the bandwidth, coded takes about a "
               "tenth: it rounds to a share of the photon noise, and packs.", choices=("float32", "int16", "coded"),
               live=True),
@@ -62,7 +81,7 @@ SPEC = NodeSpec(
     "sketcher",
     purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
-    inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES),
+    inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES, *topics.MOTION, topics.IMAGES[0]),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     services=(Service("reset", "forget the photons of the open frame and of the window"),),
     parameters=PARAMETERS,
@@ -76,6 +95,11 @@ SPEC = NodeSpec(
         "`photons` are counted as the message announces them; those of `gates` and `histograms` as they are read: of "
         "those that never were (`queue`, `malformed`, `no_sensor`, `contradiction`, `outdated`, `inactive`, "
         "`shutdown`), the packets are counted and the photons are not known.",
+        "With `motion`, frames that wait for it are `under_way`; `frames_deskewed` and `frames_undeskewed` count those "
+        "that went on, `frames_with_parallax` those deskewed with the ranges of a `depth` image, and "
+        "`photons_dropped.out_of_view` photons that no pixel sees from where they are moved. Reports that cannot be "
+        "used are counted (`motion_refused`); after a jump, a gap of 0.5 s or stamps that fall back the trajectory "
+        "begins again (`motion_restarts`). `window_stamp` counts without motion only.",
         "With `max_mbit_s`, frames that wait to be sent are `under_way`, and a sketch of several has the first's "
         "stamp. /diagnostics then has `coding_step_now`, `frames_per_sketch` and `sketch_mbit_s`.",
         "Another sensor or gate, other frequencies, and stamps that begin again start a new window.",
@@ -88,3 +112,14 @@ def design_settings(values: dict[str, Value]) -> tuple[str, str, int | None]:
     """What a SketchDesign takes beside the sensor: gate, frequencies and sketch size."""
     spec = values["frequencies"]
     return values["gate"], spec, values["sketch_size"] if spec in RULES else None
+
+
+def make_sketcher(sensor: SensorModel, design: SketchDesign, values: dict[str, Value]) -> AnySketcher:
+    """The sketcher of a design; InvalidInput if its window is too large, or parameters contradict each other."""
+    frequencies, frames, still = design.frequencies, values["window_frames"], values["motion"] == OFF
+    for reason, fits in (("lossless, which sends every frame", not values["lossless"]),
+                         ("motion, which has frames seen from different places", still)):
+        require(fits or not values["max_mbit_s"], "max_mbit_s", values["max_mbit_s"], f"0 with {reason}")
+    if still:
+        return WindowSketcher(sensor, frequencies, frames, values["window_stamp"], design.gate)
+    return MovingSketcher(sensor, frequencies, frames, values["subframes"], values["deskew_to"], design.gate)

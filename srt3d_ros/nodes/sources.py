@@ -3,6 +3,7 @@
 Both sources have `items()`, the messages from the beginning, with a sensor only where it changes; `close()`; and
     output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
     describes   "sensor", or of sketches "sketch/sensor"
+    others      topics of other messages
     sensor      the serialised description to begin with, or None
     rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
     start_ns    when the recording began; 0 if nothing was recorded
@@ -82,6 +83,7 @@ class FrameSource:
 
     start_ns = 0
     describes = "sensor"
+    others: tuple[str, ...] = ()
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
@@ -125,6 +127,8 @@ class BagSource:
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
     """
+
+    others: tuple[str, ...] = ()
 
     def __init__(self, parameters: Mapping):
         self.rate = parameters["bag_rate"]

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.nodes.parameters import Parameter
@@ -25,13 +27,14 @@ class Topic:
 
     Args:
         name: relative, so that namespaces and remappings apply.
+        type: its name if its package need not be installed.
         about: what is in it, in a few words.
         latched: reliable and transient local: a late subscriber still gets the last message.
         when: the condition under which it exists; always if empty.
     """
 
     name: str
-    type: type
+    type: type | str
     about: str
     latched: bool = False
     when: str = ""
@@ -39,7 +42,16 @@ class Topic:
     @property
     def type_name(self) -> str:
         """As `ros2 topic list -t` writes it."""
+        if isinstance(self.type, str):
+            return self.type
         return f"{self.type.__module__.split('.')[0]}/msg/{self.type.__name__}"
+
+    def load(self) -> type:
+        """The class of its messages; ModuleNotFoundError if their package is not installed."""
+        if not isinstance(self.type, str):
+            return self.type
+        package, _, name = self.type.split("/")
+        return getattr(import_module(f"{package}.msg"), name)
 
 
 SENSOR = Topic("sensor", String, "the sensor's description (JSON)", latched=True)
@@ -49,6 +61,11 @@ PHOTONS = Topic("photons", PointCloud2, "photons as events: row, col, time of ar
 GATES = Topic("gates", Image, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", Image, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
+ODOM = Topic("odom", Odometry, "where the robot is", when="`motion` is odom")
+IMU = Topic("imu", Imu, "how fast the robot turns", when="`motion` is imu")
+TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "where the sensor is on the robot", latched=True,
+                  when="there is `motion`, and `extrinsics` is empty")
+MOTION = (ODOM, IMU, TF_STATIC)
 SKETCH_SENSOR = Topic("sketch/sensor", String, "sensor, frequencies and window of the sketches (JSON)", latched=True)
 SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and m complex numbers")
 POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")

@@ -14,6 +14,8 @@ import pytest
      ["player", "--ros-args", "-p", 'input:="a file: 1.npz"', "-p", "rate_hz:=5.0", "-p", 'output:="gates"']),
     (["play", "simulator", "--histograms"],
      ["player", "--ros-args", "-p", 'input:="simulator"', "-p", 'output:="histograms"']),
+    (["play", "simulator", "--motion", "drone"],
+     ["player", "--ros-args", "-p", 'input:="simulator"', "-p", 'motion:="drone"']),
     (["play", "a.npz", "--no-loop", "--lossless"],
      ["player", "--ros-args", "-p", 'input:="a.npz"', "-p", "loop:=false", "-p", "lossless:=true", "-p",
       "bag_loop:=false"]),

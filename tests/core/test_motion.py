@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.motion import KEPT_NS, Pose, Trajectory
+from srt3d_ros.core.motion import KEPT_NS, SMOOTH_NS, Pose, Trajectory
 from srt3d_ros.errors import InvalidInput
 
 QUARTER_LEFT = Pose.turned([0, 0, np.pi / 2])
@@ -80,3 +80,42 @@ def test_a_trajectory_keeps_the_last_seconds_only():
     for k in range(100):
         trajectory.add(k * KEPT_NS // 4, Pose())
     assert trajectory.covers(98 * KEPT_NS // 4 - KEPT_NS // 2, 99 * KEPT_NS // 4) and not trajectory.covers(0, 0)
+
+
+def _turning(t_s: float) -> Pose:
+    """An even motion: 1 m/s and 1 rad/s about an axis askew."""
+    return Pose(Pose.turned(t_s * np.array([0.2, 0.4, np.sqrt(0.8)])).rotation, t_s * np.array([0.6, 0.8, 0]))
+
+
+def test_smoothing_leaves_an_even_motion_as_it_is():
+    exact = Trajectory(SMOOTH_NS)
+    for k in range(60):
+        exact.add(k * 10_000_000, _turning(k * 0.01))
+    for stamp_ns in (0, 3_000_000, 255_000_000, 590_000_000):       # also at the ends
+        pose, true = exact.at(stamp_ns), _turning(stamp_ns / 1e9)
+        np.testing.assert_allclose(pose.translation, true.translation, atol=1e-9)
+        np.testing.assert_allclose(pose.rotation, true.rotation, atol=1e-9)
+
+
+def test_smoothing_averages_noise_of_stamps():
+    rng, rough, smooth = np.random.default_rng(0), Trajectory(), Trajectory(SMOOTH_NS)
+    for k in range(300):
+        for one in (rough, smooth):
+            one.add(k * 10_000_000, _turning(k * 0.01 + rng.uniform(-0.02, 0.02)))
+    errors = {one: np.std([np.linalg.norm(one.at(t).translation - _turning(t / 1e9).translation)
+                           for t in range(500_000_000, 2_500_000_000, 7_000_000)]) for one in (rough, smooth)}
+    assert errors[smooth] < 0.4 * errors[rough]
+
+
+def test_few_poses_are_not_smoothed():
+    sparse = Trajectory(SMOOTH_NS)
+    for k in range(5):
+        sparse.add(k * 100_000_000, Pose(np.eye(3), np.array([float(k**2), 0, 0])))
+    assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
+
+
+def test_in_a_gap_the_motion_is_even():
+    broken = Trajectory(SMOOTH_NS)
+    for k in [*range(30), *range(60, 90)]:
+        broken.add(k * 10_000_000, Pose(np.eye(3), np.array([(k / 100) ** 2, 0, 0])))
+    assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
 
@@ -84,3 +85,37 @@ def test_finer_pixels_fill_the_place_of_each(lens, factor):
     for axis in (0, 1):
         step, whole = np.diff(finer, axis=axis), np.diff(coarse, axis=axis)
         np.testing.assert_allclose(step, np.broadcast_to(whole[:1, :1] / factor, step.shape), atol=1e-6)
+
+
+LENSES = [Pinhole(30, 40, 3.2, 1.1), Pinhole(300, 310, 5, 3, PlumbBob(-0.3, 0.1, 1e-3, -2e-3, -0.02)),
+          AngularScan(0.5, -0.25, -0.2, 0.1), AngularScan(-3, 2 * np.pi / 9, 0.3, -0.1)]
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_points_on_a_pixels_ray_are_seen_at_its_place(lens):
+    row, col = lens.places(lens.rays(6, 9) * np.float32(3.7))
+    assert row.dtype == col.dtype == np.float32
+    np.testing.assert_allclose(row, np.broadcast_to(np.arange(6)[:, None], (6, 9)), atol=1e-3)
+    np.testing.assert_allclose(col, np.broadcast_to(np.arange(9), (6, 9)), atol=1e-3)
+
+
+def test_a_camera_sees_nothing_behind_it_or_where_its_lens_model_turns_back():
+    lens = Pinhole(100, 100, 50, 50, PlumbBob(k1=-0.3))
+    assert lens.distortion.reach == pytest.approx(1 / 0.9)
+    for place in (*lens.places(np.array([0.1, 0, -1])), *lens.places(np.array([1.2, 0, 1])),
+                  *lens.places(np.array([0.0, 0, 0]))):
+        assert np.isnan(place)
+    assert np.isfinite(lens.places(np.array([1.0, 0, 1]))).all()
+    assert PlumbBob(k1=0.1).reach == np.inf == PlumbBob().reach
+
+
+def test_a_scan_of_a_whole_turn_sees_all_around():
+    scan = AngularScan(-3, 2 * np.pi / 9, 0, 0.1)
+    azimuth = np.linspace(-10, 10, 200)
+    _, col = scan.places(np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1))
+    assert (col >= -0.5).all() and (col <= 8.5).all()
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_kernels_read_the_lens(lens):
+    assert lens.lens.dtype == np.float32 and lens.lens.shape == (10 if lens.kind == "pinhole" else 4,)

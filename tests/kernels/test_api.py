@@ -30,7 +30,7 @@ def arguments(function) -> list[tuple]:
 
 def test_a_backend_has_exactly_the_names_of_the_contract(backend):
     assert sorted(backend.__all__) == sorted({*KERNELS, *CLASSES, *CONSTANTS})
-    assert len(KERNELS) == 32 and all(hasattr(backend, name) for name in backend.__all__)
+    assert len(KERNELS) == 34 and all(hasattr(backend, name) for name in backend.__all__)
 
 
 @pytest.mark.parametrize("name", KERNELS)

@@ -1,6 +1,7 @@
 """What a running node offers to the graph is what its spec says, and the policy for SROS 2 allows it and no more."""
 
 import xml.etree.ElementTree as ElementTree
+from importlib.util import find_spec
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
@@ -15,9 +16,10 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_parameters", "list_parameters", "set_parameters", "set_parameters_atomically",
                     "get_type_description")
 EVERYTHING = {"player": {"lossless": True},       # parameters with which a node has all its topics
-              "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json"},
+              "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"},
               "bag_recorder": {"topics": ",".join(topic.name for topic in SPECS["bag_recorder"].inputs)}}
-NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "/clock"}}
+NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "/clock", "odom"},
+                  "sketcher": {"imu", *(set() if find_spec("tf2_msgs") else {"/tf_static"})}}
 
 
 @pytest.fixture(params=SPECS)

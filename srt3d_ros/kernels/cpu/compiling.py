@@ -33,7 +33,9 @@ KERNELS: list = []          # all that are kept on disk
 # Seconds of a core, an AMD EPYC's, to compile one: of phase_sums for every type of ToA, 12 s for 7; 39 s for 17.
 SECONDS_SKETCH, SECONDS_OTHER = 1.7, 2.3
 SKETCHING, BASELINES, RECONSTRUCTION = "sketching", "methods that are not the default", "reconstruction"
-PURPOSES = {"phase_sums": SKETCHING, **dict.fromkeys(("apss", "match", "gradients"), BASELINES)}     # by module
+MOVING = "a sensor that moves"
+PURPOSES = {"phase_sums": SKETCHING, "move_sketch": MOVING,      # by module
+            **dict.fromkeys(("apss", "match", "gradients"), BASELINES)}
 CANNOT_KEEP = "neither the package's folder nor ~/.cache can be written; set NUMBA_CACHE_DIR"
 
 

@@ -14,6 +14,7 @@ from srt3d_ros.kernels.cuda.frame_stream import WARM_FRAMES, FrameStream
 from srt3d_ros.kernels.cuda.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cuda.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cuda.match import match
+from srt3d_ros.kernels.cuda.move_sketch import move_sketch, read_moved
 from srt3d_ros.kernels.cuda.phase_sums import (
     counted,
     find_stray,
@@ -35,6 +36,6 @@ from srt3d_ros.kernels.cuda.unexplained import unexplained
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
-           "log_likelihood_ratio", "match", "new_sums", "numpy", "photon_array", "pixelwise", "poisson", "pooled_step",
-           "prepare", "read_sums", "residual", "search", "sketch_continuous", "sketch_gates", "sketch_histograms",
-           "sketch_sorted", "sketch_unsorted", "trim", "unexplained", "unpack"]
+           "log_likelihood_ratio", "match", "move_sketch", "new_sums", "numpy", "photon_array", "pixelwise", "poisson",
+           "pooled_step", "prepare", "read_moved", "read_sums", "residual", "search", "sketch_continuous",
+           "sketch_gates", "sketch_histograms", "sketch_sorted", "sketch_unsorted", "trim", "unexplained", "unpack"]

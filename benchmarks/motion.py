@@ -1,0 +1,253 @@
+"""What a sensor's own motion costs, and what is left of it after sketches have been moved to one instant.
+
+A room, and depth maps of --scenes if there are any, seen at 1 m/s and 30°/s; frames of 100 ms in ten parts; SBR 1. Each
+part is drawn from several exact views. Clouds are judged against the exact depths from the pose at the instant that the
+frame promises. Lines: true detections (TD) within 10 bins, %, and depth error (DAE), bins, means over the frames:
+
+    at_rest         the sensor stands at that pose
+    not_moved       the photons of the frame are simply added
+    moved           its parts are moved by the exact trajectory, guided by the range of the last cloud
+    moved_unguided  without that
+    moved_late      by odometry at 100 Hz whose stamps are off by up to 20 ms, with 5 % noise of the velocity
+    estimated       its parts are moved by the motion that the photons themselves show
+    window          ten moved frames
+    at_rest_window  the sensor stands, with the photons of ten frames
+"""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.deskew import range_image
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.metrics import Metrics, evaluate
+from srt3d_ros.core.motion import Trajectory
+from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
+from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.pooled import Pooled
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.viewpoint import look_at
+from srt3d_ros.datasets.motion_profiles import Path, hand, trajectory, walk
+from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
+from srt3d_ros.datasets.room import Room, World
+from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
+
+FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part
+SBR, TOLERANCE_BINS = 1.0, 10.0
+WINDOW = 10
+HEADINGS = {"at_rest": "at rest", "not_moved": "moving, photons added", "moved": "moving, parts moved first"}
+NEAR_M, ERROR_CM = 2.3, 10          # of the picture
+NOISE, JITTER_S = 0.05, 0.02
+FAULTY = {"noise": NOISE, "jitter_s": JITTER_S, "seed": 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A sensor that moves through a world.
+
+    Args:
+        first_s: when the first frame begins.
+    """
+
+    name: str
+    world: World
+    path: Path
+    first_s: float = 0.0
+
+
+class Views:
+    """What a moving sensor sees in one frame, cast once for all photons that are drawn from it."""
+
+    def __init__(self, view: MovingView, first_s: float):
+        step_s = FRAME_S / PARTS / VIEWS
+        seen = [view.at(first_s + (k + 0.5) * step_s) for k in range(PARTS * VIEWS)]
+        self._seen, self._step_s = [(range_m[None], reflectivity[None]) for range_m, reflectivity in seen], step_s
+
+    def frame(self, t_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """See scene.Scene; 0 s is the frame's beginning."""
+        return self._seen[round(t_s / self._step_s)]
+
+
+def drives(scenes: FilePath | None) -> list[Drive]:
+    """The room, and the depth maps of a folder."""
+    found = sorted(scenes.glob("*.npz")) if scenes else []
+    return [Drive("room", Room(), walk, 6.55), *(Drive(path.stem, read_relief(path), hand) for path in found)]
+
+
+def packets(views: Views, sensor: SensorModel, ppp: float, seed: int) -> Iterator[list[PhotonEvents]]:
+    """The photons of each part, so many lists of events."""
+    rate_hz = PARTS * VIEWS / FRAME_S
+    simulator = Simulator(views, sensor, SBR, ppp / PARTS / VIEWS, seed, rate_hz)
+    for part in range(PARTS):
+        yield [simulator.frame(part * VIEWS + k)[0] for k in range(VIEWS)]
+
+
+def part_sketches(views: Views, sensor: SensorModel, frequencies, first_s: float, ppp: float, seed: int
+                  ) -> list[tuple[int, Sketch]]:
+    """The parts of a frame: the middle of each, ns, and its sketch."""
+    sketcher, parts = Sketcher(sensor, frequencies), []
+    for part, photons in enumerate(packets(views, sensor, ppp, seed)):
+        sketcher.reset()
+        for events in photons:
+            sketcher.add(events)
+        parts.append((round((first_s + (part + 0.5) * FRAME_S / PARTS) * 1e9), sketcher.sketch()))
+    return parts
+
+
+def at_rest(range_m: np.ndarray, reflectivity: np.ndarray, sensor: SensorModel, frequencies, ppp: float, seed: int
+            ) -> Sketch:
+    """The sketch of a sensor that stands still."""
+    simulator = Simulator(StaticScene(range_m, reflectivity), sensor, SBR, ppp, seed)
+    sketcher = Sketcher(sensor, frequencies)
+    sketcher.add(simulator.frame(0)[0])
+    return sketcher.sketch()
+
+
+@dataclass
+class Method:
+    """One way to a cloud: a sketcher that moves frames, or adds them if there is no trajectory."""
+
+    sketcher: MovingSketcher
+    pooled: Pooled
+    known: Trajectory | None
+    guided: bool = True
+    estimator: MotionEstimator | None = None
+    last: PointCloud | None = None
+
+    def cloud(self, frame: MovingFrame) -> PointCloud:
+        """The cloud of the next frame."""
+        guide, known, sensor = None, self.known, self.sketcher.sensor
+        if self.estimator and self.last is not None:
+            surfaces = Surfaces.of_ranges(self.last.stamp_ns, self.last.range_image(), sensor)
+            known = self.estimator.follow(surfaces, frame)
+        if self.guided and known is not None and self.last is not None:
+            guide = range_image(sensor, known.motion(self.last.stamp_ns, frame.to_ns)(self.last.xyz))
+        self.last = self.pooled(self.sketcher.finish(frame, known, guide))
+        return self.last
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """The clouds of one frame and what they are worth, by method, and the exact ranges."""
+
+    sensor: SensorModel
+    range_m: np.ndarray
+    clouds: dict[str, PointCloud]
+    metrics: dict[str, Metrics]
+
+
+def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory
+            ) -> dict[str, Method]:
+    """The methods by the names of their lines."""
+    def method(known: Trajectory | None, guided: bool = True, window_frames: int = 1, estimator=None) -> Method:
+        return Method(MovingSketcher(sensor, frequencies, window_frames, PARTS, deskew_to),
+                      Pooled(sensor, frequencies), known, guided, estimator)
+
+    return {"not_moved": method(None), "moved": method(exact), "moved_unguided": method(exact, guided=False),
+            "moved_late": method(faulty), "estimated": method(None, estimator=MotionEstimator(sensor, frequencies)),
+            "window": method(exact, window_frames=WINDOW)}
+
+
+def along(view: MovingView, frames: int, ppp: float, names: tuple[str, ...]
+          ) -> Iterator[tuple[int, dict[str, PointCloud]]]:
+    """Frames from 0 s on: the instant of each, ns, and its clouds by some methods, with exact odometry."""
+    frequencies = choose("auto", view.sensor)
+    ways = methods(view.sensor, frequencies, "middle", Trajectory(), Trajectory())
+    for k in tqdm(range(frames), unit="frame"):
+        first_s = k * FRAME_S
+        parts = part_sketches(Views(view, first_s), view.sensor, frequencies, first_s, ppp, k)
+        known = trajectory(view.sensor_pose, first_s - FRAME_S, first_s + FRAME_S)
+        first_ns, middle_ns, last_ns = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
+        frame, clouds = MovingFrame(parts, first_ns, last_ns, middle_ns), {}
+        for name in names:
+            ways[name].known = None if ways[name].known is None else known
+            clouds[name] = ways[name].cloud(frame)
+        yield middle_ns, clouds
+
+
+def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str, shots: list[Shot]) -> Iterator[dict]:
+    """A line for each number of photons and each method: means over the last frames, when the window is full.
+
+    Adds to `shots` the last clouds of the last number of photons.
+    """
+    sensor = moving_sensor()
+    view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
+    last_s = drive.first_s + (WINDOW + frames) * FRAME_S
+    tracks = [trajectory(view.sensor_pose, drive.first_s, last_s, **errors) for errors in ({}, FAULTY)]
+    ways = {ppp: methods(sensor, frequencies, deskew_to, *tracks) for ppp in ppps}
+    still = {ppp: {"at_rest": (1, Pooled(sensor, frequencies)), "at_rest_window": (WINDOW, Pooled(sensor, frequencies))}
+             for ppp in ppps}
+    found: dict[tuple[float, str], list] = defaultdict(list)
+    for k in tqdm(range(WINDOW - 1 + frames), desc=drive.name, unit="frame", leave=False):
+        first_s = drive.first_s + k * FRAME_S
+        views = Views(view, first_s)
+        to_s = first_s + FRAME_S * {"start": 0, "middle": 0.5, "end": 1}[deskew_to]
+        range_m, reflectivity = view.at(to_s)
+        truth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+        for ppp in ppps:
+            clouds = {name: way(at_rest(range_m, reflectivity, sensor, frequencies, frames_each * ppp, k))
+                      for name, (frames_each, way) in still[ppp].items()}
+            parts = part_sketches(views, sensor, frequencies, first_s, ppp, k)
+            frame = MovingFrame(parts, round(first_s * 1e9), round((first_s + FRAME_S) * 1e9), round(to_s * 1e9))
+            clouds |= {name: way.cloud(frame) for name, way in ways[ppp].items()}
+            if k >= WINDOW - 1:
+                for name, cloud in clouds.items():
+                    found[ppp, name].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
+    shots.append(Shot(sensor, range_m, clouds, {name: last for (of, name), (*_, last) in found.items() if of == ppp}))
+    for (ppp, name), metrics in found.items():
+        means = {key: float(np.mean([getattr(one, key) for one in metrics]))
+                 for key in ("true_detections", "false_detections", "dae_bins")}
+        yield {"scene": drive.name, "ppp": ppp, "method": name, "deskew_to": deskew_to,
+               "td_percent": round(100 * means["true_detections"], 2),
+               "fd_percent": round(100 * means["false_detections"], 2), "dae_bins": round(means["dae_bins"], 3),
+               "frames": len(metrics)}
+
+
+def draw(path: FilePath, shot: Shot) -> None:
+    """Clouds above, maps of their errors below."""
+    clouds = {name: shot.clouds[name].within(max_m=NEAR_M) for name in HEADINGS}
+    first = clouds["at_rest"]
+    style, eye = CloudStyle.of(first, shot.sensor), look_at(first.xyz, shot.sensor.projection, yaw_deg=-25)
+    figure = Figure(figsize=(12, 7.6), dpi=80, layout="constrained")
+    FigureCanvasAgg(figure)
+    for (above, below), (name, heading) in zip(figure.subplots(2, len(HEADINGS)).T, HEADINGS.items()):
+        above.imshow(draw_surface(clouds[name].xyz, style.shaded(clouds[name]), eye, 480, 480, style.radius_m, finer=2))
+        above.set_title(heading, fontsize=15)
+        error_cm = 100 * (shot.clouds[name].range_image() - shot.range_m)
+        map_ = below.imshow(error_cm, cmap="RdBu_r", vmin=-ERROR_CM, vmax=ERROR_CM)
+        below.set_title(f"{100 * shot.metrics[name].true_detections:.1f} % within 10 cm, "
+                        f"mean error {shot.metrics[name].dae_bins:.2f} cm", fontsize=11)
+        for panel in (above, below):
+            panel.set_axis_off()
+    figure.colorbar(map_, ax=figure.axes[1::2], shrink=0.8).set_label("error of the range, cm")
+    figure.savefig(path)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenes", type=FilePath, metavar="DIR", help="depth maps (docs/evaluation.md), .npz")
+    parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
+    parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
+    parser.add_argument("--picture", type=FilePath, metavar="FILE", help="draw the last clouds of the room")
+    parser.add_argument("--deskew-to", choices=("start", "middle", "end"), default="middle", help="(%(default)s)")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each scene, number of photons and method."""
+    shots: list[Shot] = []
+    for drive in drives(args.scenes):
+        yield from judge(drive, args.ppp, args.frames, args.deskew_to, shots)
+    if args.picture:
+        draw(args.picture, shots[0])

@@ -1,0 +1,95 @@
+"""What a robot reports of its motion → the trajectory of its sensor. What no robot does begins another trajectory."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from srt3d_ros.core.motion import SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.errors import require
+
+GAP_NS = 500_000_000        # between reports: over it, an even motion is off by 3 cm at 1 m/s² (a t² / 8)
+MAX_RAD_S = 35.0            # 2000 degrees a second, which common gyroscopes measure
+MAX_M_S = 50.0              # where no twist says how fast the robot is
+JITTER_S = 0.05             # of stamps: what the robot's own speed explains beside the time between them
+SLACK_M, SLACK_RAD = 0.1, 0.1   # noise of poses. A smaller jump smears a frame less than a walk does without deskewing
+
+
+@dataclass(frozen=True, eq=False)
+class MotionReport:
+    """Where a body was, or how fast it turned.
+
+    Args:
+        stamp_ns: when.
+        frame_id: the body's frame: an Odometry's child_frame_id, an Imu's frame_id.
+        pose: from the body's frame to a fixed one; None of an IMU.
+        speed_m_s: 0 where it is not known.
+        rate_rad_s: float64 [3], of the turn, in the body's frame.
+    """
+
+    stamp_ns: int
+    frame_id: str = ""
+    pose: Pose | None = None
+    speed_m_s: float = 0.0
+    rate_rad_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+class MotionTrack:
+    """The trajectory of a sensor that is fixed to the body that is reported on.
+
+    It begins again, so that no frame is moved over what is not known or not true, where
+    - nothing came for GAP_NS, or stamps fell back by more: lost odometry, a bag or a clock that began again;
+    - the body moved or turned by more than its twist explains (a correction by a SLAM, a kidnapped robot), or, where
+      no twist is ever given, faster than MAX_M_S and MAX_RAD_S.
+
+    Args:
+        extrinsics: the pose of the sensor in the body's frame.
+
+    Attributes:
+        trajectory: of the sensor.
+    """
+
+    def __init__(self, extrinsics: Pose | None = None):
+        self.extrinsics = extrinsics or Pose()
+        self.trajectory = Trajectory(SMOOTH_NS)
+        self._last: MotionReport | None = None
+        self._has_twist = False             # a robot at rest reports 0, as do those that never fill it in
+
+    def add(self, report: MotionReport) -> str:
+        """Follow a report; why the trajectory begins again with it, or nothing.
+
+        Raises:
+            InvalidInput: a stamp that is not later than the last one.
+        """
+        self._has_twist |= report.speed_m_s > 0 or bool(report.rate_rad_s.any())
+        last, why = self._last, ""
+        if last is not None:
+            elapsed_ns = report.stamp_ns - last.stamp_ns
+            require(elapsed_ns > 0 or elapsed_ns < -GAP_NS, "stamp", report.stamp_ns,
+                    f"later than the last, {last.stamp_ns} ns")
+            why = self._break(last, report, elapsed_ns / 1e9)
+        if why:
+            self.trajectory = Trajectory(SMOOTH_NS)
+        self._last = report
+        if report.pose is None:
+            self.trajectory.add_turn(report.stamp_ns, self.extrinsics.rotation.T @ report.rate_rad_s)
+        else:
+            self.trajectory.add(report.stamp_ns, report.pose @ self.extrinsics)
+        return why
+
+    def _break(self, last: MotionReport, report: MotionReport, elapsed_s: float) -> str:
+        """Why the body cannot have moved evenly from the last report to this one; empty if it can."""
+        if elapsed_s < 0:
+            return f"stamps fell back by {-elapsed_s:.3f} s"
+        if elapsed_s * 1e9 > GAP_NS:
+            return f"none came for {elapsed_s:.3f} s of stamps"
+        if last.pose is None or report.pose is None:
+            return ""
+        moved = last.pose.inverse() @ report.pose
+        distance_m, turn_rad = (float(np.linalg.norm(vector)) for vector in (moved.translation, moved.rotation_vector))
+        most_m, most_rad = MAX_M_S * elapsed_s, MAX_RAD_S * elapsed_s
+        if self._has_twist:
+            most_m = max(last.speed_m_s, report.speed_m_s) * (elapsed_s + JITTER_S)
+            most_rad = max(map(np.linalg.norm, (last.rate_rad_s, report.rate_rad_s))) * (elapsed_s + JITTER_S)
+        if distance_m <= most_m + SLACK_M and turn_rad <= most_rad + SLACK_RAD:
+            return ""
+        return f"it jumped by {distance_m:.2f} m and {np.degrees(turn_rad):.0f}° in {elapsed_s:.3f} s"

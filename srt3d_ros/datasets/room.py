@@ -1,0 +1,207 @@
+"""Worlds to move through: a furnished room with a bust, and the relief of a depth map. Rays are cast from any pose."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.datasets.bust import HEAD, TORSO, Figure
+from srt3d_ros.datasets.motion_profiles import OPTICAL
+from srt3d_ros.errors import require
+
+TINY = np.float32(1e-9)
+SLOPE_M = 1e-3                  # over which the normal of a figure is measured
+MARCH_STEPS, BISECTIONS = 96, 12
+Hits = tuple[np.ndarray, np.ndarray]
+
+
+class World(Protocol):
+    """What a moving sensor sees."""
+
+    def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
+        """What rays from a point meet first.
+
+        Args:
+            origin: float [3], metres.
+            rays: float32 [3, N], unit vectors.
+
+        Returns:
+            Metres along the rays, NaN where they meet nothing, and reflectivity; float32 [N] each.
+        """
+
+
+@dataclass(frozen=True)
+class Box:
+    """A body with level edges: its middle and size in metres, turned to the left by yaw."""
+
+    middle: tuple[float, float, float]
+    size: tuple[float, float, float]
+    yaw_deg: float = 0.0
+    reflectivity: float = 0.5
+    check_m: float = 0.2        # side of the squares of its texture
+
+
+WALLS = Box((0, 0, 1.4), (7.0, 6.0, 2.8), reflectivity=0.45, check_m=0.5)       # seen from within
+FURNITURE = (
+    Box((3.15, -1.0, 0.45), (0.7, 1.4, 0.9), reflectivity=0.6),                 # chest of drawers
+    Box((3.3, 1.2, 1.1), (0.4, 0.9, 2.2), reflectivity=0.35, check_m=0.3),      # shelf
+    Box((2.7, 2.4, 1.4), (0.35, 0.35, 2.8), 30, 0.7),                           # pillar
+    Box((0.9, 2.72, 0.4), (1.6, 0.55, 0.8), reflectivity=0.55),                 # bench
+    Box((-1.1, 2.85, 1.6), (1.1, 0.3, 1.0), reflectivity=0.25),                 # cupboard on the wall
+    Box((-2.9, 2.2, 0.5), (0.8, 0.8, 1.0), 20, 0.6),                            # crate
+    Box((-3.2, 0.3, 0.37), (0.6, 1.8, 0.74), reflectivity=0.4),                 # sideboard
+    Box((-3.35, -1.6, 1.25), (0.3, 0.8, 2.5), reflectivity=0.65, check_m=0.25),     # cabinet
+    Box((-2.2, -2.6, 0.3), (0.9, 0.6, 0.6), -15, 0.5),                          # box
+    Box((2.3, -2.55, 0.9), (0.6, 0.6, 1.8), 40, 0.45),                          # locker
+    Box((0.0, -2.75, 0.55), (0.4, 0.4, 1.1), reflectivity=0.5),                 # pedestals of the busts
+    Box((-3.2, 0.3, 0.92), (0.4, 0.4, 0.36), reflectivity=0.7),
+    Box((0, 0, 0.35), (0.6, 0.6, 0.7), 45, 0.55),                               # table in the middle
+)
+BUSTS = ((0.0, -2.7, 1.5, 80.0), (-3.2, 0.3, 1.5, -15.0))                       # x, y, z of the head; where it looks to
+
+
+class Room:
+    """A room of 7 × 6 × 2.8 m with furniture along its walls and two busts; in the frame of motion_profiles."""
+
+    def __init__(self):
+        self._head, self._torso = Figure(HEAD), Figure(TORSO)
+
+    def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
+        """See World; the origin is inside the room and outside of what is in it."""
+        origin = np.asarray(origin, np.float64)
+        range_m, reflectivity = _cast_box(WALLS, origin, rays, within=True)
+        bodies = [(box.middle, np.linalg.norm(box.size) / 2, partial(_cast_box, box)) for box in FURNITURE]
+        for x, y, z, yaw_deg in BUSTS:
+            pose = _facing(np.array([x, y, z]), np.radians(yaw_deg))
+            bodies += [((x, y, z), 0.22, partial(_cast_figure, self._head, pose)),
+                       ((x, y, z - 0.3), 0.37, partial(_cast_figure, self._torso, pose))]
+        for middle, radius_m, cast in bodies:
+            near = _near(np.subtract(middle, origin), radius_m, rays)
+            if not near.size:
+                continue
+            its_range_m, its_reflectivity = cast(origin, rays[:, near])
+            first = its_range_m < range_m[near]
+            range_m[near[first]], reflectivity[near[first]] = its_range_m[first], its_reflectivity[first]
+        return range_m, reflectivity
+
+
+def _near(way: np.ndarray, radius_m: float, rays: np.ndarray) -> np.ndarray:
+    """Indices of the rays that meet a ball whose middle lies so from where they begin."""
+    distance = float(np.linalg.norm(way))
+    if distance <= radius_m:
+        return np.arange(rays.shape[1])
+    along = np.einsum("i,in->n", (way / distance).astype(np.float32), rays)
+    return np.flatnonzero(along > np.sqrt(1 - (radius_m / distance)**2))
+
+
+def _cast_box(box: Box, origin: np.ndarray, rays: np.ndarray, within: bool = False) -> Hits:
+    """Where rays enter a box, +inf if they miss it; or from within, where they leave it."""
+    half = (np.array(box.size) / 2).astype(np.float32)[:, None]
+    turn = Pose.turned([0, 0, np.radians(box.yaw_deg)]).rotation
+    start = ((origin - box.middle) @ turn).astype(np.float32)[:, None]
+    rays = rays if not box.yaw_deg else np.einsum("ji,jn->in", turn.astype(np.float32), rays)
+    inverse = 1 / np.where(np.abs(rays) < TINY, np.copysign(TINY, rays), rays)
+    side = np.copysign(half, rays)
+    leaves_at = (side - start) * inverse
+    range_m = at = np.minimum(np.minimum(leaves_at[0], leaves_at[1]), leaves_at[2])
+    if not within:
+        leaves_at, last = (-side - start) * inverse, at         # where rays come through the planes of the near faces
+        range_m = at = np.maximum(np.maximum(leaves_at[0], leaves_at[1]), leaves_at[2])
+        hit = np.flatnonzero((at > 0) & (at < last))
+        range_m, rays, leaves_at, at = np.full(len(at), np.inf, np.float32), rays[:, hit], leaves_at[:, hit], at[hit]
+        range_m[hit] = at
+    squares = np.floor((start + at * rays) * np.float32(1 / box.check_m) + np.float32(0.25))
+    face = leaves_at == at                                      # the other two coordinates are within the face
+    odd = (squares.sum(axis=0) - (squares * face).sum(axis=0)) % 2
+    cosine = np.abs(rays * face).max(axis=0)
+    shade = box.reflectivity * (1.2 - 0.5 * odd) * (0.25 + 0.75 * cosine)
+    reflectivity = shade.astype(np.float32) if within else np.zeros(len(range_m), np.float32)
+    if not within:
+        reflectivity[hit] = shade
+    return range_m, reflectivity
+
+
+def _facing(middle: np.ndarray, yaw: float) -> Pose:
+    """Of a figure's frame (x right, y down, z away from the viewer) that looks to `yaw`."""
+    away, down = -np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([0.0, 0, -1])
+    return Pose(np.stack([np.cross(down, away), down, away], axis=1), middle)
+
+
+def _cast_figure(figure: Figure, pose: Pose, origin: np.ndarray, rays: np.ndarray) -> Hits:
+    """Where rays meet a figure, +inf if they miss it."""
+    turn = pose.rotation.astype(np.float32)
+    start = pose.inverse()(origin).astype(np.float32)
+    rays = np.einsum("ji,jn->in", turn, rays)
+    range_m, reflectivity = figure.march(start, rays), np.zeros(rays.shape[1], np.float32)
+    seen = np.flatnonzero(np.isfinite(range_m))
+    points, rays = start[:, None] + range_m[seen] * rays[:, seen], rays[:, seen]
+    here = figure.distance(points)
+    steps = SLOPE_M * np.eye(3, dtype=np.float32)[:, :, None]
+    slope = np.stack([figure.distance(points + step) - here for step in steps.astype(np.float32)])
+    cosine = np.abs((slope * rays).sum(axis=0)) / np.maximum(np.sqrt((slope**2).sum(axis=0)), TINY)
+    reflectivity[seen] = figure.reflectivity(points) * (0.25 + 0.75 * cosine)
+    return range_m, reflectivity
+
+
+class Relief:
+    """The surface of a depth map, without gaps, seen from poses about that of its camera: the origin, looking along x.
+
+    Args:
+        range_m: float [rows, cols], metres along the rays of a pinhole camera.
+        reflectivity: the same shape.
+        valid: bool, the same shape: elsewhere nothing returns light.
+        fov_deg: of the camera's larger side; scenes are stretched to it.
+    """
+
+    def __init__(self, range_m: np.ndarray, reflectivity: np.ndarray, valid: np.ndarray, fov_deg: float = 75.0):
+        self._range_m = np.asarray(range_m, np.float32)
+        require(bool(np.isfinite(self._range_m).all()), "range_m", "unknown in places", "finite: see `valid`")
+        self._reflectivity = np.where(valid, reflectivity, np.nan).astype(np.float32)
+        self._camera = Pinhole.from_fov(*self._range_m.shape, fov_deg=fov_deg)
+
+    def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
+        """See World: march in even steps to the first crossing, then halve the interval. NaN outside of the map."""
+        start = (origin @ OPTICAL.rotation).astype(np.float32)[:, None]
+        rays = np.einsum("ji,jn->in", OPTICAL.rotation.astype(np.float32), rays)
+        moved = float(np.linalg.norm(start))
+        first, last = max(self._range_m.min() - moved, 0) * 0.95, self._range_m.max() * 1.05 + moved
+        step = np.float32((last - first) / MARCH_STEPS)
+        near = np.full(rays.shape[1], first, np.float32)
+        going = np.arange(len(near))
+        for _ in range(MARCH_STEPS):
+            going = going[self._gap(start + (near[going] + step) * rays[:, going]) > 0]
+            near[going] += step
+        half = np.full(len(near), step / 2, np.float32)
+        for _ in range(BISECTIONS):
+            middle = near + half
+            near = np.where(self._gap(start + middle * rays) > 0, middle, near)
+            half /= 2
+        row, col = self._places(start + near * rays)
+        inside = (row >= 0) & (row <= self._range_m.shape[0] - 1) & (col >= 0) & (col <= self._range_m.shape[1] - 1)
+        inside[going] = False
+        row, col = (np.where(inside, place, 0).round().astype(int) for place in (row, col))
+        reflectivity = np.where(inside, self._reflectivity[row, col], np.nan)
+        seen = np.isfinite(reflectivity)
+        return np.where(seen, near + half, np.nan).astype(np.float32), np.where(seen, reflectivity, 0)
+
+    def _places(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of points [3, N] in the map."""
+        depth = np.maximum(points[2], np.float32(1e-3))
+        camera = self._camera
+        return (points[1] / depth * np.float32(camera.fy) + np.float32(camera.cy),
+                points[0] / depth * np.float32(camera.fx) + np.float32(camera.cx))
+
+    def _gap(self, points: np.ndarray) -> np.ndarray:
+        """How far points [3, N] lie before the surface, bilinear between pixels, even beyond the map's edge."""
+        rows, cols = self._range_m.shape
+        row, col = self._places(points)
+        row, col = np.clip(row, 0, rows - 1.001), np.clip(col, 0, cols - 1.001)
+        top, left = row.astype(np.int32), col.astype(np.int32)
+        down, right = row - top, col - left
+        at, flat = top * cols + left, self._range_m.reshape(-1)
+        upper = flat[at] * (1 - right) + flat[at + 1] * right
+        lower = flat[at + cols] * (1 - right) + flat[at + cols + 1] * right
+        return upper * (1 - down) + lower * down - np.sqrt((points**2).sum(axis=0))

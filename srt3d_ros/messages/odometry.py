@@ -1,0 +1,53 @@
+"""`odom` and `imu` → MotionReport: nav_msgs/Odometry and sensor_msgs/Imu as bytes (cdr.py), of which little is read."""
+
+import math
+
+import numpy as np
+
+from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.motion_track import MAX_M_S, MAX_RAD_S, MotionReport
+from srt3d_ros.errors import require
+from srt3d_ros.messages.cdr import Reader
+
+MAX_M = 1e9                 # of a position: far outside of any map, and its square is finite
+COVARIANCE, ROTATION_COVARIANCE = 36, 9
+UNKNOWN = -1.0              # the first number of a covariance of what is not measured (sensor_msgs/Imu)
+
+
+def decode_odometry(raw: bytes) -> MotionReport:
+    """The report of a serialised Odometry; a twist that no robot has counts as none.
+
+    Raises:
+        InvalidInput: it breaks off, or its pose is none.
+    """
+    reader = Reader(raw)
+    stamp_ns = reader.header().stamp_ns
+    body = reader.text("child_frame_id")
+    x, y, z, *quaternion = reader.doubles("pose", 7)
+    require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
+    reader.doubles("pose.covariance", COVARIANCE)
+    twist = reader.doubles("twist", 6)
+    reader.doubles("twist.covariance", COVARIANCE)
+    reader.end()
+    if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
+        twist = (0.0,) * 6
+    return MotionReport(stamp_ns, body, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
+                        np.array(twist[3:]))
+
+
+def decode_imu(raw: bytes) -> MotionReport:
+    """The report of a serialised Imu: its rate of turn.
+
+    Raises:
+        InvalidInput: it breaks off, measures no rate, or one that no gyroscope does.
+    """
+    reader = Reader(raw)
+    header = reader.header()
+    reader.doubles("orientation", 4 + ROTATION_COVARIANCE)
+    rate, (first, *_) = reader.doubles("angular_velocity", 3), reader.doubles("angular_velocity_covariance",
+                                                                             ROTATION_COVARIANCE)
+    reader.doubles("linear_acceleration", 3 + ROTATION_COVARIANCE)
+    reader.end()
+    require(first != UNKNOWN, "angular_velocity_covariance", first, "an IMU that measures its rate of turn")
+    require(math.hypot(*rate) <= MAX_RAD_S, "angular_velocity", list(rate), f"at most {MAX_RAD_S:g} rad/s")    # nor NaN
+    return MotionReport(header.stamp_ns, header.frame_id, rate_rad_s=np.array(rate))

@@ -1,0 +1,185 @@
+"""datasets/room.py, moving.py and motion_profiles.py: exact depths from any pose, smooth paths, odometry's errors."""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.motion import Pose
+from srt3d_ros.datasets.motion_profiles import MOTIONS, OPTICAL, hand, measured, spin, trajectory, walk
+from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
+from srt3d_ros.datasets.room import FURNITURE, WALLS, Relief, Room
+from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = moving_sensor(side=31)
+
+
+def rays_to(points, origin) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors float32 [3, N] to points [N, 3], and the distances."""
+    way = np.asarray(points, float) - origin
+    distance = np.linalg.norm(way, axis=1)
+    return np.ascontiguousarray((way / distance[:, None]).T, dtype=np.float32), distance
+
+
+def test_walls_are_where_geometry_has_them():
+    origin = np.array([0.3, -0.2, 1.9])
+    points = [(3.5, 0.1, 2.6), (0.1, 3.0, 2.5), (0.2, -3.0, 2.7), (1.5, 0.9, 0), (-1, 1, 2.8), (0.3, -0.2, 2.8)]
+    rays, distance = rays_to(points, origin)
+    range_m, reflectivity = Room().cast(origin, rays)
+    np.testing.assert_allclose(range_m, distance, rtol=2e-6)
+    assert (reflectivity > 0.05).all()
+
+
+def test_a_turned_box_is_where_geometry_has_it():
+    box, = (box for box in FURNITURE if box.yaw_deg == 30)
+    turn = Pose(Pose.turned([0, 0, np.radians(30)]).rotation, np.array(box.middle))
+    side, width = box.size[0] / 2, box.size[1] / 2 - 0.01
+    on_the_face = turn(np.array([[-side, y, z] for y in (-width, 0, width) for z in (-0.5, 0.3, 1.2)]))
+    origin = np.array([0, 0, 1.5])
+    rays, distance = rays_to(on_the_face, origin)
+    np.testing.assert_allclose(Room().cast(origin, rays)[0], distance, rtol=3e-6)
+
+
+def test_a_bust_stands_before_the_wall_and_looks_the_same_from_the_left_and_right():
+    middle = np.array([0.0, -2.7, 1.5])
+    facing = np.radians(80)
+    ranges = []
+    for side in (-20, 20):
+        angle = facing + np.radians(side)
+        origin = middle + 1.5 * np.array([np.cos(angle), np.sin(angle), 0])
+        rays, distance = rays_to(middle + np.array([[0, 0, z] for z in np.linspace(-0.25, 0.05, 40)]), origin)
+        ranges.append(Room().cast(origin, rays)[0])
+        assert (ranges[-1] > distance - 0.2).all() and (ranges[-1] < distance + 0.05).all()
+    np.testing.assert_allclose(*ranges, atol=1e-3)      # the figure is symmetric
+
+
+def test_rays_along_an_axis_are_no_exception():
+    for ray in np.vstack([np.eye(3), -np.eye(3)]).astype(np.float32):
+        range_m, _ = Room().cast(np.array([1.2, 0.9, 1.6]), ray[:, None].repeat(2, axis=1))
+        assert (range_m > 0.3).all() and (range_m < 4.8).all(), ray
+
+
+def test_a_wall_seen_by_a_pinhole_is_a_plane_in_its_frame():
+    view = MovingView(Room(), lambda t_s: Pose(np.eye(3), np.array([-1.0 + t_s, -0.3, 2.3])), SENSOR)
+    for t_s in (0.0, 0.5):
+        range_m, _ = view.at(t_s)
+        depth = (SENSOR.rays * range_m[..., None])[13:17, 10:13, 2]     # above shelf and drawers
+        np.testing.assert_allclose(depth, 4.5 - t_s, rtol=1e-5)
+
+
+def test_a_static_world_stays_where_it_is_while_the_sensor_moves():
+    view = MovingView(Room(), walk, SENSOR)
+    for t_s in (0.0, 0.7, 5.3):
+        range_m, _ = view.at(t_s)
+        points = view.sensor_pose(t_s)((SENSOR.rays * range_m[..., None]).reshape(-1, 3))
+        inside = np.abs(points - WALLS.middle) - np.array(WALLS.size) / 2
+        assert inside.max() < 1e-5
+        other = view.sensor_pose(t_s + 0.05)
+        rays, distance = rays_to(points, other.translation)
+        again, _ = Room().cast(other.translation, rays)
+        assert np.median(np.abs(again - distance)) < 1e-5       # some are hidden now
+        assert (again < distance + 1e-3).all()
+
+
+def test_a_relief_seen_from_its_camera_is_its_map():
+    rng = np.random.default_rng(0)
+    smooth = 2 + 0.2 * np.sin(np.arange(60) / 9)[:, None] * np.cos(np.arange(80) / 11)
+    valid = np.ones(smooth.shape, bool)
+    valid[20:30, 40:50] = False
+    relief = Relief(smooth, rng.uniform(0.2, 1, smooth.shape), valid, fov_deg=70)
+    sensor = moving_sensor().replace(rows=60, cols=80, projection=relief._camera)
+    range_m, reflectivity = MovingView(relief, lambda t_s: Pose(), sensor).at(0)
+    np.testing.assert_allclose(range_m[1:-1, 1:-1][valid[1:-1, 1:-1]], smooth[1:-1, 1:-1][valid[1:-1, 1:-1]], atol=1e-3)
+    assert np.isnan(range_m[22:28, 42:48]).all() and (reflectivity[22:28, 42:48] == 0).all()
+
+
+def test_a_flat_relief_is_a_sphere_from_wherever_it_is_seen():
+    relief = Relief(np.full((200, 200), 2.0), np.ones((200, 200)), np.ones((200, 200), bool))
+    for t_s in (0.0, 0.13, 0.4):
+        view = MovingView(relief, hand, SENSOR)
+        range_m, _ = view.at(t_s)
+        points = view.sensor_pose(t_s)((SENSOR.rays * range_m[..., None]).reshape(-1, 3))
+        np.testing.assert_allclose(np.linalg.norm(points, axis=1), 2, atol=2e-4)
+
+
+def test_a_scene_file_is_a_world(shared_data):
+    relief = read_relief(shared_data / "scenes" / "synth_bowling1.npz")
+    range_m, _ = MovingView(relief, hand, SENSOR).at(0.2)
+    assert 1.0 < np.nanmin(range_m) < np.nanmax(range_m) < 2.3 and np.isfinite(range_m).mean() > 0.9
+
+
+def test_a_scene_file_without_arrays_is_refused(tmp_path):
+    np.savez(tmp_path / "scene.npz", depth_m=np.ones((4, 4)))
+    with pytest.raises(InvalidInput, match="depth_m, reflectivity and valid"):
+        read_relief(tmp_path / "scene.npz")
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_paths_are_smooth_and_keep_away_from_walls_and_furniture(name):
+    path, step_s = MOTIONS[name], 0.01
+    times = np.arange(0, 60, step_s)
+    poses = [path(t) for t in times]
+    steps = [before.inverse() @ after for before, after in zip(poses, poses[1:])]
+    velocity = np.array([step.translation for step in steps]) / step_s
+    turn = np.array([step.rotation_vector for step in steps]) / step_s
+    assert np.linalg.norm(velocity, axis=1).max() < 1.3 and np.degrees(np.linalg.norm(turn, axis=1)).max() < 45
+    assert np.abs(np.diff(velocity, axis=0)).max() < 5 * step_s and np.abs(np.diff(turn, axis=0)).max() < 2 * step_s
+    for box in FURNITURE:
+        to_box = Pose(Pose.turned([0, 0, np.radians(box.yaw_deg)]).rotation, np.array(box.middle)).inverse()
+        outside = np.abs(to_box(np.array([pose.translation for pose in poses[::10]]))) - np.array(box.size) / 2
+        assert (outside.max(axis=1) > 0.2).all(), box
+    assert np.abs([pose.translation[:2] for pose in poses]).max() < 2.5
+
+
+def test_a_walk_and_a_hand_keep_the_speeds_named():
+    for path in (walk, hand):
+        step = path(3.0).inverse() @ path(3.001)
+        assert np.linalg.norm(step.translation) == pytest.approx(1e-3, rel=0.03)
+        assert np.degrees(np.linalg.norm(step.rotation_vector)) == pytest.approx(0.03, rel=0.06)
+
+
+def test_odometry_without_noise_is_exact():
+    for t_s, stamp_s, pose, *_ in islice(measured(walk, 50.0), 20):
+        assert t_s == stamp_s
+        np.testing.assert_array_equal(pose.translation, walk(t_s).translation)
+
+
+def test_noise_is_its_share_of_the_velocity():
+    straight = lambda t_s: Pose(np.eye(3), np.array([t_s, 0.0, 0.0]))       # noqa: E731
+    reports = list(islice(measured(straight, 100.0, noise=0.05, seed=1), 10_000))
+    velocity = np.array([report.velocity_m_s for report in reports])
+    np.testing.assert_allclose(velocity.mean(axis=0), [1, 0, 0], atol=0.02)
+    np.testing.assert_allclose(velocity.std(axis=0), 0.05, rtol=0.2)
+    error = velocity[:, 1]
+    assert np.corrcoef(error[:-50], error[50:])[0, 1] == pytest.approx(np.exp(-1), abs=0.1)     # 0.5 s apart
+    last = reports[-1].pose         # the pose is the sum of these steps: this path does not turn
+    np.testing.assert_allclose(last.translation, velocity[:-1].sum(axis=0) / 100, rtol=1e-9)
+    turned = [report.pose for report in islice(measured(spin, 100.0, noise=0.05, seed=2), 5_000)]
+    rates = np.array([(a.inverse() @ b).rotation_vector for a, b in zip(turned, turned[1:])]) * 100
+    np.testing.assert_allclose(rates.std(axis=0), 0.05 * np.radians(30), rtol=0.25)
+
+
+def test_jitter_moves_stamps_which_still_rise():
+    seen = list(islice(measured(walk, 100.0, jitter_s=0.02, seed=3), 1000))
+    measured_s, stamps_s = np.array([report[:2] for report in seen]).T
+    assert (np.diff(stamps_s) > 0).all() and np.abs(stamps_s - measured_s).max() <= 0.02
+    assert (stamps_s - measured_s).std() > 0.008
+
+
+def test_a_trajectory_covers_what_was_asked_for_and_repeats_with_the_seed():
+    first = trajectory(walk, 1.0, 2.0, noise=0.05, jitter_s=0.02, seed=4)
+    again = trajectory(walk, 1.0, 2.0, noise=0.05, jitter_s=0.02, seed=4)
+    assert first.covers(10**9, 2 * 10**9)
+    np.testing.assert_array_equal(first.at(15 * 10**8).translation, again.at(15 * 10**8).translation)
+    exact = trajectory(walk, 1.0, 2.0)
+    np.testing.assert_allclose(exact.at(15 * 10**8).translation, walk(1.5).translation, atol=1e-3)       # smoothed
+
+
+def test_the_same_seed_gives_the_same_photons_and_their_truth_is_of_the_middle():
+    view = MovingView(Room(), walk, SENSOR, exposure_s=0.01)
+    frames = [Simulator(view, SENSOR, ppp=3, seed=5, frame_rate_hz=100.0).frame(7) for _ in range(2)]
+    np.testing.assert_array_equal(frames[0][0].toa, frames[1][0].toa)
+    np.testing.assert_array_equal(frames[0][0].pixel, frames[1][0].pixel)
+    np.testing.assert_allclose(SENSOR.range_m(frames[0][1][0]), view.at(0.075)[0], rtol=1e-5)
+    assert np.array_equal(view.sensor_pose(1.0).rotation, (walk(1.0) @ OPTICAL).rotation)

@@ -1,0 +1,94 @@
+"""`move_sketch` and `read_moved` against the reference."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.kernels import reference
+from srt3d_ros.kernels.constants import MAX_PHOTONS
+
+M, METRES_PER_BIN, STEEPEST = 5, 0.02, 0.1
+LENSES = {"pinhole": Pinhole(40, 42, 10, 6),
+          "distorted": Pinhole(40, 42, 10, 6, PlumbBob(-0.1, 0.02, 1e-3, -2e-3, 3e-3)),
+          "scan": AngularScan(0.3, -0.02, 0.2, -0.02), "full turn": AngularScan(0.3, -2 * np.pi / 21, 0.2, -0.02)}
+
+
+def arguments(lens, seed: int, shape=(13, 21), groups: int = 2) -> dict:
+    """Photons of a slanted surface with an edge, of a few motions; some pixels have none, and some are masked."""
+    rng, (rows, cols) = np.random.default_rng(seed), shape
+    y, x = np.mgrid[:rows, :cols]
+    poses = [Pose(Pose.turned(rng.normal(scale=0.03, size=3)).rotation, rng.normal(scale=0.05, size=3))
+             for _ in range(groups)]
+    sums = rng.normal(size=(rows, cols, M, 2)).astype(np.float32).view(np.complex64)[..., 0]
+    return {"sums": sums, "photons": rng.poisson(2, shape).astype(np.uint32),
+            "used": (rng.random(shape) > 0.1).astype(np.float32), "rays": lens.rays(rows, cols),
+            "ranges": (2 + 0.02 * x + 0.03 * y + (x > cols // 2)).astype(np.float32),
+            "motions": np.array([np.column_stack([p.rotation, p.translation]) for p in poses], np.float32),
+            "group": rng.integers(0, groups, shape).astype(np.uint8), "lens": lens.lens,
+            "bin_frequencies": np.array([1, 2, 5, 30, 100], np.float32) / 500,
+            "late": rng.normal(size=shape).astype(np.float32), "metres_per_bin": METRES_PER_BIN, "steepest": STEEPEST}
+
+
+def nothing(shape) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((*shape, M), np.complex64), np.zeros(shape, np.float32)
+
+
+def by_reference(given: dict) -> tuple[np.ndarray, np.ndarray]:
+    moved, numbers = (reference.array(values) for values in nothing(given["photons"].shape))
+    reference.move_sketch(*given.values(), moved, numbers)
+    return moved, numbers
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_move_sketch(backend, lens, seed):
+    given = arguments(LENSES[lens], seed)
+    expected = by_reference(given)
+    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))
+    assert expected[1].sum() > 0.5 * given["photons"].sum()
+    np.testing.assert_allclose(numbers, expected[1], atol=1e-3)
+    np.testing.assert_allclose(moved, expected[0], atol=5e-3)       # of depths of 150 bins, whose steps are 1.5e-5
+
+
+def test_photons_are_added_to_those_there(backend):
+    given = arguments(LENSES["pinhole"], 0)
+    once = by_reference(given)
+    *_, moved, numbers = backend.changed("move_sketch", *given.values(), once[0].astype(np.complex64),
+                                         once[1].astype(np.float32))
+    np.testing.assert_allclose(numbers, 2 * once[1], atol=2e-3)
+    np.testing.assert_allclose(moved, 2 * once[0], atol=1e-2)
+
+
+@pytest.mark.parametrize("motion", [Pose.turned([0, np.pi, 0]), Pose(translation=np.array([0, 0, -50.0])),
+                                    Pose(np.full((3, 3), np.nan))])
+def test_what_is_behind_the_camera_or_nowhere_is_left_out(backend, motion):
+    given = arguments(LENSES["pinhole"], 0)
+    given["motions"][:] = np.column_stack([motion.rotation, motion.translation])
+    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))
+    assert not moved.any() and not numbers.any()
+
+
+def test_a_line_of_pixels_moves(backend):
+    given = arguments(LENSES["scan"], 3, (1, 40), 1)
+    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *nothing((1, 40)))
+    expected = by_reference(given)
+    np.testing.assert_allclose(numbers, expected[1], atol=1e-3)
+    np.testing.assert_allclose(moved, expected[0], atol=5e-3)
+
+
+def test_read_moved(backend):
+    given, rng = arguments(LENSES["pinhole"], 0), np.random.default_rng(5)
+    shape = given["photons"].shape
+    numbers = rng.uniform(0, 3, shape).astype(np.float32)
+    numbers[0, :4] = 0, 0.49, 0.5, 1e10
+    moved = (given["sums"] * numbers[..., None]).astype(np.complex64)
+    those = moved, numbers, *(given[name] for name in ("ranges", "late", "bin_frequencies", "metres_per_bin"))
+    sums, photons = backend.call("read_moved", *those)
+    expected, whole = reference.read_moved(*those)
+    assert sums.dtype == np.complex64 and photons.dtype == np.uint32
+    np.testing.assert_array_equal(photons, whole)
+    np.testing.assert_array_equal(photons[0, :4], [0, 0, 1, MAX_PHOTONS])
+    np.testing.assert_allclose(sums / np.maximum(photons, 1)[..., None], expected / np.maximum(whole, 1)[..., None],
+                               atol=2e-3)
