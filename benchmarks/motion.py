@@ -9,6 +9,7 @@ frame promises. Lines: true detections (TD) within 10 bins, %, and depth error (
     moved           its parts are moved by the exact trajectory, guided by the range of the last cloud
     moved_unguided  without that
     moved_late      by odometry at 100 Hz whose stamps are off by up to 20 ms, with 5 % noise of the velocity
+    estimated       its parts are moved by the motion that the photons themselves show
     window          ten moved frames
     at_rest_window  the sensor stands, with the photons of ten frames
 """
@@ -29,6 +30,7 @@ from srt3d_ros.core.deskew import range_image
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.motion import Trajectory
+from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
@@ -122,14 +124,18 @@ class Method:
     pooled: Pooled
     known: Trajectory | None
     guided: bool = True
+    estimator: MotionEstimator | None = None
     last: PointCloud | None = None
 
     def cloud(self, frame: MovingFrame) -> PointCloud:
         """The cloud of the next frame."""
-        guide = None
-        if self.guided and self.known is not None and self.last is not None:
-            guide = range_image(self.sketcher.sensor, self.known.motion(self.last.stamp_ns, frame.to_ns)(self.last.xyz))
-        self.last = self.pooled(self.sketcher.finish(frame, self.known, guide))
+        guide, known, sensor = None, self.known, self.sketcher.sensor
+        if self.estimator and self.last is not None:
+            surfaces = Surfaces.of_ranges(self.last.stamp_ns, self.last.range_image(), sensor)
+            known = self.estimator.follow(surfaces, frame)
+        if self.guided and known is not None and self.last is not None:
+            guide = range_image(sensor, known.motion(self.last.stamp_ns, frame.to_ns)(self.last.xyz))
+        self.last = self.pooled(self.sketcher.finish(frame, known, guide))
         return self.last
 
 
@@ -146,12 +152,13 @@ class Shot:
 def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory
             ) -> dict[str, Method]:
     """The methods by the names of their lines."""
-    def method(known: Trajectory | None, guided: bool = True, window_frames: int = 1) -> Method:
+    def method(known: Trajectory | None, guided: bool = True, window_frames: int = 1, estimator=None) -> Method:
         return Method(MovingSketcher(sensor, frequencies, window_frames, PARTS, deskew_to),
-                      Pooled(sensor, frequencies), known, guided)
+                      Pooled(sensor, frequencies), known, guided, estimator)
 
     return {"not_moved": method(None), "moved": method(exact), "moved_unguided": method(exact, guided=False),
-            "moved_late": method(faulty), "window": method(exact, window_frames=WINDOW)}
+            "moved_late": method(faulty), "estimated": method(None, estimator=MotionEstimator(sensor, frequencies)),
+            "window": method(exact, window_frames=WINDOW)}
 
 
 def along(view: MovingView, frames: int, ppp: float, names: tuple[str, ...]

@@ -17,13 +17,15 @@ FAILED, INTERRUPTED = 1, 130
 def benchmark(args: argparse.Namespace) -> int:
     """Run `srt3d benchmark`; returns the exit code."""
     device, _ = kernels_for(args.device)
-    plan = replace(QUICK if args.quick else FULL, device=device)
+    plan = replace(QUICK if args.quick else FULL, device=device, photons=tuple(args.bytes or ()),
+                   tolerance=args.tolerance)
     if args.repeats is not None:
         plan = replace(plan, repeats=args.repeats)
     args.out.mkdir(parents=True, exist_ok=True)
     stem = machine_slug(plan.device) + "-quick" * args.quick
     results = Results(args.out / f"{stem}.jsonl")
-    chosen = [part for part in PARTS if part in (args.parts or PARTS)]
+    asked = [*args.parts, *(["bytes"] if args.bytes is not None else [])]
+    chosen = [part for part in PARTS if part in (asked or PARTS)]
     code = 0
     for number, part in enumerate(chosen, start=1):
         try:

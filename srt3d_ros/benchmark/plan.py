@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-PARTS = ("table1", "figure1", "sketching", "ros")
+PARTS = ("table1", "figure1", "sketching", "ros", "bytes")
 
 
 class PartFailed(Exception):
@@ -23,6 +23,10 @@ class Plan:
         rate_steps: bisections in search of the highest rate.
         repeat_limit_s: a work whose runs have taken so long together is not repeated.
         limit_s: a method is not run on frames of so many photons that it would take longer than this for one.
+        lights: (SBR, photons per pixel) of the simulated frames of `bytes`.
+        photons: files for `bytes`.
+        tolerance: of the files, as for `evaluation.cases.tolerance_bins`; None for the usual.
+        every_size: of `bytes`: only every so-many-th size of a representation.
     """
 
     device: str = "cpu"
@@ -37,8 +41,12 @@ class Plan:
     rate_steps: int = 4
     repeat_limit_s: float = 10.0
     limit_s: float = 60.0
+    lights: tuple[tuple[float, float], ...] = ((1, 1), (1, 10), (1, 100), (0.1, 30))
+    photons: tuple[str, ...] = ()
+    tolerance: str | None = None
+    every_size: int = 1
 
 
 FULL = Plan()
 QUICK = Plan(sides=(141, 282), ppps=(1, 10, 100, 1000), dense_ppps=(100,), rate_s=2.0, rate_steps=2,
-             repeat_limit_s=3.0)
+             repeat_limit_s=3.0, lights=((1, 10),), every_size=2)

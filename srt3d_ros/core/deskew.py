@@ -56,7 +56,7 @@ class Deskewer:
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0
         self._together, self._all = np.zeros(1, np.int64), on(np.zeros(shape, np.uint8))
         self._group = self._all
-        if (times := getattr(sensor, "pixel_times_s", None)) is not None:
+        if (times := sensor.pixel_times_s) is not None:
             self._together, group = _in_groups(np.asarray(times))
             self._group = on(group)
 

@@ -76,7 +76,7 @@ class MovingSketcher(Sketcher):
         self.subframes, self._deskew_to, self.lost = subframes, deskew_to, 0
         self._deskewer = Deskewer(gate.sensor if gate else sensor, self.frequencies)
         self._window = MovingWindow(self._deskewer)
-        self._times_s = getattr(sensor, "pixel_times_s", None)
+        self._times_s = sensor.pixel_times_s
         self._part_bytes, self._spare = self._sums.nbytes + self._photons.nbytes, [(self._sums, self._photons)]
         self._slot_ns = 0                           # the length of a part; 0: each stamp has its own
         self._previous_ns: int | None = None        # the last stamp of the frame before
@@ -107,7 +107,7 @@ class MovingSketcher(Sketcher):
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a packet; InvalidInput, and none is added, if one is outside the sensor."""
         first_ns = frame.stamp_ns if self._first_ns is None else self._first_ns
-        told = self._times_s is None and isinstance(frame, PhotonEvents) and getattr(frame, "t", None) is not None
+        told = self._times_s is None and isinstance(frame, PhotonEvents) and frame.t is not None
         if told and frame.photons:
             frame.check(self.sensor)
             pieces = self._by_time(frame, first_ns)
@@ -180,7 +180,7 @@ class MovingSketcher(Sketcher):
         for slot in np.unique(slots):
             chosen = np.flatnonzero(slots == slot)
             yield (first_ns + round(float(after_ns[chosen].mean())), len(chosen),
-                   PhotonEvents(events.pixel[chosen], events.toa[chosen], events.stamp_ns))
+                   events.part(chosen))
 
     def _part(self, after_ns: int) -> _OpenPart:
         """The part of photons so long after the frame's first packet; the nearest if there are enough parts already."""

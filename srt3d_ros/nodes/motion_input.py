@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -9,19 +10,20 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from srt3d_ros.core.frame_tree import FrameTree
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.motion_track import MotionTrack
+from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.range_guide import moved_ranges
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.messages import images, odometry
+from srt3d_ros.messages import odometry
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
+from srt3d_ros.nodes.depth_input import DepthInput
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
-MOTIONS = ("off", *READERS)
+ESTIMATE = "estimate"
+MOTIONS = ("off", *READERS, ESTIMATE)
 INBOX = 10_000              # reports that may wait for a worker that waits itself: 10 s of a fast IMU
 MANY = 100                  # reports that the worker is told of in any case; telling it of each costs more than reading
 ARRIVING = 256              # reports that may wait in the middleware for the executor
-DEPTH_AGE_NS = 10**9        # of a depth image: an older one shows another scene
 
 
 def parse_extrinsics(text: str) -> Pose | None:
@@ -59,20 +61,17 @@ class MotionInput:
         self._has_tf = False
         self._extrinsics: Pose | None = None
         self._track, self._before = MotionTrack(), Trajectory()     # and the trajectory before it began again
-        self._depth_raw: bytes | None = None
-        self._depth: tuple[int, np.ndarray] | None = None       # stamp and ranges of the last depth image
-
-    def subscribe(self) -> None:
-        """Follow the reports; also /tf_static where it is needed, and `depth` where a motion may have parallax."""
-        self._topic = self._listen(self.kind, self._received, ARRIVING).topic_name
+        # Best effort: of those that publish reports, many are; one that is lost is missed less than one that waits.
+        qos = QoSProfile(depth=ARRIVING, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._topic = node.make_subscription(self.kind, self._received, ARRIVING, qos, raw=True).topic_name
         if self._given is None:
             try:
                 self._node.follow("/tf_static", self._on_transforms)
                 self._has_tf = True
             except ModuleNotFoundError:     # tf2_msgs
                 pass
-        if self.kind == "odom":
-            self._listen("depth", self._on_depth, 1)
+        # where a motion may have parallax
+        self._depth = DepthInput(node, partial(self._tell, "motion_refused")) if self.kind == "odom" else None
 
     def of(self, sensor: SensorModel, frame_id: str = "") -> None:
         """The sensor whose photons come, and their tf frame; before the first, that of the description."""
@@ -82,10 +81,14 @@ class MotionInput:
             self._sensor_frame = frame_id
             self._place()
 
-    def covering(self, first_ns: int, last_ns: int) -> Trajectory | None:
-        """The trajectory of the sensor over this time; None if it is not known."""
-        known = (self._track.trajectory, self._before)
-        return next((one for one in known if one.covers(first_ns, last_ns)), None)
+    def trajectory(self, frame: MovingFrame, sketcher: MovingSketcher, late: bool) -> tuple[Trajectory | None, str]:
+        """The trajectory over a frame; None, and why, if there is none or, unless it is `late`, one may still come."""
+        span = min(frame.first_ns, frame.to_ns), max(frame.last_ns, frame.to_ns)
+        for known in (self._track.trajectory, self._before):
+            if known.covers(*span):
+                return known, ""
+        cause, may_come = self._missing(span[1])
+        return None, "" if may_come and not late else cause
 
     def update(self) -> None:
         """Follow the reports that have come."""
@@ -97,8 +100,8 @@ class MotionInput:
             except InvalidInput as problem:
                 self._tell("motion_refused", f"{self._topic}: {problem}")
 
-    def missing(self, first_ns: int, last_ns: int) -> tuple[str, bool]:
-        """Why no trajectory covers this time, and whether one still may."""
+    def _missing(self, last_ns: int) -> tuple[str, bool]:
+        """Why no trajectory covers a time that ends then, and whether one still may."""
         newest_ns = self._track.trajectory.newest_ns
         if newest_ns is not None and newest_ns >= last_ns:
             return f"what came on {self._topic} begins later, or anew within it", False
@@ -110,35 +113,16 @@ class MotionInput:
 
     def ranges(self, to_ns: int, trajectory: Trajectory) -> np.ndarray | None:
         """The ranges of the last cloud, moved to an instant of a trajectory; None if none came lately."""
-        raw, self._depth_raw = self._depth_raw, None
-        try:
-            if raw is not None:
-                header, image = images.decode_cdr(raw)
-                self._depth = header.stamp_ns, image
-            if self._depth is None:
-                return None
-            stamp_ns, image = self._depth
-            if abs(to_ns - stamp_ns) > DEPTH_AGE_NS or not trajectory.covers(stamp_ns, stamp_ns):
-                return None
-            return moved_ranges(image, self._sensor, trajectory.motion(stamp_ns, to_ns))
-        except InvalidInput as problem:
-            self._depth = None
-            self._tell("motion_refused", f"depth: {problem}")
+        stamp_ns = self._depth.stamp_ns(to_ns) if self._depth else None
+        if stamp_ns is None or not trajectory.covers(stamp_ns, stamp_ns):
             return None
-
-    def _listen(self, topic: str, handle, depth: int):
-        """Best effort: of those that publish reports, many are; one that is lost is missed less than one that waits."""
-        qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
-        return self._node.make_subscription(topic, handle, depth, qos, raw=True)
+        return self._depth.ranges(self._sensor, trajectory.motion(stamp_ns, to_ns))
 
     def _received(self, raw: bytes) -> None:
         self._inbox.append((raw, self._node.now_ns()))
         if not self._woken and (len(self._inbox) >= MANY or self._wanted()):
             self._woken = True
             self._node.worker.call(self._moved)
-
-    def _on_depth(self, raw: bytes) -> None:
-        self._depth_raw = raw
 
     def _follow(self, raw: bytes, came_ns: int) -> None:
         report = READERS[self.kind](raw)

@@ -52,7 +52,8 @@ PARAMETERS = (
               "it.", choices=tuple(WINDOW_STAMPS)),
     Parameter("motion", "off", "What says how the sensor moves, for frames of several packets: their photons are moved "
               "to where the sensor is at the frame's stamp, before they are added up. odom: nav_msgs/Odometry; imu: "
-              "rotation only.", choices=MOTIONS, loose=True),
+              "rotation only; estimate: the photons themselves, which have to fit the last cloud (`depth`).",
+              choices=MOTIONS, loose=True),
     Parameter("subframes", 10, "With motion: most parts of a frame that are moved each on its own.", low=1, high=1000),
     Parameter("deskew_to", "middle", "With motion: the instant of a frame to which its photons are moved, and its "
               "stamp; to the middle, they are moved by half as much.", choices=DESKEW_TO),

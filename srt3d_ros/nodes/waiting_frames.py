@@ -11,7 +11,8 @@ from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
-from srt3d_ros.nodes.motion_input import MotionInput
+from srt3d_ros.nodes.estimated_motion import EstimatedMotion
+from srt3d_ros.nodes.motion_input import ESTIMATE, MotionInput
 
 MOST, MOST_BYTES = 4, 2**28     # frames that wait whatever they take, and the memory that more of them may take
 
@@ -51,8 +52,8 @@ class WaitingFrames:
         self._timed: Waiting | None = None          # the frame that the timer is for
         self._timer: threading.Timer | None = None
         self._undeskewed = 0, ""            # frames since the last report, and the last one's cause
-        self._motion = MotionInput(node, self.release, lambda: bool(self._frames))
-        self._motion.subscribe()
+        source = EstimatedMotion if node.parameters["motion"] == ESTIMATE else MotionInput
+        self._motion = source(node, self.release, lambda: bool(self._frames))
         node.diagnostics.count(frames_deskewed=0, frames_undeskewed=0, motion_refused=0, motion_restarts=0)
         node.diagnostics.find_warning = self._warning
 
@@ -91,13 +92,11 @@ class WaitingFrames:
     def _finish(self, at_once: bool) -> bool:
         """Finish the first frame, at once or if it need not wait; whether it is finished."""
         waiting = self._frames[0]
-        parts, count = waiting.parts, self._node.diagnostics.count
-        span = min(parts.first_ns, parts.to_ns), max(parts.last_ns, parts.to_ns)
-        trajectory, ranges = self._motion.covering(*span), None
-        if trajectory is None:
-            cause, may_come = self._motion.missing(*span)
-            if may_come and not at_once and time.monotonic() < waiting.until_s:
-                return False
+        parts, count, ranges = waiting.parts, self._node.diagnostics.count, None
+        late = at_once or time.monotonic() >= waiting.until_s
+        trajectory, cause = self._motion.trajectory(parts, waiting.sketcher, late)
+        if trajectory is None and not cause:
+            return False
         self._frames.popleft()
         try:
             if trajectory is not None:

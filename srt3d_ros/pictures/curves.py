@@ -24,6 +24,11 @@ _OURS = "pooled"
 _TIME_LABELS = {"sketching": "sketching, while photons come", "rt3d": "rt3d (all photons)",
                 "xcorr": "xcorr (histograms)"}
 _INPUT_LABELS = {"rt3d": "photons, for rt3d", "xcorr": "histograms, for xcorr", "pooled": "sketch, for the others"}
+# By the order of the representations in `draw_bytes`.
+_BYTES_STYLES = tuple(zip((*METHOD_COLOURS, "#8a8f98", "#7a4a00"), "osv^DPX*<"))
+_BYTES_DASHES = {"pooled": "-", "pixel": (0, (1, 1.5)), "3 × 3": (0, (4, 2))}
+_PANELS_IN_ROW = 4
+_CUT_OFF = 15           # times the least error of a panel
 _GRID, _GOAL, _GOAL_LINE = "#d9dce0", "#b8bec6", "#6b7280"
 # Lighter and warmer along a series.
 _SERIES_MAP = LinearSegmentedColormap.from_list(
@@ -119,6 +124,56 @@ def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float
     time_ax, memory_ax = figure.subplots(1, 2)
     _draw_times(time_ax, by_method, goal, stopped)
     _draw_memory(memory_ax, by_method)
+    save_png(figure, path)
+
+
+def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str], budgets: Sequence[int]) -> None:
+    """Draw a panel for each case: the least error that so many bytes a pixel give, on logarithmic axes.
+
+    Errors above _CUT_OFF times the least are cut off.
+
+    Args:
+        lines: with `case`, `representation`, `reconstruction`, `bytes_per_pixel` and `error_bins`.
+        representations: all names; the first one is ours.
+        budgets: bytes a pixel to mark.
+    """
+    cases = list(dict.fromkeys(line["case"] for line in lines))
+    cols = min(len(cases), _PANELS_IN_ROW)
+    figure = Figure((max(3.9 * cols + 0.6, 9), 3.3 * -(-len(cases) // cols) + 1.4), dpi=DPI, layout="constrained")
+    axes = figure.subplots(-(-len(cases) // cols), cols, squeeze=False).ravel()
+    for ax, case in zip(axes, cases):
+        for budget in budgets:
+            ax.axvline(budget, color=_GOAL, linewidth=0.8)
+        for name, (colour, marker) in zip(representations, _BYTES_STYLES):
+            for how, dashes in _BYTES_DASHES.items():
+                points = sorted((line["bytes_per_pixel"], line["error_bins"]) for line in lines if (
+                    line["case"], line["representation"], line["reconstruction"]) == (case, name, how))
+                if points:
+                    size, error = np.array(points).T
+                    alone = how == "pixel"
+                    ax.plot(size, np.minimum.accumulate(error), color=colour, linestyle=dashes,
+                            marker=None if alone and len(size) > 1 else marker, markersize=4, zorder=2 if alone else 3,
+                            linewidth=2.6 if name == representations[0] and not alone else 1.2)
+        ppp = next(line["photons_per_pixel"] for line in lines if line["case"] == case)
+        ax.set_title(f"{case} ({ppp:.3g} photons)" if "ppp" not in case else case, size=10)
+        errors = [line["error_bins"] for line in lines if line["case"] == case]
+        ax.set(xscale="log", yscale="log", ylim=(0.85 * min(errors), 1.15 * min(max(errors), _CUT_OFF * min(errors))))
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_minor_formatter(NullFormatter())
+            axis.set_major_formatter("{x:g}")
+        _grid(ax)
+    for ax in axes[len(cases):]:
+        ax.set_axis_off()
+    figure.suptitle("Depth error in equal bytes: pooled along surfaces, or each pixel alone", size=13)
+    figure.supylabel("mean depth error, bins; of a missed surface the tolerance", size=10)
+    for ax in axes[max(len(cases) - cols, 0):len(cases)]:
+        ax.set_xlabel("bytes a pixel")
+    handles = [axes[0].plot([], [], color=colour, marker=marker, label=name)[0]
+               for name, (colour, marker) in zip(representations, _BYTES_STYLES)]
+    handles += [axes[0].plot([], [], color=_GOAL_LINE, linestyle=dashes, label=how)[0]
+                for how, dashes in _BYTES_DASHES.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(2 * cols + 2, 6), frameon=False)
     save_png(figure, path)
 
 

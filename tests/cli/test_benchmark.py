@@ -11,7 +11,8 @@ from srt3d_ros.benchmark import command, table1
 from srt3d_ros.benchmark.plan import PartFailed, Plan
 from srt3d_ros.cli import main
 
-TINY = Plan(repeats=1, sides=(12,), sketch_sizes=(5,), side=12, ppps=(1, 10), dense_ppps=(5,), cycles=40)
+TINY = Plan(repeats=1, sides=(12,), sketch_sizes=(5,), side=12, ppps=(1, 10), dense_ppps=(5,), cycles=40,
+            lights=((1, 10),), every_size=8)
 
 
 @pytest.fixture
@@ -37,6 +38,14 @@ def test_parts_go_to_one_file_and_a_table_each(run, tmp_path):
     titles = ("Table 1 of the paper", "Figure 1 of the paper", "Sketching")
     assert [printed.out.count(title) for title in titles] == [1, 1, 1] and "| 12² " in printed.out
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"here-cpu.jsonl", "here-cpu-figure1.png"}
+
+
+def test_bytes_are_a_part_of_their_own_with_a_picture(run, tmp_path):
+    code, printed, lines = run("--bytes", "--quick")
+    assert code == 0 and {line["part"] for line in lines} == {"bytes"} and "coded sketch" in printed.out
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"here-cpu-quick.jsonl", "here-cpu-quick-bytes.png"}
+    code, printed, _ = run("--bytes", str(tmp_path / "none.npz"))
+    assert code == 2 and "none.npz" in printed.err.splitlines()[-1] and "Traceback" not in printed.err
 
 
 def test_an_interruption_of_a_quick_look_keeps_and_shows_what_was_measured(run, monkeypatch, tmp_path):
@@ -68,11 +77,12 @@ def test_a_part_that_fails_says_why_and_the_others_go_on_without_matplotlib(run,
 
 
 @pytest.mark.parametrize("options, said", [
-    (["table2"], "part is table2: expected table1, figure1, sketching, ros, or none for all"),
+    (["table2"], "part is table2: expected table1, figure1, sketching, ros, bytes, or none for all"),
     (["--repeats", "0"], "--repeats is 0: expected 1 or more"),
     (["--repeats", "many"], "--repeats"),
     (["--out", __file__], "test_benchmark.py: expected a folder"),
     (["--device", "tpu"], "--device"),
+    (["bytes", "--tolerance", "3"], "--tolerance is 3: expected with --bytes FILE"),
 ])
 def test_a_mistake_is_one_line(options, said, capsys):
     try:

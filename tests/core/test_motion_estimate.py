@@ -1,0 +1,90 @@
+"""core/motion_estimate.py: a sensor's motion from its photons and the last cloud's ranges."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
+from srt3d_ros.core.moving_sketcher import MovingFrame
+from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.datasets.motion_profiles import walk
+from srt3d_ros.datasets.moving import MovingView, moving_sensor
+from srt3d_ros.datasets.room import Room
+from srt3d_ros.datasets.simulator import Simulator
+
+SENSOR = moving_sensor(64)
+VIEW = MovingView(Room(), walk, SENSOR)
+FREQUENCIES = (1, 2, 4, 6, 9, 14, 20, 29, 41, 58)
+PARTS, PART_S = 5, 0.02
+CLOUD_S = 1.95          # a frame before the photons
+
+
+class Later:
+    """The room, seen on the way from 2 s on."""
+
+    def frame(self, t_s):
+        range_m, reflectivity = VIEW.at(2.0 + t_s + PART_S / 2)
+        return range_m[None], reflectivity[None]
+
+
+def frames(ppp, sbr=1.0, count=1):
+    """Frames of 100 ms from 2 s on."""
+    simulator = Simulator(Later(), SENSOR, sbr, ppp / PARTS, 1, 1 / PART_S)
+    for k in range(count):
+        first_ns = round((2.0 + k * PARTS * PART_S) * 1e9)
+        parts = [(round((2.0 + (part + 0.5) * PART_S) * 1e9),
+                  sketch_photons(simulator.frame(part)[0], SENSOR, FREQUENCIES))
+                 for part in range(k * PARTS, (k + 1) * PARTS)]
+        yield MovingFrame(parts, first_ns, first_ns + 10**8, first_ns + 5 * 10**7)
+
+
+def surfaces(t_s):
+    """Of an exact cloud."""
+    return Surfaces.of_ranges(round(t_s * 1e9), VIEW.at(t_s)[0], SENSOR)
+
+
+def wrong_by(trajectory, first_s, last_s):
+    """How far points 2 m ahead are from where they should be after a motion, metres."""
+    ahead = 2 * SENSOR.rays[::16, ::16].reshape(-1, 3).astype(float)
+    true = VIEW.sensor_pose(last_s).inverse() @ VIEW.sensor_pose(first_s)
+    found = trajectory.motion(round(first_s * 1e9), round(last_s * 1e9))
+    return float(np.linalg.norm(found(ahead) - true(ahead), axis=1).max()), float(np.linalg.norm(true(ahead) - ahead,
+                                                                                               axis=1).max())
+
+
+def test_photons_show_the_motion_of_the_sensor_from_rest():
+    estimator = MotionEstimator(SENSOR, FREQUENCIES)
+    frame, = frames(10)
+    trajectory = estimator.follow(surfaces(CLOUD_S), frame)
+    error_m, motion_m = wrong_by(trajectory, CLOUD_S, 2.1)
+    assert motion_m > 0.2 and error_m < 0.1 * motion_m
+    assert np.abs(estimator.twist[3:]).max() == pytest.approx(1, abs=0.2)       # m/s, as walk says
+
+
+def test_the_trajectory_goes_on_from_frame_to_frame():
+    estimator = MotionEstimator(SENSOR, FREQUENCIES)
+    for k, frame in enumerate(frames(10, count=3)):
+        trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k), frame)
+    error_m, motion_m = wrong_by(trajectory, CLOUD_S, 2.3)
+    assert motion_m > 0.5 and error_m < 0.1 * motion_m
+
+
+def test_photons_that_fit_no_surface_show_nothing_and_the_next_frame_begins_anew():
+    estimator = MotionEstimator(SENSOR, FREQUENCIES)
+    dark, = frames(3, sbr=1e-6)
+    assert estimator.follow(surfaces(CLOUD_S), dark) is None
+    frame, = frames(10)
+    assert wrong_by(estimator.follow(surfaces(CLOUD_S), frame), CLOUD_S, 2.1)[0] < 0.03
+
+
+def test_an_empty_cloud_shows_nothing():
+    nothing = Surfaces.of_ranges(0, np.full((64, 64), np.nan, np.float32), SENSOR)
+    frame, = frames(3)
+    assert MotionEstimator(SENSOR, FREQUENCIES).follow(nothing, frame) is None
+
+
+def test_surfaces_have_the_normals_of_planes_and_none_at_edges():
+    """A wall 2 m ahead on the left, 3 m on the right."""
+    depth = np.where(np.arange(64) < 32, 2.0, 3.0)
+    found = Surfaces.of_ranges(0, (depth / SENSOR.rays[..., 2]).astype(np.float32), SENSOR)
+    np.testing.assert_allclose(np.abs(found.normals[:, 2]), 1, atol=0.02)
+    np.testing.assert_allclose(found.points[:, 2], np.where(found.points[:, 0] < 0, 2, 3), rtol=0.01)
