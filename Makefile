@@ -5,12 +5,14 @@ ROS = jazzy
 VENV = .venv$(if $(filter-out jazzy,$(ROS)),-$(ROS))
 OUT = demo-out
 PHOTONS =
+MOTION =
 ARGS =
 
 .PHONY: help venv demo test lint clean
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
+	@echo '          MOTION=walk|drone|spin           the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
 	@echo 'make lint                                ruff'
 	@echo 'make venv                                only make or refresh the virtual environment'
@@ -21,7 +23,7 @@ venv:
 	@'$(PYTHON)' scripts/make_venv.py '$(VENV)' '$(ROS)'
 
 demo: venv
-	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') --out '$(OUT)'
+	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
 
 test: venv
 	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)

@@ -66,6 +66,14 @@ def wait_for_cloud(process: psutil.Popen, output: Path) -> None:
         time.sleep(0.05)
 
 
+def test_a_moving_sensor_is_deskewed(start, tmp_path):
+    demo = start("--motion", "spin", "--rate-hz", "5", "--duration-s", "1")
+    assert demo.wait() == 0, (tmp_path / "out.txt").read_text()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["frames_sent"], summary["frames_lost"], summary["frames_judged"]) == (5, 0, 5)
+    assert summary["true_detections_percent"] > 98 and summary["dae_bins"] < 0.8     # not moved: 96 %, 1.3 bins
+
+
 def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--rate-hz", "5", "--duration-s", "2")
     assert demo.wait() == 0, (tmp_path / "out.txt").read_text()

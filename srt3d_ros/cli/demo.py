@@ -6,7 +6,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,9 @@ from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets.motion_profiles import MOTIONS
+from srt3d_ros.datasets.moving import MovingView, moving_sensor
+from srt3d_ros.datasets.room import Room
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.private_network import join_private_network
@@ -25,7 +28,9 @@ from srt3d_ros.processes import Processes
 
 SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head
+MOVING_TOLERANCE_M = 0.1
 FILE_TOLERANCE_BINS = 10.0
+FRAMES_IN_FLIGHT = 3                    # of several packets: one that comes, one that waits for odometry, one beyond
 JUDGED_FRAMES = 40                      # compared with the truth, evenly spaced: all would outlast the streaming
 PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
 RESULTS = RECORDING, PICTURE, SUMMARY = "recording.rrd", "cloud.png", "summary.json"
@@ -41,6 +46,9 @@ class Source:
         truth: the true depths of frame k, bins [S, rows, cols], or None.
         tolerance_bins: a point so near to the truth is a true detection.
         parameters: make the player play it.
+        sketcher: parameters of the sketcher for it.
+        packets: messages in a frame.
+        stamped: the instant of a frame that its cloud is stamped with, 0 its start, 1 its end.
     """
 
     title: str
@@ -49,6 +57,9 @@ class Source:
     truth: Callable[[int], np.ndarray | None]
     tolerance_bins: float
     parameters: dict[str, object]
+    sketcher: dict[str, object] = field(default_factory=dict)
+    packets: int = 1
+    stamped: float = 0.0
     notes: tuple[str, ...] = ()
 
 
@@ -58,23 +69,29 @@ def add_parser(subparsers) -> None:
         description="Start player, sketcher, reconstructor and recorder as processes of their own, stream a simulated "
                     "moving scene or a photon file through them, and report what came out.")
     parser.add_argument("--photons", metavar="FILE", help="photon file to stream instead of the simulated scene")
+    parser.add_argument("--motion", choices=tuple(MOTIONS), help="stream what a sensor sees that moves through a room, "
+                        "and deskew it by its odometry")
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="default: %(default)s")
-    parser.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="default: %(default)g")
+    parser.add_argument("--rate-hz", metavar="HZ", type=float, help="default: 10, with --motion 5: the simulator of a "
+                        "sensor that moves takes a tenth of a second for a frame")
     parser.add_argument("--duration-s", metavar="S", type=float, default=20.0, help="default: %(default)g")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
-    require(1 <= args.duration_s * args.rate_hz < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
-    source = _simulated() if args.photons is None else _from_file(args.photons)
+    rate_hz = (5.0 if args.motion else 10.0) if args.rate_hz is None else args.rate_hz
+    require(0 < rate_hz <= 1000, "--rate-hz", rate_hz, "a rate above 0, at most 1000 Hz")
+    require(1 <= args.duration_s * rate_hz < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
+    require(not (args.photons and args.motion), "--motion", args.motion, "nothing beside --photons: files do not move")
+    source = (_from_file(args.photons) if args.photons else _moving(args.motion, rate_hz) if args.motion
+              else _simulated())
     for note in source.notes:
         _say(f"note: {note}")
     args.out.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:        # of an earlier run: they must not pass for this one's
         (args.out / name).unlink(missing_ok=True)
     join_private_network()
-    summary, problems = _stream(source, round(args.duration_s * args.rate_hz), args.rate_hz, args.out)
+    summary, problems = _stream(source, round(args.duration_s * rate_hz), rate_hz, args.out)
     if summary:
         (args.out / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
         print(_table(summary))
@@ -91,10 +108,32 @@ def _simulated() -> Source:
                   {"input": "simulator", **SCENE})
 
 
+def _moving(motion: str, rate_hz: float) -> Source:
+    from srt3d_ros.nodes.moving_source import PACKETS, extrinsics
+
+    sensor, packets_hz = moving_sensor(), PACKETS * rate_hz
+    view = MovingView(Room(), MOTIONS[motion], sensor, 1 / packets_hz)
+    simulator = Simulator(view, sensor, SCENE["sbr"], SCENE["ppp"] / PACKETS, SCENE["seed"], packets_hz)
+
+    def photons(k: int) -> PhotonEvents:
+        packets = [simulator.frame(k * PACKETS + packet)[0] for packet in range(PACKETS)]
+        return PhotonEvents(*(np.concatenate([getattr(one, name) for one in packets]) for name in ("pixel", "toa")))
+
+    def truth(k: int) -> np.ndarray:
+        range_m = view.at((k + 0.5) / rate_hz)[0]
+        return (range_m[None] - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+
+    return Source(f"simulated room, seen by a sensor that moves ({motion})", sensor, photons, truth,
+                  MOVING_TOLERANCE_M / sensor.bin_width_m,
+                  {"input": "simulator", "motion": motion, "in_flight": FRAMES_IN_FLIGHT * PACKETS, **SCENE},
+                  {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics(),
+                   "motion_timeout_s": CLOUD_TIMEOUT_S / 10}, PACKETS, stamped=0.5)
+
+
 def _from_file(path: str) -> Source:
     photons = open_photons(path)
     return Source(photons.name, photons.sensor, lambda k: photons.frame, lambda k: photons.reference_depth_bins,
-                  FILE_TOLERANCE_BINS, {"input": os.path.abspath(path)}, photons.notes)
+                  FILE_TOLERANCE_BINS, {"input": os.path.abspath(path)}, notes=photons.notes)
 
 
 def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
@@ -104,7 +143,7 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     with PipelineProbe(keep_every) as probe, Processes(probe.spin_until, out / "logs") as nodes:
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
-        nodes.start("sketcher", lossless=True)
+        nodes.start("sketcher", lossless=True, **source.sketcher)
         _say("starting the nodes; the first time they compile their kernels, for about a minute")
         problems = nodes.not_ready(PIPELINE, probe.statuses)
         if problems:
@@ -142,7 +181,7 @@ def _watch(probe, nodes: Processes, frames: int) -> None:
 
 def _summarise(source: Source, probe, rate_hz: float) -> dict:
     sensor, latencies_ms = source.sensor, probe.latencies_ms()
-    sent, came = probe.total("player", "frames_sent"), len(probe.arrivals)
+    sent, came = probe.total("player", "frames_sent") // source.packets, len(probe.arrivals)
     return {
         "source": source.title, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
         "bin_width_s": sensor.bin_width_s, "rate_hz": rate_hz,
@@ -162,7 +201,7 @@ def _judge(source: Source, probe, rate_hz: float) -> dict:
     sensor, results = source.sensor, []
     for raw in probe.kept:
         cloud = _cloud(raw, sensor)
-        truth = source.truth(_frame_index(cloud, probe, rate_hz))
+        truth = source.truth(_frame_index(cloud, source, probe, rate_hz))
         if truth is None:
             return {}
         results.append(evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins))
@@ -180,7 +219,7 @@ def _judge(source: Source, probe, rate_hz: float) -> dict:
 def _draw(path: Path, source: Source, probe, summary: dict) -> None:
     from srt3d_ros.pictures.overview import draw_overview
     cloud = _cloud(probe.kept[3 * len(probe.kept) // 4], source.sensor)
-    photons = source.photons(_frame_index(cloud, probe, summary["rate_hz"]))
+    photons = source.photons(_frame_index(cloud, source, probe, summary["rate_hz"]))
     figures = {"photons per pixel": photons.photons / source.sensor.pixels, "points": len(cloud),
                "latency": f"{summary['latency_median_ms']:.0f} ms"}
     if "dae_mm" in summary:
@@ -188,9 +227,9 @@ def _draw(path: Path, source: Source, probe, summary: dict) -> None:
     draw_overview(path, cloud, source.sensor, photons, source.title, figures)
 
 
-def _frame_index(cloud: PointCloud, probe, rate_hz: float) -> int:
+def _frame_index(cloud: PointCloud, source: Source, probe, rate_hz: float) -> int:
     """Which of the player's frames a cloud shows: the player stamps frame k with first stamp + k / rate."""
-    return round((cloud.stamp_ns - int(probe.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz)
+    return round((cloud.stamp_ns - int(probe.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz - source.stamped)
 
 
 def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:

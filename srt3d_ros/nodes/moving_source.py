@@ -39,11 +39,10 @@ class MovingSource(FrameSource):
         self._delay_s, self._packet_ns = parameters["odom_delay_s"], round(NS_PER_S / rate_hz)
         simulator = Simulator(MovingView(Room(), self._path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
                               parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
-        x, y, z, w = quaternion(OPTICAL)
         super().__init__(sensor, lambda k: simulator.frame(k)[0], PACKETS * parameters["frames"] or None,
                          {**parameters, "rate_hz": rate_hz}, (
                              f"a frame comes in {PACKETS} packets (the sketcher's packets_per_frame); odom says where "
-                             f"{BODY} is, and the sketcher needs extrinsics:='0 0 0 {x:g} {y:g} {z:g} {w:g}'",))
+                             f"{BODY} is, and the sketcher needs extrinsics:='{extrinsics()}'",))
 
     def items(self) -> Iterator[Item]:
         """Packets and odometry, in the order in which they are sent."""
@@ -65,6 +64,11 @@ class MovingSource(FrameSource):
             due_ns = round((report.measured_s + BEFORE_S + self._delay_s) * NS_PER_S)
             stamp_ns = round((report.stamp_s + BEFORE_S) * NS_PER_S)
             yield Item("odom", serialize_message(odometry(report)), due_ns, stamp_ns)
+
+
+def extrinsics() -> str:
+    """Where the sensor is on the body, as the sketcher's parameter says it."""
+    return "0 0 0 " + " ".join(f"{number:g}" for number in quaternion(OPTICAL))
 
 
 def odometry(report: Measured) -> Odometry:
