@@ -26,7 +26,7 @@ LEAP_NS = 10**9         # messages of several topics fall back in time by less
 HOLD_S = 1.0            # how long frames wait for a description
 NO_LIMIT = 2**31        # messages that may wait: their bytes are bounded
 INPUTS = (topics.SENSOR, topics.SKETCH_SENSOR, *topics.FRAMES, topics.SKETCH, topics.POINTS, *topics.IMAGES,
-          topics.CAMERA_INFO)
+          topics.CAMERA_INFO, topics.ODOM, topics.IMU)
 TOPICS = "photons, gates, histograms, sensor"
 
 PARAMETERS = (

@@ -85,7 +85,8 @@ SPEC = NodeSpec(
              *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
              *(replace(topic, when="the bag has sketches and no photons")
                for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
-             replace(topics.ODOM, about="where the simulated body is that carries the sensor", when="`motion`"),
+             replace(topics.ODOM, when="`motion`, or the bag has one topic of its type, beside photons"),
+             replace(topics.IMU, when="the bag has one topic of its type, beside photons"),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
     limits=("A frame counts as received when it is due.",
@@ -93,7 +94,8 @@ SPEC = NodeSpec(
             "The moving simulator needs a core at 10 Hz.",
             "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
             "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
-            "Of a bag, only the photons and their sensor are played, or, if it has none, the sketches and theirs."),
+            "Of a bag, only the photons, their sensor and reports of its motion are played; or, without photons, the "
+            "sketches and their sensor."),
 )
 
 
@@ -180,7 +182,7 @@ class PlayerNode(PipelineNode):
         self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
 
     def _send_all(self) -> None:
-        sent, total = 0, self.parameters["frames"] or None
+        sent, total = 0, None if isinstance(self._source, MovingSource) else self.parameters["frames"] or None
         begun = stamp_ns = None
         for item in self._source.items():
             if begun is None:
@@ -193,7 +195,8 @@ class PlayerNode(PipelineNode):
             if item.topic in self._others:
                 if not self._wait_until_due(due_at):
                     return
-                self._others[item.topic].publish(cdr.restamp(item.raw, self._stamp(item, None)))
+                known = self._replays and item.stamp_ns is not None
+                self._others[item.topic].publish(item.raw if known else cdr.restamp(item.raw, self._stamp(item, None)))
                 continue
             self._wait_for_answers(self.parameters["in_flight"] - 1)
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
@@ -214,7 +217,7 @@ class PlayerNode(PipelineNode):
                 self.diagnostics.drop(stopped.cause)
                 return
             sent += 1
-            if (sent == total and not self._others) or self.halted.is_set():
+            if sent == total or self.halted.is_set():
                 return
 
     def _begin(self, stamp_ns: int) -> None:

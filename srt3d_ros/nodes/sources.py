@@ -121,14 +121,17 @@ class FrameSource:
         return self._encoded[1]
 
 
+REPORTS = {"odom": "nav_msgs/msg/Odometry", "imu": "sensor_msgs/msg/Imu"}
+
+
 class BagSource:
     """The photons of a bag, or its sketches, and the descriptions of their sensor, as and when they were recorded.
+
+    With the photons also what was reported of the sensor's motion, if the bag has one topic of it.
 
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
     """
-
-    others: tuple[str, ...] = ()
 
     def __init__(self, parameters: Mapping):
         self.rate = parameters["bag_rate"]
@@ -141,7 +144,10 @@ class BagSource:
         topics = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
         self.output, self._frames = topics.output, topics.frames
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
-        self._played = (topics.frames,) if topics.sensor is None else (topics.frames, topics.sensor)
+        self._reports = {} if self.output == "sketch" else self._of_motion()
+        self.others = tuple(self._reports.values())
+        self._played = tuple(topic for topic in self._bag.topics
+                             if topic in (topics.frames, topics.sensor) or topic.name in self._reports)
         self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
         self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
         first = next(self._bag.messages((topics.frames,), self.start_ns), None)
@@ -167,6 +173,10 @@ class BagSource:
                     stamp_ns = _stamp(message.raw, message.time_ns)
                     acquired_ns = self._paced(begun_ns + stamp_ns - self.start_ns)
                     yield Item(self.output, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
+                elif message.topic in self._reports:
+                    stamp_ns = _stamp(message.raw, message.time_ns)
+                    yield Item(self._reports[message.topic], message.raw, due_ns,
+                               self._paced(begun_ns + stamp_ns - self.start_ns), stamp_ns, message.time_ns)
                 elif message.raw != described:
                     described = message.raw
                     yield Item(self.describes, described, due_ns, time_ns=message.time_ns)
@@ -177,6 +187,15 @@ class BagSource:
     def close(self) -> None:
         """Close the bag."""
         self._bag.close()
+
+    def _of_motion(self) -> dict[str, str]:
+        """The topics in the bag that report a motion, and on which they are played: where there is one of a type."""
+        found = {}
+        for name, kind in REPORTS.items():
+            topics = [topic.name for topic in self._bag.topics if topic.type == kind and topic.messages]
+            if len(topics) == 1:
+                found[topics[0]] = name
+        return found
 
     def _sensor_in_force(self, topic: BagTopic | None) -> bytes | None:
         """The last description before the start, or else the first one after it."""

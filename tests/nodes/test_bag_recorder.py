@@ -258,7 +258,7 @@ def test_a_bag_that_can_no_longer_be_written_is_one_line_and_exit_code_1(record_
 
 
 @pytest.mark.parametrize("parameters, line", [
-    ({"topics": "photons, imu"}, "topics is imu: expected some of sensor, sketch/sensor, photons, gates, "),
+    ({"topics": "photons, gps"}, "topics is gps: expected some of sensor, sketch/sensor, photons, gates, "),
     ({"min_free_mb": 10**9}, "expected a place with more than 1000000000 MB free"),
 ])
 def test_what_cannot_be_recorded_is_one_line_and_exit_code_2(graph, tmp_path, parameters, line):

@@ -5,7 +5,7 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.nodes.moving_source import PACKETS
 
-FRAMES = 10
+FRAMES = 7
 
 
 def test_a_walking_sensor_is_deskewed_by_its_own_photons(graph):

@@ -255,7 +255,9 @@ def test_the_place_of_the_sensor_is_a_parameter_and_the_last_depths_give_paralla
     graph.matched(graph.publisher(Image, "depth")).publish(images.encode_cdr(depth, START_NS - 10 * MS, "spad"))
     moving.odometry(*AROUND[:-4], body="base_link")
     moving.frame(0)
-    moving.counts(under_way=PACKETS)                    # by now, the depth image has come
+    moving.counts(under_way=PACKETS)
+    reports = len(graph.all_reports("sketcher"))        # which the thread sends that receives the depth image
+    graph.wait(lambda: len(graph.all_reports("sketcher")) > reports + 1, "two more reports")
     moving.odometry(*AROUND[-4:], body="base_link")
     trajectory = trajectory_of(*AROUND, extrinsics=extrinsics)
     ranges = moved_ranges(depth, sensor, trajectory.motion(START_NS - 10 * MS, START_NS))

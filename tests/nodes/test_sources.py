@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from rclpy.time import Time
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
@@ -103,6 +106,28 @@ def test_a_bag_is_played_as_it_was_recorded(source, bag, described, frames):
     stamps = [(item.stamp_ns, item.acquired_ns, item.time_ns) for item in played.items() if item.topic == "photons"]
     assert stamps == [(START_NS + (10 * k + 7) * MS, (10 * k + 7) * MS, START_NS + (10 * k + 10) * MS)
                       for k in range(4)]
+
+
+@pytest.mark.parametrize(("names", "played"), [(["/base/odometry"], "odom"), (["/a", "/b"], None)])
+def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, frames, tmp_path, names, played):
+    message = Odometry(child_frame_id="base")
+    message.header.stamp = Time(nanoseconds=START_NS + 5 * MS).to_msg()
+    raw, writer = serialize_message(message), BagWriter(tmp_path / "bag")
+    writer.add_topic("/spad/info", "std_msgs/msg/String", [Offer()])
+    writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
+    for name in names:
+        writer.add_topic(name, "nav_msgs/msg/Odometry", [Offer()])
+    writer.write("/spad/info", START_NS, described[0])
+    writer.write("/spad/raw", START_NS + 10 * MS, frames[0])
+    for name in names:
+        writer.write(name, START_NS + 11 * MS, raw)
+    writer.close()
+    opened = source(input=tmp_path / "bag")
+    items = list(opened.items())
+    assert opened.others == ((played,) if played else ())
+    assert [(item.topic, item.due_ns // MS) for item in items] == [("photons", 10), *([(played, 11)] if played else [])]
+    if played:
+        assert (items[1].raw, items[1].stamp_ns, items[1].acquired_ns) == (raw, START_NS + 5 * MS, 5 * MS)
 
 
 def test_the_pace_of_a_bag_can_be_changed(source, bag):
