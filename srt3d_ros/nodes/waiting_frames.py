@@ -94,9 +94,13 @@ class WaitingFrames:
         waiting = self._frames[0]
         parts, count, ranges = waiting.parts, self._node.diagnostics.count, None
         late = at_once or time.monotonic() >= waiting.until_s
-        trajectory, cause = self._motion.trajectory(parts, waiting.sketcher, late)
-        if trajectory is None and not cause:
-            return False
+        trajectory = cause = None
+        try:
+            trajectory, cause = self._motion.trajectory(parts, waiting.sketcher, late)
+            if trajectory is None and not cause:
+                return False
+        except Exception as error:      # a frame is never stuck
+            cause = str(error)
         self._frames.popleft()
         try:
             if trajectory is not None:
