@@ -70,7 +70,10 @@ class Moving:
         self.sketches = graph.collect(PointCloud2, "sketch")
         self.motion = parameters.setdefault("motion", "odom")
         values = {"packets_per_frame": PACKETS, "frequencies": "1,3", "motion_timeout_s": PATIENT_S, "gap_s": 10.0}
-        self.process = graph.start("sketcher", **values | parameters).ready()
+        # Best effort loses what is sent before the reader, too, has matched: tests send some things once.
+        reliable = {f"qos_overrides.{graph.namespace}/{topic}.subscription.reliability": "reliable"
+                    for topic in {"odom": ("odom", "depth"), "imu": ("imu",)}[self.motion]}
+        self.process = graph.start("sketcher", **values | reliable | parameters).ready()
         graph.introduce(sensor)
         self.photons = graph.matched(graph.publisher(PointCloud2, "photons"))
         self.reports = graph.matched(graph.publisher(Odometry if self.motion == "odom" else Imu, self.motion))
