@@ -196,7 +196,7 @@ def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str, shots: l
         views = Views(view, first_s)
         to_s = first_s + FRAME_S * {"start": 0, "middle": 0.5, "end": 1}[deskew_to]
         range_m, reflectivity = view.at(to_s)
-        truth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+        truth = sensor.depth_bins(range_m)
         for ppp in ppps:
             clouds = {name: way(at_rest(range_m, reflectivity, sensor, frequencies, frames_each * ppp, k))
                       for name, (frames_each, way) in still[ppp].items()}

@@ -121,7 +121,7 @@ def _moving(motion: str, rate_hz: float) -> Source:
 
     def truth(k: int) -> np.ndarray:
         range_m = view.at((k + 0.5) / rate_hz)[0]
-        return (range_m[None] - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+        return sensor.depth_bins(range_m[None])
 
     return Source(f"simulated room, seen by a sensor that moves ({motion})", sensor, photons, truth,
                   MOVING_TOLERANCE_M / sensor.bin_width_m,
@@ -238,10 +238,9 @@ def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
     header, columns = points.decode_cdr(raw)
     row, col = columns["row"], columns["col"]
     range_m = np.linalg.norm(columns["xyz"].astype(np.float64), axis=1)
-    depth_bins = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
     background = np.full((sensor.rows, sensor.cols), np.nan, np.float32)
     background[row, col] = columns["background"]
-    return PointCloud(row, col, depth_bins.astype(np.float32), columns["intensity"],
+    return PointCloud(row, col, sensor.depth_bins(range_m).astype(np.float32), columns["intensity"],
                       columns["depth_std"] / np.float32(sensor.bin_width_m), columns["xyz"], columns["surface"],
                       background, header.stamp_ns)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.device import kernels_for, on_host
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
@@ -81,8 +81,8 @@ class Deskewer:
         for instant_ns, sketch in parts:
             self._move(sketch, [trajectory.motion(int(instant_ns + late_ns), to_ns) for late_ns in self._together],
                        self._group, ranges, moved)
-        came = sum(int(_numpy(sketch.photons).sum(dtype=np.int64)) for _, sketch in parts)
-        self.lost = came - round(float(_numpy(moved[1]).sum(dtype=np.float64)))
+        came = sum(int(on_host(sketch.photons).sum(dtype=np.int64)) for _, sketch in parts)
+        self.lost = came - round(float(on_host(moved[1]).sum(dtype=np.float64)))
         return self.read(moved, ranges, to_ns, max((sketch.added_variance for _, sketch in parts), default=0.0))
 
     def move(self, sketch: Sketch, motion: Pose, ranges: Any, moved: Moved | None = None) -> Moved:
@@ -132,17 +132,22 @@ class Deskewer:
         return self._kernels.array(values) if isinstance(values, np.ndarray) else values
 
 
+def pixels_of(sensor: SensorModel, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pixels that see points [N, 3] of the sensor's frame, and which of the points they are; int64 [M] each."""
+    row, col = (np.floor(place + 0.5) for place in sensor.projection.places(xyz))
+    seen = np.flatnonzero((row >= 0) & (row < sensor.rows) & (col >= 0) & (col < sensor.cols))      # not NaN
+    return row[seen].astype(np.int64) * sensor.cols + col[seen].astype(np.int64), seen
+
+
 def range_image(sensor: SensorModel, xyz: np.ndarray) -> np.ndarray:
     """Range of the nearest of the points that each pixel sees, metres, float32 [rows, cols]; NaN where it sees none.
 
     `xyz` [N, 3] are in the sensor's frame, such as a cloud after `Trajectory.motion`.
     """
-    row, col = (np.floor(place + 0.5) for place in sensor.projection.places(xyz))
-    seen = np.flatnonzero((row >= 0) & (row < sensor.rows) & (col >= 0) & (col < sensor.cols))      # not NaN
+    pixel, seen = pixels_of(sensor, xyz)
     xyz, nearest = xyz[seen].astype(np.float32), np.full((sensor.rows, sensor.cols), np.inf, np.float32)
-    row, col = row[seen].astype(np.int64), col[seen].astype(np.int64)
     # one index and one dtype: fifty times faster
-    np.minimum.at(nearest.reshape(-1), row * sensor.cols + col, np.sqrt(np.einsum("nk,nk->n", xyz, xyz)))
+    np.minimum.at(nearest.reshape(-1), pixel, np.sqrt(np.einsum("nk,nk->n", xyz, xyz)))
     return np.where(np.isfinite(nearest), nearest, np.float32(np.nan))
 
 
@@ -167,10 +172,6 @@ def _carried(values: np.ndarray) -> np.ndarray:
     """Each NaN is the last number before it in its row, if there is one."""
     last = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(values.shape[1])), axis=1)
     return np.take_along_axis(values, last, axis=1)
-
-
-def _numpy(values: Any) -> np.ndarray:
-    return values if isinstance(values, np.ndarray) else values.cpu().numpy()
 
 
 def _in_groups(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ import logging
 import os
 from functools import lru_cache
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,11 @@ def kernels_for(device: str) -> tuple[str, Kernels]:
 def on_device(fields: dict, kernels: Kernels) -> dict:
     """The same fields, NumPy arrays among them on the kernels' device."""
     return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+
+
+def on_host(values: Any) -> np.ndarray:
+    """The same values as a NumPy array, if they are a tensor on a device."""
+    return values if isinstance(values, np.ndarray) else values.cpu().numpy()
 
 
 def check_cuda() -> None:

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.deskew import Parts
+from srt3d_ros.core.deskew import Parts, pixels_of
 from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.motion import Pose, Trajectory
@@ -161,13 +161,13 @@ class MotionEstimator:
             rotation = back.rotation.astype(np.float32)
             points = surfaces.points @ rotation.T + back.translation.astype(np.float32)
             normals = surfaces.normals @ rotation.T
-            pixel, kept = _pixels(sensor, points)
+            pixel, kept = pixels_of(sensor, points)
             points, normals = points[kept], normals[kept]
             cosine = (rays[pixel] * normals).sum(axis=1)
             kept = np.abs(cosine) > GRAZING
             pixel, points, normals, cosine = pixel[kept], points[kept], normals[kept], cosine[kept]
             range_m = (points * normals).sum(axis=1) / cosine
-            depth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+            depth = sensor.depth_bins(range_m)
             phases = self._phases[np.rint(depth * STEPS_A_BIN).astype(np.int64) % len(self._phases)]
             filters = filters[pixel]
             score += float(np.einsum("ij,ij->", filters, phases))
@@ -189,14 +189,6 @@ class MotionEstimator:
 def _moved(twist: np.ndarray, elapsed_s: float) -> Pose:
     """Pose after some time at a twist, in the frame of its beginning."""
     return Pose(Pose.turned(twist[:3] * elapsed_s).rotation, twist[3:] * elapsed_s)
-
-
-def _pixels(sensor: SensorModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels in which points lie, and which points lie in one."""
-    row, col = sensor.projection.places(points)
-    inside = np.flatnonzero((row > -0.5) & (row < sensor.rows - 0.5) & (col > -0.5) & (col < sensor.cols - 0.5))
-    row, col = (np.rint(values[inside]).astype(np.int64) for values in (row, col))
-    return row * sensor.cols + col, inside
 
 
 def _bfgs(inverse: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -74,7 +74,7 @@ class MovingSketcher(Sketcher):
         require(deskew_to in DESKEW_TO, "deskew_to", deskew_to, ", ".join(DESKEW_TO))
         require(subframes >= 1, "subframes", subframes, "1 or more")
         self.subframes, self._deskew_to, self.lost = subframes, deskew_to, 0
-        self._deskewer = Deskewer(gate.sensor if gate else sensor, self.frequencies)
+        self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
         self._window = MovingWindow(self._deskewer)
         self._times_s = sensor.pixel_times_s
         self._part_bytes, self._spare = self._sums.nbytes + self._photons.nbytes, [(self._sums, self._photons)]
@@ -179,8 +179,7 @@ class MovingSketcher(Sketcher):
         slots = after_ns // self._slot_ns
         for slot in np.unique(slots):
             chosen = np.flatnonzero(slots == slot)
-            yield (first_ns + round(float(after_ns[chosen].mean())), len(chosen),
-                   events.part(chosen))
+            yield first_ns + round(float(after_ns[chosen].mean())), len(chosen), events.part(chosen)
 
     def _part(self, after_ns: int) -> _OpenPart:
         """The part of photons so long after the frame's first packet; the nearest if there are enough parts already."""

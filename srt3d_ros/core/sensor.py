@@ -198,6 +198,10 @@ class SensorModel:
         offset_bins = self.toa_offset_bins + np.asarray(depth_bins, dtype=np.float64)
         return offset_bins * self.bin_width_m + self.range_offset_m
 
+    def depth_bins(self, range_m: np.ndarray) -> np.ndarray:
+        """Depths in bins, not wrapped, of ranges along the ray, metres: the inverse of `range_m`."""
+        return (range_m - self.range_offset_m) / self.bin_width_m - self.toa_offset_bins
+
     def xyz(self, row: np.ndarray, col: np.ndarray, depth_bins: np.ndarray) -> np.ndarray:
         """Points in the sensor's frame, metres, float32 [N, 3]."""
         return (self.rays[row, col] * self.range_m(depth_bins)[:, None]).astype(np.float32)

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
+from srt3d_ros.core.device import on_host
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
@@ -62,7 +63,7 @@ class Sketch:
 
     def on_host(self) -> Self:
         """The same with NumPy arrays, if these are tensors on a device."""
-        return replace(self, sums=_numpy(self.sums), photons=_numpy(self.photons))
+        return replace(self, sums=on_host(self.sums), photons=on_host(self.photons))
 
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels, such as sketch[10:40, 20:50]; their sensor: `SensorModel.cropped`."""
@@ -89,5 +90,3 @@ def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     return Sketch(frequencies, sums.view(np.complex64)[..., 0], np.full((sensor.rows, sensor.cols), 9, np.uint32))
 
 
-def _numpy(values: Any) -> np.ndarray:
-    return values if isinstance(values, np.ndarray) else values.cpu().numpy()

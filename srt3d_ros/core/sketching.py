@@ -10,7 +10,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from srt3d_ros.core.device import DEVICES, REFERENCE, kernels_for
+from srt3d_ros.core.device import DEVICES, REFERENCE, kernels_for, on_host
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
 from srt3d_ros.core.sensor import SensorModel
@@ -45,6 +45,11 @@ class Sketcher:
         self._subtracted = False            # whether counts may have been negative
         if not kernels.ON_HOST:
             self.resident = self._resident
+
+    @property
+    def sketch_sensor(self) -> SensorModel:
+        """What the sketches are of: the sensor, or its gate."""
+        return self.sensor if self.gate is None else self.gate.sensor
 
     def reset(self) -> None:
         """Forget all photons."""
@@ -88,8 +93,7 @@ class Sketcher:
         Of what is subtracted the noise stays, and n, which is near 0 in a pixel without a surface, stands for it.
         """
         m = len(self.frequencies)
-        numbers, sums = (values if isinstance(values, np.ndarray) else values.cpu().numpy()
-                         for values in (photons, self._kernels.read_sums(self._sums, photons.clip(1), 2 * m)[0]))
+        numbers, sums = map(on_host, (photons, self._kernels.read_sums(self._sums, photons.clip(1), 2 * m)[0]))
         longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
         return self._kernels.array(np.maximum(numbers, np.ceil(longest).astype(np.int64)))
 

@@ -85,8 +85,8 @@ class Simulator:
         require(range_m.ndim == 3 and range_m.shape[1:] == shape and reflectivity.shape == range_m.shape, "scene shape",
                 f"{range_m.shape} and {reflectivity.shape}", f"[S, {sensor.rows}, {sensor.cols}], the sensor's pixels")
         seen = np.isfinite(range_m)
-        along_m = np.where(seen, range_m, np.nan).astype(np.float64) - sensor.range_offset_m
-        depth = np.mod(along_m / sensor.bin_width_m - sensor.toa_offset_bins, sensor.num_bins).astype(np.float32)
+        along_m = np.where(seen, range_m, np.nan).astype(np.float64)
+        depth = np.mod(sensor.depth_bins(along_m), sensor.num_bins).astype(np.float32)
         depth[depth >= sensor.num_bins] = 0                     # where rounding made it T
         require(bool((reflectivity[seen] >= 0).all()), "reflectivity", "negative or NaN in places", "0 or more")
         return depth, np.where(seen, reflectivity, 0)

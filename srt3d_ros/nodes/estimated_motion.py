@@ -8,7 +8,7 @@ from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
+from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.depth_input import DepthInput
 
 
@@ -24,7 +24,7 @@ class EstimatedMotion:
 
     def __init__(self, node: PipelineNode, moved: Callable[[], None], wanted: Callable[[], bool]):
         self._node, self._sketcher, self._last_ns = node, None, None
-        self._depth = DepthInput(node, self._refuse, lambda: node.worker.call(moved) if wanted() else None)
+        self._depth = DepthInput(node, lambda: node.worker.call(moved) if wanted() else None)
 
     def of(self, sensor: SensorModel, frame_id: str = "") -> None:
         """Nothing depends on where the sensor is on a robot."""
@@ -36,7 +36,7 @@ class EstimatedMotion:
         """The trajectory over a frame; None, and why, if there is none or, unless it is `late`, one may still come."""
         if sketcher is not self._sketcher:
             self._sketcher = sketcher
-            self._sensor = sketcher.gate.sensor if sketcher.gate else sketcher.sensor
+            self._sensor = sketcher.sketch_sensor
             self._estimator = MotionEstimator(self._sensor, sketcher.frequencies)
         stamp_ns = self._depth.stamp_ns(frame.to_ns)
         if stamp_ns is None or stamp_ns >= frame.to_ns:
@@ -57,17 +57,9 @@ class EstimatedMotion:
 
     def ranges(self, to_ns: int, trajectory: Trajectory) -> np.ndarray | None:
         """The ranges of the last cloud, moved to an instant of a trajectory."""
-        stamp_ns = self._depth.stamp_ns(to_ns)
-        if stamp_ns is None or not trajectory.covers(stamp_ns, stamp_ns):
-            return None
-        return self._depth.ranges(self._sensor, trajectory.motion(stamp_ns, to_ns))
+        return self._depth.ranges_at(to_ns, self._sensor, trajectory)
 
     def _none(self, frame: MovingFrame, why: str) -> tuple[None, str]:
         self._last_ns = frame.to_ns
         self._estimator.forget()
         return None, why
-
-    def _refuse(self, problem: str) -> None:
-        self._node.diagnostics.count(motion_refused=1)
-        self._node.diagnostics.error(problem, counted=False)
-        self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)

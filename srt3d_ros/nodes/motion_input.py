@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -15,8 +14,8 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
-from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
-from srt3d_ros.nodes.depth_input import DepthInput
+from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.depth_input import DepthInput, tell
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
 ESTIMATE = "estimate"
@@ -71,7 +70,7 @@ class MotionInput:
             except ModuleNotFoundError:     # tf2_msgs
                 pass
         # where a motion may have parallax
-        self._depth = DepthInput(node, partial(self._tell, "motion_refused")) if self.kind == "odom" else None
+        self._depth = DepthInput(node) if self.kind == "odom" else None
 
     def of(self, sensor: SensorModel, frame_id: str = "") -> None:
         """The sensor whose photons come, and their tf frame; before the first, that of the description."""
@@ -98,7 +97,7 @@ class MotionInput:
             try:
                 self._follow(raw, came_ns)
             except InvalidInput as problem:
-                self._tell("motion_refused", f"{self._topic}: {problem}")
+                tell(self._node, "motion_refused", f"{self._topic}: {problem}")
 
     def _missing(self, last_ns: int) -> tuple[str, bool]:
         """Why no trajectory covers a time that ends then, and whether one still may."""
@@ -113,10 +112,7 @@ class MotionInput:
 
     def ranges(self, to_ns: int, trajectory: Trajectory) -> np.ndarray | None:
         """The ranges of the last cloud, moved to an instant of a trajectory; None if none came lately."""
-        stamp_ns = self._depth.stamp_ns(to_ns) if self._depth else None
-        if stamp_ns is None or not trajectory.covers(stamp_ns, stamp_ns):
-            return None
-        return self._depth.ranges(self._sensor, trajectory.motion(stamp_ns, to_ns))
+        return self._depth.ranges_at(to_ns, self._sensor, trajectory) if self._depth else None
 
     def _received(self, raw: bytes) -> None:
         self._inbox.append((raw, self._node.now_ns()))
@@ -134,13 +130,8 @@ class MotionInput:
         before = self._track.trajectory
         if why := self._track.add(report):
             self._before = before
-            self._tell("motion_restarts", f"{self._topic}: {why}; the trajectory begins again")
+            tell(self._node, "motion_restarts", f"{self._topic}: {why}; the trajectory begins again")
         self._node.diagnostics.show(motion_latency_ms=f"{(came_ns - report.stamp_ns) / 1e6:.0f}")
-
-    def _tell(self, counted: str, problem: str) -> None:
-        self._node.diagnostics.count(**{counted: 1})
-        self._node.diagnostics.error(problem, counted=False)
-        self._node.get_logger().warning(problem, throttle_duration_sec=LOG_EVERY_S)
 
     def _on_transforms(self, message) -> None:
         for one in message.transforms:
@@ -149,7 +140,7 @@ class MotionInput:
                 pose = Pose.from_quaternion((turn.x, turn.y, turn.z, turn.w), (at.x, at.y, at.z))
                 self._tree.add(one.header.frame_id, one.child_frame_id, pose)
             except InvalidInput as problem:
-                self._tell("motion_refused", f"/tf_static, {one.child_frame_id}: {problem}")
+                tell(self._node, "motion_refused", f"/tf_static, {one.child_frame_id}: {problem}")
         self._place()
 
     def _place(self) -> None:

@@ -195,8 +195,7 @@ class PlayerNode(PipelineNode):
             if item.topic in self._others:
                 if not self._wait_until_due(due_at):
                     return
-                known = self._replays and item.stamp_ns is not None
-                self._others[item.topic].publish(item.raw if known else cdr.restamp(item.raw, self._stamp(item, None)))
+                self._others[item.topic].publish(_stamped(item, self._stamp(item, None)))
                 continue
             self._wait_for_answers(self.parameters["in_flight"] - 1)
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
@@ -204,7 +203,7 @@ class PlayerNode(PipelineNode):
                 self._begin(stamp_ns)
             elif stamp_ns < before_ns:      # a bag begins again: answers are matched by rising stamps
                 self._wait_for_answers(0)
-            data = item.raw if stamp_ns == item.stamp_ns else cdr.restamp(item.raw, stamp_ns)
+            data = _stamped(item, stamp_ns)
             if not self._wait_until_due(due_at):
                 return
             if self.lossless:
@@ -266,6 +265,11 @@ class PlayerNode(PipelineNode):
                 self.diagnostics.count(unanswered=waiting)
                 self.get_logger().warning(f"{waiting} frames were never answered on {self._answers.topic_name}")
                 self._unanswered.clear()
+
+
+def _stamped(item: Item, stamp_ns: int) -> bytes:
+    """The message with this stamp."""
+    return item.raw if stamp_ns == item.stamp_ns else cdr.restamp(item.raw, stamp_ns)
 
 
 def main(args: list[str] | None = None) -> int:

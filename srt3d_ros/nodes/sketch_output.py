@@ -3,7 +3,6 @@
 With `max_mbit_s`, a frame waits while its predecessor is on its way, and goes with those that come meanwhile, as one.
 """
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -125,9 +124,7 @@ class SketchOutput:
     def _retry_later(self) -> None:
         if not self._retrying:
             self._retrying = True
-            timer = threading.Timer(RETRY_S, self._node.worker.call, [self._retry])
-            timer.daemon = True
-            timer.start()
+            self._node.worker.call_after(RETRY_S, self._retry)
 
     def _retry(self) -> None:
         self._retrying = False
@@ -155,7 +152,7 @@ class SketchOutput:
 
     def _describe(self, sketcher: WindowSketcher) -> None:
         node, gate, frames = self._node, sketcher.gate, sketcher.window_frames
-        sensor = gate.sensor if gate else sketcher.sensor
+        sensor = sketcher.sketch_sensor
         if isinstance(sketcher, MovingSketcher):
             sensor = sensor.replace(scan=None)      # all pixels' photons are moved to one instant
         self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, sketcher.frequencies, frames))
@@ -167,6 +164,6 @@ class SketchOutput:
     def _announce(self, sketcher: WindowSketcher, design: str) -> None:
         """Describe the sketches that begin now: after the last of the old ones has been read, if readers keep up."""
         self._describe(sketcher)
-        sensor = sketcher.gate.sensor if sketcher.gate else sketcher.sensor
+        sensor = sketcher.sketch_sensor
         self._node.get_logger().info(f"sketches of {in_words(sensor)}: {design}")
         self._node.wait_until(lambda: all_acknowledged(self._sketch_sensor), "sketch/sensor to arrive", ANNOUNCE_S)

@@ -24,6 +24,7 @@ from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.nodes import topics
 
 SIMULATOR = "simulator"
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "fov_deg")
@@ -121,9 +122,6 @@ class FrameSource:
         return self._encoded[1]
 
 
-REPORTS = {"odom": "nav_msgs/msg/Odometry", "imu": "sensor_msgs/msg/Imu"}
-
-
 class BagSource:
     """The photons of a bag, or its sketches, and the descriptions of their sensor, as and when they were recorded.
 
@@ -141,21 +139,21 @@ class BagSource:
             require(not parameters[name], name, parameters[name], "nothing: a bag is sent as it was recorded")
         self._loop = parameters["bag_loop"]
         self._bag = Bag(parameters["input"])
-        topics = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
-        self.output, self._frames = topics.output, topics.frames
+        found = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
+        self.output, self._frames = found.output, found.frames
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
         self._reports = {} if self.output == "sketch" else self._of_motion()
         self.others = tuple(self._reports.values())
         self._played = tuple(topic for topic in self._bag.topics
-                             if topic in (topics.frames, topics.sensor) or topic.name in self._reports)
+                             if topic in (found.frames, found.sensor) or topic.name in self._reports)
         self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
         self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
-        first = next(self._bag.messages((topics.frames,), self.start_ns), None)
+        first = next(self._bag.messages((found.frames,), self.start_ns), None)
         require(first is not None and not self._is_late(first.time_ns), "bag_start_s", parameters["bag_start_s"],
-                f"a time after which {topics.frames.name} has messages")
-        self.sensor = self._sensor_in_force(topics.sensor)
+                f"a time after which {found.frames.name} has messages")
+        self.sensor = self._sensor_in_force(found.sensor)
         self.notes = () if self.sensor else (
-            f"no sensor is described beside {topics.frames.name}: another node has to publish it",)
+            f"no sensor is described beside {found.frames.name}: another node has to publish it",)
 
     def items(self) -> Iterator[Item]:
         """The messages, each turn from the start; raises InvalidInput where the bag is broken."""
@@ -191,10 +189,10 @@ class BagSource:
     def _of_motion(self) -> dict[str, str]:
         """The topics in the bag that report a motion, and on which they are played: where there is one of a type."""
         found = {}
-        for name, kind in REPORTS.items():
-            topics = [topic.name for topic in self._bag.topics if topic.type == kind and topic.messages]
-            if len(topics) == 1:
-                found[topics[0]] = name
+        for report in (topics.ODOM, topics.IMU):
+            names = [topic.name for topic in self._bag.topics if topic.type == report.type_name and topic.messages]
+            if len(names) == 1:
+                found[names[0]] = report.name
         return found
 
     def _sensor_in_force(self, topic: BagTopic | None) -> bytes | None:

@@ -132,10 +132,7 @@ class WaitingFrames:
             self._timer.cancel()
         self._timed, self._timer = first, None
         if first is not None:
-            left_s = max(first.until_s - time.monotonic(), 0)
-            self._timer = threading.Timer(left_s, self._node.worker.call, (self.release,))
-            self._timer.daemon = True
-            self._timer.start()
+            self._timer = self._node.worker.call_after(max(first.until_s - time.monotonic(), 0), self.release)
 
 
 def crowded(frames: Sequence[MovingFrame]) -> bool:

@@ -43,7 +43,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     if (heights > 0).any():
         times.set(yscale="log", ylim=(max(heights[heights > 0].min() / 2, 1e-3), None))
     ranges = times.secondary_xaxis("top", functions=(
-        sensor.range_m, lambda metres: (metres - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins))
+        sensor.range_m, sensor.depth_bins))
     ranges.set_xlabel("range, m")
     image = pixels.imshow(counts, cmap=PHOTON_MAP, interpolation="nearest", vmin=0,
                           vmax=max(float(np.quantile(counts, 0.995)), 1))

@@ -100,7 +100,7 @@ def point_cloud(cloud: RecordedCloud, sensor: SensorModel, background: np.ndarra
     row, col = (cloud.row, cloud.col) if cloud.row is not None and cloud.col is not None else _pixels(cloud.xyz, sensor)
     rank = -cloud.intensity if cloud.surface is None else cloud.surface
     order = np.lexsort((rank, row.astype(np.int64) * sensor.cols + col))
-    depth = (range_m - sensor.range_offset_m) / sensor.bin_width_m - sensor.toa_offset_bins
+    depth = sensor.depth_bins(range_m)
     std = np.full(len(cloud), np.nan) if cloud.depth_std_m is None else cloud.depth_std_m / sensor.bin_width_m
     if background is None:
         background = np.full((sensor.rows, sensor.cols), np.nan)
