@@ -13,18 +13,12 @@ from srt3d_ros.evaluation.machine import machine
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
-    "degrade": "sketches over a link whose rate falls to a tenth and rises again: age and quality, as a picture (root)",
     "deskew": "time to move the parts of a frame to one instant, and a window of frames",
     "devices": "ranges of devices' logs against what is known of them",
-    "frequencies": "expected and measured depth error for each rule that chooses frequencies, as a picture",
-    "histograms": "histograms of two sizes through player and sketcher: losses, latency, CPU time",
     "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
     "motion_film": "a recording of a sensor that moves, with its frames as they are and moved to one instant",
     "motion_slam": "drift of KISS-ICP on the clouds of a moving sensor",
-    "overload": "what is dropped at five times the photons that the machine can take, and how soon all is well again",
-    "quickstart": "clouds a second of step 4 of docs/quickstart-driver.md, and the time to the first",
-    "recording": "what a killed recorder loses",
-    "two_machines": "what passes between two machines, how late, at what loss (needs root)",
+    "two_machines": "sketches over links that are slow, lose packets or change: what passes, how late (root)",
 }
 
 

@@ -4,8 +4,8 @@
     python -m benchmarks ablation --constants PRIOR_VOTE,SPREAD --only "bust*,room_64_2_50"
 
 Cases are photon files, those without a reference judged by held-out photons, and simulated scenes named like
-`bust_1_10`: SBR 1, 10 photons per pixel. There is a line for each variant, with every number of every case; then a
-Markdown table of the mean changes over the cases, and of the case that loses most.
+`bust_1_10`: SBR 1, 10 photons per pixel. The first line has the means of the default, those of the variants the mean
+changes over the cases (of `dae_bins` and `reconstruct_ms` in %), and the case that loses most.
 """
 
 import argparse
@@ -28,8 +28,8 @@ from tqdm import tqdm
 from srt3d_ros.kernels import constants
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-QUALITY = {"true_detections_percent": "TD, points", "false_detections_percent": "FD, points", "dae_bins": "DAE, %",
-           "within_1_std_percent": "within 1 std, points", "held_out_nats": "held-out photons, nats"}
+METRICS = ("true_detections_percent", "false_detections_percent", "dae_bins", "within_1_std_percent", "held_out_nats",
+           "reconstruct_ms")
 LOSSES = {"true_detections_percent": -1, "false_detections_percent": 1, "dae_bins": 1, "held_out_nats": -1}    # signs
 RELATIVE = ("dae_bins", "reconstruct_ms")       # a change is in %
 SIMULATED = {f"{scene}_{sbr:g}_{ppp:g}": (scene, sbr, ppp) for scene, sbr, ppp in (
@@ -77,13 +77,16 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
                if name.isupper() and not any(fnmatch(name, pattern) for pattern in FIXED)}
     chosen = matching(list(numbers), args.constants, "--constants")
     variants = [Variant("default"), *(variant for name in chosen for variant in variants_of(name, numbers[name]))]
-    rows: dict[str, Rows] = {}
     with ThreadPoolExecutor(args.jobs) as pool:
         measured = pool.map(lambda variant: measure_apart(variant, cases, args.data), variants)
-        for variant, rows_of_one in zip(tqdm(variants, unit="variant"), measured):
-            rows[variant.label] = rows_of_one
-            yield {"variant": variant.label, "cases": rows_of_one}
-    print(table(rows))
+        default = next(measured)
+        yield {"variant": "default", **means(default)}
+        for variant, rows in zip(tqdm(variants[1:], unit="variant"), measured):
+            changes = {case: {metric: change(default[case], row, metric) for metric in row}
+                       for case, row in rows.items()}
+            losses = {case: sum(max(sign * one.get(metric, 0), 0) for metric, sign in LOSSES.items())
+                      for case, one in changes.items()}
+            yield {"variant": variant.label, **means(changes), "worst": max(losses, key=losses.get, default="fails")}
 
 
 def matching(names: list[str], patterns: str, option: str) -> list[str]:
@@ -152,35 +155,15 @@ def measure(name: str, value, cases: list[str], data: str) -> Rows:
             judged = judge(cloud, case, observation)
         else:
             judged = held_out.gain(cloud, case.sensor, observation.frame, observation.held_out, HELD_OUT)
-        rows[case_name] = {metric: judged[metric] for metric in QUALITY if metric in judged} | {
-            "reconstruct_ms": facts["reconstruct_ms"]}
+        judged = judged | {"reconstruct_ms": facts["reconstruct_ms"]}
+        rows[case_name] = {metric: judged[metric] for metric in METRICS if metric in judged}
     return rows
 
 
-def table(rows: dict[str, Rows]) -> str:
-    """Markdown: the means of the default, and what each variant changes. Worst: points of TD and FD and % of DAE."""
-    default = rows.pop("default")
-    metrics = (*QUALITY, "reconstruct_ms")
-    means = [f"{mean(default, metric):.2f}" for metric in metrics]
-    lines = [f"| variant | {' | '.join(QUALITY.values())} | time, % | worst case |", "|---" * 8 + "|",
-             f"| default | {' | '.join(means)} | |"]
-    for label, changed in rows.items():
-        changes = {case: {metric: change(default[case], row, metric) for metric in row}
-                   for case, row in changed.items()}
-        if not changes:
-            lines.append(f"| {label} | fails" + " |" * 7)
-            continue
-        losses = {case: sum(max(sign * one.get(metric, 0), 0) for metric, sign in LOSSES.items())
-                  for case, one in changes.items()}
-        cells = [f"{mean(changes, metric):+.2f}" for metric in metrics]
-        lines.append(f"| {label} | {' | '.join(cells)} | {max(losses, key=losses.get)} |")
-    return "\n".join(lines)
-
-
-def mean(rows: Rows, metric: str) -> float:
-    """Over the cases that have the metric."""
-    values = [row[metric] for row in rows.values() if metric in row]
-    return float(np.nanmean(values)) if values else math.nan
+def means(rows: Rows) -> dict[str, float]:
+    """Of each metric over the cases that have it."""
+    values = {metric: [row[metric] for row in rows.values() if metric in row] for metric in METRICS}
+    return {metric: round(float(np.nanmean(several)), 3) for metric, several in values.items() if several}
 
 
 def change(before: dict, after: dict, metric: str) -> float:

@@ -158,12 +158,10 @@ class Machines(Processes):
         """Start a node there, with the Fast DDS profile that it chooses itself or with this one."""
         return self.run(name, self._command(machine, profile, node_command(name, **parameters)))
 
-    def watch(self, topic: str, profile: str | None = None, keep: Path | None = None) -> "Watch":
-        """See at the robot what arrives on a topic, and all diagnostics; messages are kept in a folder."""
-        script = str(Path(__file__).with_name("watch.py"))
-        seen = Watch()
-        command = [sys.executable, script, topic, *([str(keep)] if keep else [])]
-        self["watch"] = Process(self._command(ROBOT, profile, command), seen.on_line)
+    def watch(self, topic: str, profile: str | None = None) -> "Watch":
+        """See at the robot what arrives on a topic, and all diagnostics."""
+        seen, script = Watch(), str(Path(__file__).with_name("watch.py"))
+        self["watch"] = Process(self._command(ROBOT, profile, [sys.executable, script, topic]), seen.on_line)
         return seen
 
     def wait(self, condition: Callable[[], object], what: str, timeout_s: float = WAIT_S):

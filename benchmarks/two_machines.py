@@ -1,27 +1,29 @@
 """Sketches between two machines joined by 100 Mbit/s or 1 Gbit/s: what passes, how late, at what loss.
 
 The machines are network namespaces (machines.py): needs root and iproute2. `limits` sends sketches of all sizes over
-both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `coded` sends coded ones.
+both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `coded` sends coded ones,
+`degrade` over a link whose rate falls to a tenth and rises again, with and without max_mbit_s: a line for each rate.
 """
 
 import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
-from benchmarks.pipeline import percentiles
 from srt3d_ros.benchmark import frames
 from srt3d_ros.datasets import npz
+from srt3d_ros.nodes.pipeline_probe import Arrival
 
 OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      # of the sketcher; docs/deployment.md
 OWN_PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
 <participant profile_name="own"/></profiles></dds>"""
 SMALL, LARGE = 141, 512
+PHASES = ((8.0, 100.0), (15.0, 10.0), (17.0, 100.0))    # s, Mbit/s: of `degrade`, at 30 Hz
 SILENCE_S = 2.0         # after the last frame: no more will come
 SIZES = (               # pixels of a side, layout, m, frames a second
     (SMALL, "int16", 5, 10.0), (SMALL, "int16", 10, 10.0), (SMALL, "int16", 5, 30.0), (SMALL, "float32", 10, 10.0),
@@ -39,8 +41,12 @@ PARTS = {               # the options of `sketches` for each line
 }
 
 
+DEGRADE = "degrade"
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("parts", nargs="*", default=list(PARTS), metavar="part", help=f"any of {', '.join(PARTS)}")
+    parts = [*PARTS, DEGRADE]
+    parser.add_argument("parts", nargs="*", default=parts, metavar="part", help=f"any of {', '.join(parts)}")
     parser.add_argument("--seconds", type=float, default=10.0, help="to play for, each (%(default)g)")
 
 
@@ -49,19 +55,18 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         sys.exit(f"no link can be made here: {reason}")
     with tempfile.TemporaryDirectory(prefix="srt3d-two-machines-") as folder:
         for part in args.parts:
-            for options in PARTS[part]:
+            for options in PARTS.get(part, ()):
                 yield {"part": part, **sketches(Path(folder), args.seconds, **options)}
+            for limit in (80.0, 0.0) if part == DEGRADE else ():
+                yield from ({"part": part, "max_mbit_s": limit, **line} for line in degrade(Path(folder), limit))
 
 
 def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float = 0, profile: str = "default",
              reader: str = "", step: float = 0.4) -> dict:
     """Sketches over a link, to a reader that only notes when they come or to a reconstructor; what came of it."""
     side, layout, size, rate_hz = case
-    own, path, sent = folder / "own.xml", folder / f"{side}.npz", round(rate_hz * seconds)
+    own, sent = folder / "own.xml", round(rate_hz * seconds)
     own.write_text(OWN_PROFILE)
-    if not path.exists():
-        sensor = frames.sensor_of(side)
-        npz.save(path, sensor, frames.photons_of(sensor, 10))
     with Link(mbit) as link, Machines(link, folder) as machines:
         if loss:
             link.lose(loss)
@@ -73,7 +78,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
         for name in filter(None, ("sketcher", reader)):
             machines.wait(lambda: name in watch.reports, name)
         before = link.wire_bytes()
-        machines.start_on(SENSOR, "player", input=str(path), rate_hz=rate_hz, frames=sent)
+        machines.start_on(SENSOR, "player", input=photon_file(folder, side), rate_hz=rate_hz, frames=sent)
         machines.wait(lambda: watch.total("player", "frames_sent") >= sent, "the player", 10 * seconds + SILENCE_S)
         arrived = -1
         while arrived < len(watch.arrivals):
@@ -83,10 +88,43 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
         first_ns, last_ns = (watch.arrivals[0].stamp_ns, watch.arrivals[-1].received_ns) if arrived else (0, np.inf)
         return {"mbit": mbit, "loss": loss, "profile": profile, "side": side, "layout": layout, "m": size,
                 "coding_step": step, "rate_hz": rate_hz, "reader": reader or "note", "frames": sent, "arrived": arrived,
-                "latency_ms": percentiles([arrival.latency_ms for arrival in watch.arrivals]),
+                "latency_ms": percentiles(watch.arrivals),
                 "dropped_by_sketcher": watch.total("sketcher", "dropped"),
                 "lost_before_sketcher": watch.total("sketcher", "message_lost"),
                 "predicted_mbit": None if layout == "coded" else round(
                     side**2 * (4 + size * {"int16": 4, "float32": 8}[layout]) * 8e-6 * rate_hz, 1),
                 "wire_mbit": round(wire * 8e-6 / ((last_ns - first_ns) * 1e-9 + 1 / rate_hz), 1),
                 "wire_bytes_per_frame": round(wire / max(arrived, 1))}
+
+
+def degrade(folder: Path, limit: float) -> Iterator[dict]:
+    """What arrives while the rate of the link falls and rises; of the sketcher, its newest report in each phase."""
+    with Link(PHASES[0][1]) as link, Machines(link, folder) as machines:
+        watch = machines.watch("sketch")
+        machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="coded", max_mbit_s=limit)
+        machines.wait(lambda: "sketcher" in watch.reports, "the sketcher")
+        machines.start_on(SENSOR, "player", input=photon_file(folder, SMALL), rate_hz=30.0)
+        machines.wait(lambda: watch.arrivals, "the first sketch")
+        for seconds, mbit in PHASES:
+            link.carry(mbit)
+            arrived, sent = len(watch.arrivals), watch.total("sketcher", "frames_out")
+            time.sleep(seconds)
+            report = watch.reports["sketcher"]
+            yield {"mbit": mbit, "seconds": seconds, "frames": watch.total("sketcher", "frames_out") - sent,
+                   "arrived": len(watch.arrivals) - arrived, "age_ms": percentiles(watch.arrivals[arrived:]),
+                   **{key: report.get(key) for key in ("coding_step_now", "frames_per_sketch", "sketch_mbit_s")}}
+
+
+def photon_file(folder: Path, side: int) -> str:
+    """A file with a frame of the simulated head."""
+    path = folder / f"{side}.npz"
+    if not path.exists():
+        sensor = frames.sensor_of(side)
+        npz.save(path, sensor, frames.photons_of(sensor, 10))
+    return str(path)
+
+
+def percentiles(arrivals: Sequence[Arrival]) -> dict[str, float]:
+    """p50, p95 and the largest latency, ms."""
+    values = np.percentile([arrival.latency_ms for arrival in arrivals] or [np.nan], [50, 95, 100])
+    return dict(zip(("p50", "p95", "max"), np.round(values, 1).tolist()))

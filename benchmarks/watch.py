@@ -1,17 +1,14 @@
 """Prints as JSON what a machine sees of the graph: the diagnostics of all nodes, and what arrives on one topic.
 
-    PYTHONPATH=. python benchmarks/watch.py sketch [folder]
+    PYTHONPATH=. python benchmarks/watch.py sketch
 
-It reads the topic as the nodes do: reliable, and only the newest messages wait. In the folder it keeps the serialised
-messages, each under its stamp in nanoseconds.
+It reads the topic as the nodes do: reliable, and only the newest messages wait.
 """
 
 import contextlib
 import json
 import sys
 import time
-from functools import partial
-from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,20 +21,17 @@ from srt3d_ros.nodes.base import SUBSCRIBE_DEPTH
 
 
 def main() -> None:
-    topic, *folder = sys.argv[1:]
     transport.prepare_process()
     rclpy.init(args=[])
     node = rclpy.create_node("watch")
     node.create_subscription(DiagnosticArray, "/diagnostics", _on_diagnostics, 100)
-    node.create_subscription(PointCloud2, topic, partial(_on_message, folder), SUBSCRIBE_DEPTH, raw=True)
+    node.create_subscription(PointCloud2, sys.argv[1], _on_message, SUBSCRIBE_DEPTH, raw=True)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
 
 
-def _on_message(folder: list[str], raw: bytes) -> None:
+def _on_message(raw: bytes) -> None:
     cloud = cdr.read_cloud(raw)
-    if folder:
-        Path(*folder, str(cloud.header.stamp_ns)).write_bytes(raw)
     _print(received_ns=time.time_ns(), stamp_ns=cloud.header.stamp_ns, points=cloud.height * cloud.width)
 
 

@@ -1,5 +1,5 @@
-"""Write what is made from others: docs, default parameters and the SROS 2 policy from specs, schemas and docstrings,
-the Fast DDS profiles of Kilted from those of Jazzy.
+"""Write what is made from others: docs, default parameters and the SROS 2 policy from specs and schemas, the Fast DDS
+profiles of Kilted from those of Jazzy.
 
     python -m tools.generate_docs           # in the source tree, after every change of a spec or a schema
 """
@@ -8,11 +8,9 @@ from pathlib import Path
 
 from srt3d_ros.nodes.distribution import kilted
 from srt3d_ros.nodes.specs import SPECS
-from tools import api_page
-from tools.graph import draw
-from tools.node_reference import as_yaml, page
+from tools.node_reference import as_yaml, topics_table
 from tools.policy import policy
-from tools.schema_tables import readme
+from tools.schema_tables import filled, readme
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADING = """\
@@ -30,9 +28,7 @@ def generated() -> dict[str, str]:
                 for path in sorted(ROOT.glob("config/fastdds_*.xml"))}
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
             "config/srt3d.policy.xml": policy(specs),
-            "docs/api.md": api_page.page(),
-            "docs/nodes.md": page(specs),
-            "docs/images/graph.svg": draw(specs),
+            "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda _: topics_table(specs)),
             "msg_schemas/README.md": readme(),
             **profiles}
 

@@ -2,17 +2,22 @@
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 SCHEMAS = Path(__file__).resolve().parents[1] / "msg_schemas"
-MARKED = re.compile(r"(<!-- tables of (\w+)\.json -->\n).*?(<!-- end -->)", re.DOTALL)
+MARKED = re.compile(r"(<!-- tables of (\w+)(?:\.json)? -->\n).*?(<!-- end -->)", re.DOTALL)
 PIPE = "\\|"              # in a cell
 
 
 def readme() -> str:
     """msg_schemas/README.md with its tables as the schemas say."""
-    text = (SCHEMAS / "README.md").read_text(encoding="utf-8")
-    return MARKED.sub(lambda found: found[1] + tables(found[2]) + found[3], text)
+    return filled(SCHEMAS / "README.md", tables)
+
+
+def filled(page: Path, make: Callable[[str], str]) -> str:
+    """A page with what `make` makes of each name between its marks."""
+    return MARKED.sub(lambda found: found[1] + make(found[2]) + found[3], page.read_text(encoding="utf-8"))
 
 
 def tables(name: str) -> str:
