@@ -1,4 +1,4 @@
-"""The frequencies that make the expected depth error of a sketch least (docs/frequencies.md).
+"""The frequencies that make the expected depth error of a sketch least (docs/algorithm.md).
 
 A matched filter on the sketch of one surface errs in two ways: it misses the top of the right peak a little, or it
 takes another peak. Both are in the Ziv–Zakai bound with valley filling (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory
@@ -23,7 +23,7 @@ SBRS = (0.1, 1.0, 10.0)     # ratios of signal to background that are designed f
 SCORES = (7.0, 10.0)        # σ at which the photons stand out of the background: the start is sure at 7
 MOST_OCTAVES = 8            # of photons beyond SCORES; by then the design hardly changes
 ROOM = 2**0.5               # by which a design for many photons must be free to exceed that for few, to be worth it
-BEND = 0.75                 # of the progression; hardly matters, see docs/frequencies.md
+BEND = 0.75                 # of the progression; hardly matters, see docs/algorithm.md
 BEND_OF_MANY = 0.5          # from PLENTY octaves on: 1 to 5 % less depth error; with fewer, detections are lost
 PLENTY = 3
 LEAST_PASSED = 0.1          # |ĥ| of the highest frequency that may be taken

@@ -3,7 +3,7 @@
 A frame that may not be sent yet waits, and the next is added to it: sums of photons add, so no photon is lost. While
 many have to wait, sums are rounded more coarsely, up to COARSEST; when few have for a time, finer again, a little at a
 time. A coarser step is preferred: 1.6 σ instead of 0.4 halves the bytes for 2 to 9 % of depth error;
-merging two frames halves them for half the rate, and for blur where the scene moves (table: docs/deployment.md).
+merging two frames halves them for half the rate, and for blur where the scene moves.
 """
 
 from collections import deque

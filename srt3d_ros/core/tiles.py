@@ -14,7 +14,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 FORM = "empty for all, or row,col,rows,cols: 0,1,2,2 is the upper right one of 2 × 2 tiles"
 # Pixels around a tile that are reconstructed with it. Windows, birth and death, and trimming one after the other reach
-# farther, but farther pixels were not seen to change a bit of a cloud (docs/deployment.md has the measurement).
+# farther, but farther pixels were not seen to change a bit of a cloud.
 MARGIN = 60
 CELLS = 6       # pixels: least common multiple of the cells of `constants.*_SCALES`, which have to lie as in the whole
 
