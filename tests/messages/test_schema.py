@@ -1,6 +1,5 @@
 """The schemas: found where they are installed, loaded by the code, and the same as the tables that people read."""
 
-import re
 import shutil
 import subprocess
 import sys
