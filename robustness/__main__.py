@@ -11,6 +11,7 @@ Exit code 0 if all checks hold, 1 if not. `python -m robustness COMMAND --help` 
 import argparse
 import importlib
 import json
+import math
 import signal
 import sys
 import time
@@ -32,11 +33,18 @@ def main() -> int:
         if chosen:
             module = importlib.import_module(f"robustness.{name}")
             own.description, own.formatter_class = module.__doc__, argparse.RawDescriptionHelpFormatter
-            module.add_arguments(own)
+            if hasattr(module, "add_arguments"):
+                module.add_arguments(own)
+            if hasattr(module, "ROUNDS"):
+                own.add_argument("--rounds", type=int, default=module.ROUNDS,
+                                 help=f"default: {module.ROUNDS or 'more for faster targets'}")
+                own.add_argument("--seconds", type=float, default=math.inf, metavar="S", help="end after so long")
+                own.add_argument("--first", type=int, default=0, help="number of the first round, to repeat one")
         own.add_argument("--seed", type=int, default=1, help="default: %(default)s")
         own.add_argument("--out", type=Path, default=Path("build/robustness") / f"{name}.json",
                          help="the summary to write, logs beside it; default: %(default)s")
     args = parser.parse_args()
+    args.end_s = time.monotonic() + args.seconds
     signal.signal(signal.SIGTERM, signal.default_int_handler)       # as Ctrl-C: the processes it started are ended
     args.out.parent.mkdir(parents=True, exist_ok=True)
     try:

@@ -34,6 +34,7 @@ LATE_S = 0.6                # more than a late packet is late
 SHARE = 0.3                 # of the packets
 CLOUD_S = 10.0              # for clouds that a fault must not stop
 BACK_S = 3.0
+ROUNDS = 200
 MAX_BACK_S = 30.0           # for which clouds are waited that have to be back earlier
 OPEN_S = 300.0
 
@@ -117,32 +118,6 @@ def sensor(testbed: FaultTestbed, choice: random.Random, *, comes_back: bool) ->
     return name
 
 
-def odometry(testbed: FaultTestbed, choice: random.Random, *, harm: str, counted: str) -> str:
-    """Something is wrong with the odometry of a sensor that moves: counted as this, and costs no frame."""
-    def begin(**parameters) -> None:
-        end(testbed, "sketcher", signal.SIGTERM)
-        testbed.start("sketcher", **parameters)
-
-    def deskewed() -> None:
-        before = testbed.totals("sketcher")["frames_deskewed"]
-        testbed.wait(lambda: testbed.totals("sketcher")["frames_deskewed"] > before, "a deskewed frame", CLOUD_S)
-
-    testbed.drive(odometry="good")
-    begin(motion="odom", extrinsics="0 0 0 0 0 0 1")
-    deskewed()
-    before = testbed.totals("sketcher")
-    testbed.drive(odometry=harm)
-    testbed.spin(HELD_S)
-    testbed.drive(odometry="good")
-    testbed.wait_for_cloud(CLOUD_S)
-    deskewed()
-    seen = testbed.totals("sketcher") - before
-    testbed.drive(odometry="")
-    begin()
-    assert seen[counted] and not seen["dropped"] - seen["dropped.queue"] - seen["dropped.late"], f"{harm}: {seen}"
-    return f"{seen[counted]} {counted}, {seen['frames_undeskewed']} of {seen['frames_out']} frames undeskewed"
-
-
 FAULTS = {
     "kill": partial(restart, numbers=(signal.SIGKILL,)),
     "restart": partial(restart, numbers=(signal.SIGTERM, signal.SIGINT)),
@@ -150,11 +125,6 @@ FAULTS = {
     "lost": partial(packets, fate="lose", cause=""), "doubled": partial(packets, fate="double", cause="duplicate"),
     "late": partial(packets, fate="late", cause="late"), "cut": partial(packets, fate="cut", cause="malformed"),
     "sensor": partial(sensor, comes_back=True), "replaced": partial(sensor, comes_back=False),
-    "odom_lost": partial(odometry, harm="", counted="frames_undeskewed"),
-    "odom_late": partial(odometry, harm="late", counted="frames_undeskewed"),
-    "odom_nan": partial(odometry, harm="nan", counted="motion_refused"),
-    "odom_jump": partial(odometry, harm="jump", counted="motion_restarts"),
-    "odom_leap": partial(odometry, harm="leap", counted="motion_restarts"),
 }
 COUNTED = ("lost", "doubled", "late", "cut")    # the sketcher, unharmed, accounts for every packet sent
 
@@ -169,22 +139,19 @@ class Round:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rounds", type=int, default=200, help="default: %(default)s")
-    parser.add_argument("--seconds", type=float, default=float("inf"), metavar="S", help="end after so long (never)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first round, to repeat one")
     parser.add_argument("--only", nargs="+", choices=FAULTS, default=list(FAULTS), metavar="FAULT",
                         help=f"of {', '.join(FAULTS)}")
     parser.add_argument("--back-s", type=float, default=BACK_S, help="by when clouds must be back (%(default)g)")
 
 
 def run(args: argparse.Namespace) -> tuple[list, dict]:
-    faults, rounds, end_s, folder = args.only, [], time.monotonic() + args.seconds, args.out.parent / "faults"
+    faults, rounds, folder = args.only, [], args.out.parent / "faults"
     with FaultTestbed(folder) as testbed:
         for number in tqdm(range(args.first, args.first + args.rounds), unit="round"):
             rounds.append(played := Round(faults[number % len(faults)]))
             play(testbed, played, random.Random(f"{args.seed}/{number}"), args.back_s)
             tqdm.write(f"round {number}, {played.fault}: {played.did or 'not done'}", file=sys.stderr)
-            if played.problems or time.monotonic() > end_s:
+            if played.problems or time.monotonic() > args.end_s:
                 break
     unreadable = open_recorded(testbed.recorded)
     for k, (name, process) in enumerate([*testbed.replaced, *testbed.items()] if played.problems else ()):

@@ -27,6 +27,7 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import InvalidInput
 
+ROUNDS = 20_000
 MAX_SHOWN = 20          # failures that the summary holds in full
 PHOTONS = 20_000        # of a frame, at most about so many
 FULL = 2**32 - 1        # photons that a pixel of a sketch can have
@@ -207,15 +208,8 @@ def play_all(rounds, seed: int, end_s: float = float("inf")) -> Tally:
     return tally
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rounds", type=int, default=20_000, help="default: %(default)s")
-    parser.add_argument("--seconds", type=float, default=float("inf"), metavar="S", help="end after so long (never)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first round, to repeat one")
-
-
 def run(args: argparse.Namespace) -> tuple[list, dict]:
-    tally = play_all(tqdm(range(args.first, args.first + args.rounds), unit="round"), args.seed,
-                     time.monotonic() + args.seconds)
+    tally = play_all(tqdm(range(args.first, args.first + args.rounds), unit="round"), args.seed, args.end_s)
     seen = f"{tally.rounds} rounds, {tally.clouds} clouds, {tally.points} points, {tally.refused.total()} refused"
     verdicts = [("numbers or one line", not tally.failures, "; ".join([seen, *tally.failures[:MAX_SHOWN]]))]
     return verdicts, {"seed": args.seed, "rounds": tally.rounds, "clouds": tally.clouds, "points": tally.points,

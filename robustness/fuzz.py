@@ -16,6 +16,7 @@ from tqdm import tqdm
 from robustness.targets import Defect, damaged, targets, try_input
 from srt3d_ros.errors import printable
 
+ROUNDS = None               # of each target its own
 HANG_S = 60.0
 MAX_DEFECTS = 5             # of a target; then it is left
 SPAWN = multiprocessing.get_context("spawn")
@@ -25,17 +26,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     names = list(targets())
     parser.add_argument("--target", nargs="+", choices=names, default=names, metavar="NAME",
                         help=f"default: all, {', '.join(names)}")
-    parser.add_argument("--rounds", type=int, metavar="N", help="inputs for each target; default: more for faster ones")
-    parser.add_argument("--seconds", type=float, default=float("inf"), metavar="S", help="end after so long (never)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first input, to repeat one")
 
 
 def run(args: argparse.Namespace) -> tuple[list, dict]:
-    end_s, verdicts, results = time.monotonic() + args.seconds, [], {}
+    verdicts, results = [], {}
     for name in tqdm(args.target, unit="target"):
         target = targets()[name]
         numbers = range(args.first, args.first + (args.rounds or target.rounds))
-        tried, was_read, defects = _fuzz(name, numbers, args.seed, end_s)
+        tried, was_read, defects = _fuzz(name, numbers, args.seed, args.end_s)
         results[name] = {"tried": tried, "read": was_read, "defects": len(defects)}
         verdicts.append((name, not defects, "; ".join([f"{tried} tried, {was_read} read", *defects])))
     return verdicts, {"seed": args.seed, "tried": sum(one["tried"] for one in results.values()), "targets": results}
