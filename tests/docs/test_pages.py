@@ -132,15 +132,8 @@ def test_every_file_and_module_exists(page, repository):
     text = " ".join([*map(" ".join, pages.command_lines(PAGES[page])), *pages.inline(PAGES[page])])
     for path in re.findall(rf"(?<![\w/.~])((?:{'|'.join((*FOLDERS, *IN_PACKAGE))})/[\w./-]*)", text):
         assert (repository / path).exists() or (repository / "srt3d_ros" / path).exists(), path
-    for module in re.findall(r"python -m (srt3d_ros[\w.]*|tools[\w.]*)", text):
-        assert importlib.util.find_spec(module), module
-
-
-@pytest.mark.parametrize("package", ["benchmarks", "robustness"])
-def test_every_command_of_developers_exists(package):
-    pytest.importorskip(package)
-    named = {name for text in PAGES.values() for name in re.findall(rf"python -m {package} (\w+)", text)}
-    assert named and all(importlib.util.find_spec(f"{package}.{name}") for name in named)
+    for module in re.findall(r"python -m (srt3d_ros[\w.]*|tools[\w.]*|(?:benchmarks|robustness) \w+)", text):
+        assert importlib.util.find_spec(module.replace(" ", ".")), module
 
 
 def test_every_extra_that_is_installed_exists(repository, monkeypatch):

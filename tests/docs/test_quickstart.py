@@ -17,6 +17,7 @@ from srt3d_ros.datasets import open_sensor
 from srt3d_ros.datasets.bag import Bag
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.processes import Process
+from srt3d_ros.recording.reader import RecordingReader
 from tests.docs import pages
 from tests.nodes.conftest import Graph
 
@@ -103,6 +104,7 @@ def cloud(ros, page, checkout):
     assert all(name in up.text for name in ("/sketcher", "/reconstructor", "/recorder", "/gates", "/points"))
     for process in (up, driver):
         assert process.returncode == 0 and "Traceback" not in process.text, process.text
+    assert len(RecordingReader(checkout / "run.rrd").cloud_index())
     yield clouds[-1]
     shutil.rmtree(checkout / "wall", ignore_errors=True)        # 300 MB
 
@@ -147,12 +149,6 @@ def test_step_4_gives_clouds_where_the_page_says(cloud, page):
     assert np.median(range_m) == pytest.approx(float(range_said), abs=0.01)
     assert np.percentile(np.abs(range_m - float(range_said)), 95) < 0.05
     assert float(range_said) == pytest.approx(int(bin_said) * 250e-12 * 299_792_458 / 2, abs=0.005)
-
-
-def test_the_recording_of_step_4_opens(cloud, checkout):
-    review = terminal(checkout, "srt3d review run.rrd --no-report --json")
-    assert review.code() == 0, review.text
-    assert json.loads(review.text)["frames"] > 0
 
 
 def test_step_5_finds_the_impulse_response_that_the_page_says(cloud, page, checkout, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from robustness import targets
 
 TARGETS = targets.targets()
-FEW = {"rrd": 4, "hdf5": 4, "mat": 8, "parameters": 10}      # inputs: they start processes, or nodes
+FEW = {"rrd": 2, "hdf5": 2, "mat": 3, "parameters": 10}      # inputs: they start processes, or nodes
 USUALLY = 60
 
 
