@@ -42,14 +42,8 @@ PARAMETERS = (
 
 SPEC = NodeSpec(
     "bag_recorder",
-    purpose="Records the photons and the description of their sensor, or any other topics of the pipeline, in a "
-    "rosbag2 bag: every message unchanged, with its time of arrival. `srt3d play`, the player and `ros2 bag play` play "
-    "it.",
     inputs=tuple(replace(topic, when="if `topics` names it") for topic in INPUTS),
     parameters=PARAMETERS,
-    limits=("Its subscriptions are reliable; override the QoS of a topic whose publisher is best-effort.",
-            "A description that comes within 1 s after the first frames is recorded at the time of the first.",
-            "With `use_sim_time`, frames that come before the first /clock are dropped (`no_time`)."),
 )
 
 

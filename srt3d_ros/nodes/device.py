@@ -34,14 +34,8 @@ PARAMETERS = (
 
 SPEC = NodeSpec(
     "device",
-    purpose="Publishes what a histogramming sensor sends in its own format, or a log of it. It waits for a device that "
-    "goes away, and ends after the last frame of a log.",
     outputs=(topics.SENSOR, topics.HISTOGRAMS),
     parameters=PARAMETERS,
-    limits=("Frames of a stream are stamped when they arrive, those of a log when they are due.",
-            "`sensor` follows the device's reference pulse when that has moved noticeably.",
-            "`connections` counts how often the device came, `disconnections` how often it went.",
-            "Messages that cannot be read are dropped as `malformed`, those without histograms as `no_histograms`."),
 )
 
 

@@ -1,4 +1,4 @@
-"""The public interface of a node as one table. Its topics, services, parameters and reference page come from it."""
+"""The public interface of a node as one table. Its topics, services and parameters come from it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,30 +13,20 @@ LOSSLESS = Parameter("lossless", False, "Drop no frame: queue frames instead of 
 
 
 @dataclass(frozen=True)
-class Service:
-    """A std_srvs/srv/Trigger that a node serves as `~/name`."""
-
-    name: str
-    about: str
-
-
-@dataclass(frozen=True)
 class NodeSpec:
     """Everything that is public about a node, but for what every node has.
 
     Args:
         name: of the node and of its executable.
-        limits: what a user has to know before relying on it, a sentence each.
+        services: names of each std_srvs/srv/Trigger that it serves as `~/name`.
         balances: the equations that its totals keep.
     """
 
     name: str
-    purpose: str
     inputs: Iterable[Topic] = ()
     outputs: Iterable[Topic] = ()
-    services: Iterable[Service] = ()
+    services: Iterable[str] = ()
     parameters: Iterable[Parameter] = ()
-    limits: Iterable[str] = ()
     balances: Iterable[Balance] = (FRAMES,)
 
     @property

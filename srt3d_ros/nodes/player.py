@@ -78,8 +78,6 @@ PARAMETERS = (
 
 SPEC = NodeSpec(
     "player",
-    purpose="Plays a photon file, a bag or the simulator's moving scene as a sensor driver would, and exits after the "
-    "last frame.",
     inputs=(replace(topics.POINTS, when="`lossless`: they answer what was sent"),),
     outputs=(topics.SENSOR,
              *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
@@ -89,13 +87,6 @@ SPEC = NodeSpec(
              replace(topics.IMU, when="the bag has one topic of its type, beside photons"),
              Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
-    limits=("A frame counts as received when it is due.",
-            "At a rate that the machine cannot keep, frames are late; none is skipped.",
-            "The moving simulator needs a core at 10 Hz.",
-            "A bag's stamps are those of the recording unless `bag_stamps` is now: latencies in /diagnostics then "
-            "count from the recording, unless the nodes follow `clock` with `use_sim_time`.",
-            "Of a bag, only the photons, their sensor and reports of its motion are played; or, without photons, the "
-            "sketches and their sensor."),
 )
 
 

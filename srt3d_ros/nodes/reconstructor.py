@@ -21,7 +21,7 @@ from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Service
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
@@ -33,22 +33,10 @@ IN_FLIGHT = 2           # frames between reconstruction and publication, in the 
 
 SPEC = NodeSpec(
     "reconstructor",
-    purpose="Reconstructs a 3D point cloud from each sketch, in the same time however many photons it stands "
-    "for; on a GPU where there is one.",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
-    services=(
-        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, its background, and the "
-                "newest cloud"),
-        Service("save_cloud", "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in "
-                "`save_folder`; the answer names it")),
+    services=("reset", "save_cloud"),
     parameters=PARAMETERS,
-    limits=("A pixel sees at most `surfaces` surfaces; an organised cloud and the images have only the one that "
-            "`surface_order` puts first.",
-            "The images are as the sensor sees them: a lens's distortion is taken off `points`, not off the images, "
-            "whose `camera_info` tells it.",
-            "A change of a parameter that a reconstruction is made with (`method`, `surfaces`, `upsampling`, …) takes "
-            "the time of a few frames and forgets the last frame's surfaces."),
 )
 
 

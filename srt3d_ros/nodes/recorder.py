@@ -23,7 +23,7 @@ from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.frame_index import STAMPS_KEPT, FrameIndex, RecordedFrame
 from srt3d_ros.nodes.graph_watch import Drops, ParameterWatch, own_name, reports
-from srt3d_ros.nodes.node_spec import NodeSpec, Service
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
@@ -46,20 +46,10 @@ NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get
 
 SPEC = NodeSpec(
     "recorder",
-    purpose="Records with rerun, without a screen: clouds, images, photon counts, latencies, drops, the nodes' log "
-    "and their parameters, into files, and for viewers that watch live. A recording begins when the sensor's "
-    "description has come. [What a recording holds](recording.md).",
     inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.DIAGNOSTICS, topics.ROSOUT,
             topics.PARAMETER_EVENTS),
-    services=(Service("start_recording", "begin a new recording"), Service("stop_recording", "finish the recording")),
+    services=("start_recording", "stop_recording"),
     parameters=PARAMETERS,
-    limits=("Where the disk cannot follow, the oldest waiting clouds and images are dropped and counted in "
-            "`recording_dropped`; scalars are kept.",
-            "When the disk is full, what comes is not recorded (dropped as `not_recorded`), and once there is room "
-            "again the recording goes on in a new file.",
-            "Until a file is finished rerun keeps its index in memory, some 5 MB for each minute: where it records for "
-            "hours, let `split_period_s` or `split_size_mb` begin new files.",
-            "`live_port` is open to every user and process of the machine."),
 )
 
 

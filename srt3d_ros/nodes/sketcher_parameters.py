@@ -14,7 +14,7 @@ from srt3d_ros.messages.coded_sketch import DEFAULT_STEP, MAX_STEP, MIN_STEP
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
 from srt3d_ros.nodes.motion_input import MOTIONS, parse_extrinsics
-from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Service
+from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 AnySketcher = WindowSketcher | MovingSketcher
@@ -79,31 +79,10 @@ PARAMETERS = (
 
 SPEC = NodeSpec(
     "sketcher",
-    purpose="Keeps, of each pixel's photons, their number and m complex numbers: a sketch. It is as large for a "
-    "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
     inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES, *topics.MOTION, topics.IMAGES[0]),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
-    services=(Service("reset", "forget the photons of the open frame and of the window"),),
+    services=("reset",),
     parameters=PARAMETERS,
-    limits=(
-        "`photons`, `gates` and `histograms` of one sensor only; two sensors take two namespaces.",
-        "Packets of the open frame may come in any order. Dropped, and counted, are those older than the last frame "
-        "(`late`), those that are in the open frame or the one before to the last byte (`duplicate`; not where every "
-        "packet is a frame), and those of a frame that never got its number of packets (`incomplete`).",
-        "By number, a lost packet moves all later frames by one packet; by stamp, its frame has fewer photons.",
-        "Photons are dropped with their whole packet, one by one only by a gate (`photons_dropped.gate`). Those of "
-        "`photons` are counted as the message announces them; those of `gates` and `histograms` as they are read: of "
-        "those that never were (`queue`, `malformed`, `no_sensor`, `contradiction`, `outdated`, `inactive`, "
-        "`shutdown`), the packets are counted and the photons are not known.",
-        "With `motion`, frames that wait for it are `under_way`; `frames_deskewed` and `frames_undeskewed` count those "
-        "that went on, `frames_with_parallax` those deskewed with the ranges of a `depth` image, and "
-        "`photons_dropped.out_of_view` photons that no pixel sees from where they are moved. Reports that cannot be "
-        "used are counted (`motion_refused`); after a jump, a gap of 0.5 s or stamps that fall back the trajectory "
-        "begins again (`motion_restarts`). `window_stamp` counts without motion only.",
-        "With `max_mbit_s`, frames that wait to be sent are `under_way`, and a sketch of several has the first's "
-        "stamp. /diagnostics then has `coding_step_now`, `frames_per_sketch` and `sketch_mbit_s`.",
-        "Another sensor or gate, other frequencies, and stamps that begin again start a new window.",
-    ),
     balances=(PACKETS, PHOTONS),
 )
 

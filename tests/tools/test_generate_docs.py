@@ -17,6 +17,6 @@ def test_a_generated_file_is_up_to_date(repository, path):
 def test_the_page_has_every_topic_and_service_of_a_node(repository, name):
     text = (repository / "docs" / "nodes.md").read_text(encoding="utf-8")
     own = re.search(rf"\n## {name}\n(.*?)(\n## |\Z)", text, re.DOTALL)[1]
-    assert all(f"`~/{service.name}`" in own for service in SPECS[name].services)
+    assert all(f"`~/{service}`" in own for service in SPECS[name].services)
     for topic in (*SPECS[name].inputs, *SPECS[name].outputs):
         assert re.search(rf"^\| `{topic.name}` \|.*\b{name}\b", text, re.MULTILINE), topic.name
