@@ -35,7 +35,7 @@ from srt3d_ros.nodes.topics import Topic
 
 class LoserNode(PipelineNode):
     '''Passes frames on, but forgets to say what became of those of width 7.'''
-    spec = NodeSpec("loser", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
+    spec = NodeSpec("loser", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
     def configure(self):
         self.publisher = self.advertise("out")
     def activate(self):

@@ -27,7 +27,7 @@ RESUBSCRIBE = 1000
 
 class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s, RESUBSCRIBE does so again and again.'''
-    spec = NodeSpec("probe", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
+    spec = NodeSpec("probe", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
     def __init__(self):
         super().__init__(queue_limit=8)
     def configure(self):
