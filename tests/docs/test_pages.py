@@ -4,7 +4,6 @@ import ast
 import importlib.util
 import json
 import re
-import runpy
 from pathlib import Path
 
 import pytest
@@ -15,7 +14,8 @@ from srt3d_ros.cli import main
 from srt3d_ros.nodes.specs import SPECS
 from tests.docs import pages
 
-PAGES = pages.load(Path(__file__).resolve().parents[2])
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = pages.load(ROOT)
 each_page = pytest.mark.parametrize("page", PAGES)
 PROGRAM = re.compile(r"(^|/bin/)srt3d$")        # also after ExecStart=, or in a container
 TOPICS = {topic.name for spec in SPECS.values() for topic in (*spec.inputs, *spec.outputs)}
@@ -23,9 +23,7 @@ SERVICES = {service for spec in SPECS.values() for service in spec.services}
 PARAMETERS = {name: {one.name for one in spec.table} for name, spec in SPECS.items()}
 ANY_PARAMETER = set().union(*PARAMETERS.values())
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
-FOLDERS = ("benchmarks", "config", "docs", "examples", "launch", "msg_schemas", "scripts", "srt3d_ros", "tests",
-           "tools")
-IN_PACKAGE = ("cli", "core", "datasets", "kernels", "messages", "nodes", "recording", "review")
+FOLDERS = {path.name for parent in (ROOT, ROOT / "srt3d_ros") for path in parent.iterdir() if path.is_dir()}
 SOURCES = ("srt3d_ros/**/*.py", "benchmarks/*.py", "examples/*", "msg_schemas/*.json", "launch/*", "config/*")
 PUT_TOGETHER = re.compile("^unaccounted_|_per_s$|_2$")     # by the code, with a word before or after
 OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "sched_autogroup", "ROS_STATIC_PEERS", "IMAGE",
@@ -51,11 +49,9 @@ def source(repository) -> set[str]:
     return {word for path in files for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
 
 
-def srt3d_lines(page: str) -> list[list[str]]:
-    """The arguments of each `srt3d …` in the page's blocks."""
-    lines = pages.command_lines(PAGES[page])
-    starts = [next((k for k, word in enumerate(words) if PROGRAM.search(word)), None) for words in lines]
-    return [words[start + 1:] for words, start in zip(lines, starts) if start is not None]
+def codes(page: str) -> list[str]:
+    """All commands and inline code of a page."""
+    return [*map(" ".join, pages.command_lines(PAGES[page])), *pages.inline(PAGES[page])]
 
 
 def is_parameter(name: str) -> bool:
@@ -68,7 +64,8 @@ def is_parameter(name: str) -> bool:
 
 @each_page
 def test_every_command_line_parses(page, capsys):
-    for words in srt3d_lines(page):
+    lines = pages.command_lines(PAGES[page])
+    for words in (line[k + 1:] for line in lines for k, word in enumerate(line) if PROGRAM.search(word)):
         try:
             args = main.parser((words[0],) if words[0] in main.COMMANDS else main.COMMANDS).parse_args(words)
         except SystemExit:
@@ -95,7 +92,7 @@ def test_every_sub_command_and_option_that_is_named_in_the_text_exists(page, opt
 def test_every_parameter_topic_and_launch_argument_that_is_set_exists(page, repository):
     launch = set(re.findall(r'"(\w+)"', (repository / "launch/srt3d.launch.py").read_text(encoding="utf-8")))
     known = TOPICS | launch | OCTOMAP | {"sketcher:sketch_size", "__ns", "__node"}
-    for code in [*map(" ".join, pages.command_lines(PAGES[page])), *pages.inline(PAGES[page])]:
+    for code in codes(page):
         for name in re.findall(r"(?:^|[ {])([\w./:]+):=", code):
             assert name in known or is_parameter(name), code
         if (run := re.search(r"(?:ros2 run srt3d_ros|srt3d node) (\w+)", code)) and run[1] != "NODE":
@@ -129,21 +126,18 @@ def test_every_link_leads_somewhere(page, repository):
 
 @each_page
 def test_every_file_and_module_exists(page, repository):
-    text = " ".join([*map(" ".join, pages.command_lines(PAGES[page])), *pages.inline(PAGES[page])])
-    for path in re.findall(rf"(?<![\w/.~])((?:{'|'.join((*FOLDERS, *IN_PACKAGE))})/[\w./-]*)", text):
+    text = " ".join(codes(page))
+    for path in re.findall(rf"(?<![\w/.~])((?:{'|'.join(FOLDERS)})/[\w./-]*)", text):
         assert (repository / path).exists() or (repository / "srt3d_ros" / path).exists(), path
     for module in re.findall(r"python -m (srt3d_ros[\w.]*|tools[\w.]*|(?:benchmarks|robustness) \w+)", text):
         assert importlib.util.find_spec(module.replace(" ", ".")), module
 
 
-def test_every_extra_that_is_installed_exists(repository, monkeypatch):
-    given = {}
-    monkeypatch.chdir(repository)
-    monkeypatch.setattr("setuptools.setup", lambda **arguments: given.update(arguments))
-    runpy.run_path("setup.py")
-    named = {extra for text in PAGES.values() for several in re.findall(r"(?:'\.|srt3d_ros)\[([\w, -]+)\]", text)
-             for extra in re.split(r",\s*", several)}
-    assert named and named <= set(given["extras_require"])
+@each_page
+def test_every_extra_that_is_installed_exists(page, repository):
+    extras = set(re.findall(r'"([\w-]+)": \[', (repository / "setup.py").read_text(encoding="utf-8")))
+    for several in re.findall(r"(?:'\.|srt3d_ros)\[([\w, -]+)\]", PAGES[page]):
+        assert set(re.split(r",\s*", several)) <= extras
 
 
 @each_page
