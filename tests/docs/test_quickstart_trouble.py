@@ -1,13 +1,11 @@
 """The table "When nothing comes" of docs/quickstart-driver.md: the nodes have its words, and say them to a bad driver.
 
-tests/nodes/test_diagnostics.py has the other causes: silence, clocks, contradictions.
+tests/nodes has the other causes: silence, clocks, contradictions, bad messages, overload.
 """
 
 import json
 import re
 import sys
-import time
-from array import array
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -27,7 +25,6 @@ TABLE = "When nothing comes"
 WORDS = "is|are|of|on|expected|no_sensor|malformed|queue|my_sensor|json"
 VARIABLE = re.compile(rf'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(?:{WORDS})\b')
 PUT_TOGETHER = {"offering incompatible QoS", "waiting for a sensor description"}     # by ROS, and of words
-CYCLES = 4
 ENOUGH = 500            # frames, after which a machine that has lost none will lose none
 
 
@@ -89,13 +86,6 @@ class Driver:
         sensor = {key: value for key, value in (self.sensor | changes).items() if value is not None}
         self.publish("/sensor", String, qos).publish(String(data=json.dumps(sensor)))
 
-    def send_gates(self, word: int = 80) -> None:
-        """Publish gates, all of whose words are the same."""
-        message = Image(height=CYCLES * 32, width=32, encoding="16UC1", step=2 * 32)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
-        message.data = array("B", array("H", [word] * (CYCLES * 32 * 32)).tobytes())
-        self.nodes.matched(self.publish("/gates")).publish(message)
-
     def said(self, pattern: str, key: str = "message", again=lambda: None) -> None:
         """Wait until the diagnostics say so; `again` is called in the meantime."""
         def is_said() -> bool:
@@ -123,7 +113,7 @@ def driver(nodes, page):
 
 def test_no_driver_no_description_and_one_with_a_mistake(driver, quoted):
     driver.said(quoted("waiting for a sensor"))
-    driver.send_gates()
+    driver.nodes.matched(driver.publish("/gates")).publish(Image())
     driver.said(quoted("no_sensor"))
     driver.describe(num_bins=None, numbins=153)
     driver.said(quoted("numbins"), key="last_error")
@@ -137,17 +127,6 @@ def test_quality_of_service_that_does_not_fit(driver, quoted):
     driver.publish("/gates", qos=QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
     driver.logged(quoted("RELIABILITY"))
     driver.said(quoted("^1 publishes"))
-
-
-@pytest.mark.parametrize("sensor, message", [
-    ({"gates": {"first_word": 100, "no_detection": 65535}}, "gates word"), ({"rows": 33}, "height"),
-])
-def test_another_sensor_than_described(driver, quoted, sensor, message):
-    driver.describe(**sensor)
-    driver.logged("sensor on /sensor: ")
-    driver.send_gates(word=78)
-    driver.said(quoted("malformed"))
-    driver.said(quoted(message), key="last_error")
 
 
 def test_messages_larger_than_the_shared_memory(driver, quoted, repository, nodes):
