@@ -10,9 +10,12 @@ as by a sensor whose buffer is full.
     sensor: str         be this sensor from now on; "" sends nothing
     rate_hz: float      packets a second
     lose, double, late, cut: float      share of the packets that are lost, sent twice, sent late, sent in part
+    odometry: str       with each packet where the robot is, which moves along the scene: "good", or "late", or with a
+                        "leap" of its clock, some with a "jump" or "nan"; "" none
 """
 
 import json
+import math
 import random
 import select
 import signal
@@ -22,6 +25,7 @@ from collections import Counter, deque
 from pathlib import Path
 
 import rclpy
+from nav_msgs.msg import Odometry
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
@@ -36,16 +40,19 @@ LATE_S = 0.35           # of a late packet
 BEHIND_NS = 50_000_000  # further behind than this, and packets are skipped
 DESCRIBED_S = 5.0       # nobody may be there to receive the description
 DEPTH = 10
+SPEED_M_S = 0.3         # to the right
+ODOM_LATE_NS, LEAP_NS, JUMP_M = 400_000_000, 100_000_000_000, 2.0
 
 
 class Driver:
     def __init__(self, folder: Path):
         self._folder = folder
-        self._settings = {"sensor": "", "rate_hz": 40.0} | dict.fromkeys(FATES, 0.0)
+        self._settings = {"sensor": "", "rate_hz": 40.0, "odometry": ""} | dict.fromkeys(FATES, 0.0)
         self._done: Counter[str] = Counter()
         self._node = rclpy.create_node("driver")
         self._description = self._node.create_publisher(String, "sensor", LATCHED)
         self._publisher = self._node.create_publisher(PointCloud2, "photons", DEPTH)
+        self._odometry = self._node.create_publisher(Odometry, "odom", DEPTH)
         self._packets: list[bytes] = []
         self._held: deque[tuple[float, bytes]] = deque()        # late packets, until when
         self._random = random.Random(0)
@@ -62,6 +69,8 @@ class Driver:
                 self._done["skipped"] += 1
             else:
                 self._packet(cdr.restamp(packets[number % len(packets)], begins_ns))
+            if self._settings["odometry"]:
+                self._report(number, begins_ns + period_ns)
             number += 1
             begins_ns += period_ns
 
@@ -99,6 +108,21 @@ class Driver:
             self._send(packet[:len(packet) // 2] if fate == "cut" else packet)
             if fate == "double":
                 self._send(packet)
+
+    def _report(self, number: int, now_ns: int) -> None:
+        report = Odometry(child_frame_id="base_link")
+        report.pose.pose.position.x, report.twist.twist.linear.x = SPEED_M_S * (now_ns % 10**12) / 1e9, SPEED_M_S
+        match self._settings["odometry"]:
+            case "late":
+                now_ns -= ODOM_LATE_NS
+            case "leap":
+                now_ns -= LEAP_NS
+            case "jump":
+                report.pose.pose.position.x += JUMP_M * (number // 10 % 2)
+            case "nan" if number % 3 == 0:
+                report.pose.pose.position.y = math.nan
+        report.header.stamp.sec, report.header.stamp.nanosec = divmod(now_ns, 10**9)
+        self._odometry.publish(report)
 
     def _send_held(self, now: float) -> None:
         while self._held and self._held[0][0] <= now:

@@ -118,6 +118,32 @@ def sensor(testbed: FaultTestbed, choice: random.Random, *, comes_back: bool) ->
     return name
 
 
+def odometry(testbed: FaultTestbed, choice: random.Random, *, harm: str, counted: str) -> str:
+    """Something is wrong with the odometry of a sensor that moves: counted as this, and costs no frame."""
+    def begin(**parameters) -> None:
+        end(testbed, "sketcher", signal.SIGTERM)
+        testbed.start("sketcher", **parameters)
+
+    def deskewed() -> None:
+        before = testbed.totals("sketcher")["frames_deskewed"]
+        testbed.wait(lambda: testbed.totals("sketcher")["frames_deskewed"] > before, "a deskewed frame", CLOUD_S)
+
+    testbed.drive(odometry="good")
+    begin(motion="odom", extrinsics="0 0 0 0 0 0 1")
+    deskewed()
+    before = testbed.totals("sketcher")
+    testbed.drive(odometry=harm)
+    testbed.spin(HELD_S)
+    testbed.drive(odometry="good")
+    testbed.wait_for_cloud(CLOUD_S)
+    deskewed()
+    seen = testbed.totals("sketcher") - before
+    testbed.drive(odometry="")
+    begin()
+    assert seen[counted] and not seen["dropped"] - seen["dropped.queue"] - seen["dropped.late"], f"{harm}: {seen}"
+    return f"{seen[counted]} {counted}, {seen['frames_undeskewed']} of {seen['frames_out']} frames undeskewed"
+
+
 FAULTS = {
     "kill": partial(restart, numbers=(signal.SIGKILL,)),
     "restart": partial(restart, numbers=(signal.SIGTERM, signal.SIGINT)),
@@ -125,6 +151,11 @@ FAULTS = {
     "lost": partial(packets, fate="lose", cause=""), "doubled": partial(packets, fate="double", cause="duplicate"),
     "late": partial(packets, fate="late", cause="late"), "cut": partial(packets, fate="cut", cause="malformed"),
     "sensor": partial(sensor, comes_back=True), "replaced": partial(sensor, comes_back=False),
+    "odom_lost": partial(odometry, harm="", counted="frames_undeskewed"),
+    "odom_late": partial(odometry, harm="late", counted="frames_undeskewed"),
+    "odom_nan": partial(odometry, harm="nan", counted="motion_refused"),
+    "odom_jump": partial(odometry, harm="jump", counted="motion_restarts"),
+    "odom_leap": partial(odometry, harm="leap", counted="motion_restarts"),
 }
 COUNTED = ("lost", "doubled", "late", "cut")    # the sketcher, unharmed, accounts for every packet sent
 

@@ -13,12 +13,12 @@ BACK_S = "60"       # for clouds to be back: the machine may be busy
 def test_faults_are_done_and_survived(repository, tmp_path):
     out = tmp_path / "faults.json"
     ended = subprocess.run(
-        [sys.executable, "-m", "robustness", "faults", "--rounds", "3", "--only", "kill", "cut", "sensor",
+        [sys.executable, "-m", "robustness", "faults", "--rounds", "3", "--only", "kill", "cut", "odom_jump",
          "--back-s", BACK_S, "--out", out], cwd=repository, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     seen = json.loads(out.read_text())["faults"]
     assert {name: (one["rounds"], one["failed"]) for name, one in seen.items()} == dict.fromkeys(
-        ("kill", "cut", "sensor"), (1, 0))
+        ("kill", "cut", "odom_jump"), (1, 0))
     assert seen["cut"]["lost"]["sketcher: malformed"] > 0
     assert "SIGKILL" in ended.stderr and "faults: holds" in ended.stdout
 
