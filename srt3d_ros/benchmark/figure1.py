@@ -28,13 +28,7 @@ SWEEP = 4               # times as many repeats where photon counts are compared
 HEADINGS = ("ppp", "method", "device", "ms: min", "median", "max", "times pooled", "its input, MB", "memory, MB")
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves."""
-    methods = timing.runs(len(METHOD_NAMES) + 1, plan.repeats)
-    return len(plan.ppps) * (methods + timing.runs(1, SWEEP * plan.repeats))
-
-
-def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: timing.Progress) -> Iterator[dict]:
     """A line for each method and number of photons, then pooled at all numbers of photons in turns."""
     sensor, reconstructors, sketches = frames.sensor_of(plan.side), {}, {}
     for name in METHOD_NAMES:
@@ -66,9 +60,8 @@ def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
             too_slow = min(work.seconds) * next_ppp / ppp > plan.limit_s    # a time grows at most as the photons do
             if too_slow and reconstructors.pop(line["method"], None):
                 line["over_limit_s"] = plan.limit_s
-                note(too_slow_text(line))
+                bar.note(too_slow_text(line))
             yield line
-        bar.update(timing.runs(len(METHOD_NAMES) + 1 - len(works), plan.repeats))
         del photons, works
     yield from _sweep(sensor, pooled, sketches, plan, bar)
 

@@ -26,7 +26,7 @@ def built(method: Method, sensor: SensorModel, frequencies, device: str):
     except InvalidInput:
         if device == "cpu":
             raise
-        reconstructor = method.build(sensor, frequencies, device="cpu")
+        return built(method, sensor, frequencies, "cpu")
     reconstructor.warm_up()
     return reconstructor
 
@@ -43,15 +43,14 @@ def reconstructions(reconstructor, sketch: Sketch, title: str, facts: dict) -> l
 
     A pipelined call is of PIPELINED_FRAMES frames, each cloud awaited when the next frame has been submitted.
     """
-    held, facts = sketch.on_host(), facts | {"device": reconstructor.device}
-    works = [Work(lambda: reconstructor(held), title, facts | {"frame_from": HOST})]
-    if reconstructor.device != "cpu":
-        if not isinstance(sketch.sums, np.ndarray):
-            works.append(Work(lambda: reconstructor(sketch), title, facts | {"frame_from": DEVICE}))
-        if hasattr(reconstructor, "submit"):
-            works.append(Work(lambda: _stream(reconstructor, held), title, facts | {"frame_from": PIPELINED},
-                              PIPELINED_FRAMES))
-    return works
+    held, on_cpu = sketch.on_host(), reconstructor.device == "cpu"
+    calls = {HOST: lambda: reconstructor(held)}
+    if not on_cpu and not isinstance(sketch.sums, np.ndarray):
+        calls[DEVICE] = lambda: reconstructor(sketch)
+    if not on_cpu and hasattr(reconstructor, "submit"):
+        calls[PIPELINED] = lambda: _stream(reconstructor, held)
+    return [Work(call, title, facts | {"device": reconstructor.device, "frame_from": place},
+                 PIPELINED_FRAMES if place == PIPELINED else 1) for place, call in calls.items()]
 
 
 def _stream(reconstructor, sketch: Sketch) -> None:
@@ -65,12 +64,12 @@ def _stream(reconstructor, sketch: Sketch) -> None:
 
 def sketchings(sketcher: Sketcher, frame: PhotonFrame, title: str, facts: dict) -> list[Work]:
     """The sketching of a frame, from each place where the frame can lie."""
-    works = [Work(lambda: sketcher.add(fresh_copy(frame)), title, facts | {"frame_from": HOST})]
+    works = [Work(lambda: sketcher.add(_fresh_copy(frame)), title, facts | {"frame_from": HOST})]
     if hasattr(sketcher, "resident"):
         works.append(Work(sketcher.resident(frame), title, facts | {"frame_from": DEVICE}))
     return works
 
 
-def fresh_copy(frame: PhotonFrame) -> PhotonFrame:
+def _fresh_copy(frame: PhotonFrame) -> PhotonFrame:
     """The same photons as a frame that has just arrived: whether they are sorted is not known yet."""
     return PhotonEvents(frame.pixel, frame.toa) if isinstance(frame, PhotonEvents) else PhotonGates(frame.words)

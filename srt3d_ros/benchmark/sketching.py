@@ -19,12 +19,7 @@ HEADINGS = ("photons", "ppp", "device", "frame from", "ms: min", "median", "max"
             f"× {ARRAY_HZ:,}/s")
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves."""
-    return timing.runs(len(FORMS) * len(plan.dense_ppps), plan.repeats)
-
-
-def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: timing.Progress) -> Iterator[dict]:
     """A line for each form and number of photons."""
     sensor, array = frames.sensor_of(plan.side), frames.gates_sensor()
     works: list[timing.Work] = []

@@ -19,12 +19,7 @@ HEADINGS = ("pixels", "m", "method", "device", "frame from", "ms: min", "median"
             f"{PAPER_GPU} (paper)", "frames/s", "memory, MB", "of the process, MB")
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves."""
-    return len(plan.sides) * timing.runs(len(METHOD_NAMES) * len(plan.sketch_sizes), plan.repeats)
-
-
-def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: timing.Progress) -> Iterator[dict]:
     """A line for each size, sketch size, method and place of the frame."""
     for side in plan.sides:
         bar.show(f"{side}²: photons")

@@ -3,10 +3,10 @@
 import os
 import platform
 from datetime import date
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from srt3d_ros import __version__
+from srt3d_ros.recording.versions import installed
 
 PACKAGES = ("numpy", "scipy", "numba", "torch", "triton")
 
@@ -16,7 +16,7 @@ def machine(device: str = "cpu") -> dict:
     return {"date": date.today().isoformat(), "machine": cpu_name(), "cpus": len(os.sched_getaffinity(0)),
             **({"gpu": gpu_name()} if device == "cuda" else {}),
             "load_1min": round(os.getloadavg()[0], 2), "python": platform.python_version(), "srt3d_ros": __version__,
-            **{name: _version(name) for name in PACKAGES}}
+            **{name: installed(name) for name in PACKAGES}}
 
 
 def cpu_name() -> str:
@@ -31,10 +31,3 @@ def gpu_name() -> str:
     """The name of the GPU that torch computes on."""
     import torch
     return torch.cuda.get_device_name()
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None

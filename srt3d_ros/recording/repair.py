@@ -16,12 +16,12 @@ from pathlib import Path
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import appearing_whole
 
-_HEADER = struct.Struct("<4s4B4B")              # mark, version, options
+_HEADER_BYTES = 12                              # mark, 3 of the version, options
 _MESSAGE = struct.Struct("<QQ")                 # kind, bytes that follow
-_MARK, _OLD_MARKS, _ANY_MARK = b"RRF2", (b"RRF0", b"RRF1"), b"RRF"
+_MARK, _ANY_MARK = b"RRF2", b"RRF"
 _END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, number of indices
 _FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chunk, blueprint activation
-_COMPRESSIONS, _PROTOBUF = (0, 1), 2
+_NO_MESSAGE = "an .rrd file of which more than its header was written"
 _NO_ROOM = "room on the disk for a repaired copy beside it"
 
 
@@ -46,11 +46,11 @@ def examine(path) -> FileState:
         size = file.seek(0, os.SEEK_END)
         require(size > 0, "recording", str(path), "an .rrd file that is not empty")
         file.seek(0)
-        _check_header(file.read(_HEADER.size), path)
+        _check_header(file.read(_HEADER_BYTES), path)
         if _ends_with_footer(file, size):
             return FileState(path, True, 0)
         whole = _whole_bytes(file, size)
-    require(whole > _HEADER.size, "recording", str(path), "an .rrd file of which more than its header was written")
+    require(whole > _HEADER_BYTES, "recording", str(path), _NO_MESSAGE)
     return FileState(path, False, size - whole)
 
 
@@ -82,21 +82,16 @@ def repair(state: FileState) -> Path:
 
 
 def _check_header(header: bytes, path: Path) -> None:
-    mark = header[:4]
-    require(mark.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
-    require(mark not in _OLD_MARKS, "recording", str(path), "a file of rerun 0.23 or later: run `rerun rrd migrate`")
-    require(len(header) == _HEADER.size, "recording", str(path),
-            "an .rrd file of which more than its header was written")
-    _, major, minor, patch, _, compression, serializer, *_ = _HEADER.unpack(header)
-    installed = version("rerun-sdk")
-    newer = (major, minor) > tuple(int(part) for part in installed.split(".")[:2])
-    newer |= mark != _MARK or compression not in _COMPRESSIONS or serializer != _PROTOBUF
-    require(not newer, "recording", str(path),
-            f"a file of rerun {installed} or older; it is of {major}.{minor}.{patch}: pip install -U rerun-sdk")
+    require(header.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
+    require(len(header) == _HEADER_BYTES, "recording", str(path), _NO_MESSAGE)
+    installed, of = version("rerun-sdk"), list(header[4:7])
+    readable = header.startswith(_MARK) and of[:2] <= [int(part) for part in installed.split(".")[:2]]
+    require(readable, "recording", str(path), f"a file of rerun 0.23 to {installed}; it is of "
+            f"{'.'.join(map(str, of))}: pip install -U rerun-sdk, or `rerun rrd migrate`")
 
 
 def _ends_with_footer(file, size: int) -> bool:
-    if size < _HEADER.size + _END.size:
+    if size < _HEADER_BYTES + _END.size:
         return False
     file.seek(size - _END.size)
     return _END.unpack(file.read(_END.size))[:2] == (_MARK, b"FOOT")
@@ -104,7 +99,7 @@ def _ends_with_footer(file, size: int) -> bool:
 
 def _whole_bytes(file, size: int) -> int:
     """Where the last whole message before the footer ends."""
-    end = _HEADER.size
+    end = _HEADER_BYTES
     while end + _MESSAGE.size <= size:
         file.seek(end)
         kind, length = _MESSAGE.unpack(file.read(_MESSAGE.size))

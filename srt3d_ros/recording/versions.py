@@ -19,7 +19,16 @@ ABSENT = "not installed"
 def versions() -> dict[str, str]:
     """Versions by name; "unknown" for what cannot be found out, "not installed" for packages that are not."""
     return {"srt3d_ros": __version__, "git_revision": _git_revision(), "python": platform.python_version(),
-            **{name: _version(package) for name, package in _PACKAGES.items()}, "ros_distro": _ros_distro()}
+            **{name: installed(package) or ABSENT for name, package in _PACKAGES.items()},
+            "ros_distro": _ros_distro()}
+
+
+def installed(package: str) -> str | None:
+    """The version of a package; None if it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def _git_revision() -> str:
@@ -39,13 +48,6 @@ def _git_revision() -> str:
 def _git(*arguments: str) -> str:
     return subprocess.run(["git", "-C", _ROOT, *arguments], capture_output=True, text=True, check=True,
                           timeout=_GIT_TIMEOUT_S).stdout.strip()
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ABSENT
 
 
 def _ros_distro() -> str:
