@@ -30,13 +30,8 @@ class Tensor:
     """As much of a torch tensor on a GPU as is needed."""
 
     def __init__(self, array):
-        self.array, self.shape, self.ndim = array, array.shape, array.ndim
-
-    def cpu(self):
-        return self
-
-    def numpy(self):
-        return self.array
+        self.shape, self.ndim, self.cpu = array.shape, array.ndim, lambda: self
+        self.numpy = lambda: array
 
 
 class Reconstructor:
@@ -46,10 +41,10 @@ class Reconstructor:
         self.device, self.events = device, []
 
     def __call__(self, sketch):
-        return type(sketch.sums), type(sketch.photons)
+        return type(sketch.sums)
 
     def submit(self, sketch):
-        number = sum(event == "submit" for event, _ in self.events)
+        number = len(self.events) - sum(event == "wait" for event, _ in self.events)
         self.events.append(("submit", number))
         return lambda: self.events.append(("wait", number))
 
@@ -69,7 +64,7 @@ def test_a_method_without_cuda_stays_on_the_cpu():
 def test_a_sketch_on_the_device_is_timed_from_there_and_from_the_host():
     there, here = Sketch((1,), Tensor(SUMS), Tensor(PHOTONS)), Sketch((1,), SUMS, PHOTONS)
     calls = calls_of(placement.reconstructions(Reconstructor("cuda"), there, "", {}))
-    assert (calls["host"](), calls["device"]()) == ((np.ndarray, np.ndarray), (Tensor, Tensor))
+    assert (calls["host"](), calls["device"]()) == (np.ndarray, Tensor)
     assert list(calls_of(placement.reconstructions(Reconstructor("cuda"), here, "", {}))) == ["host", "host, pipelined"]
     assert list(calls_of(placement.reconstructions(Reconstructor("cpu"), there, "", {}))) == ["host"]
 
