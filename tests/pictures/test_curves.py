@@ -45,7 +45,7 @@ def test_calibration_shows_a_line_for_each_setting_in_its_panel(path):
 def test_time_and_memory_have_a_line_for_each_method_as_far_as_they_are_known(path):
     lines = [line("rt3d", ppp, 50 * ppp, input_bytes=100_000 * ppp, growth_bytes=10**7) for ppp in (1, 10, 100)]
     lines += [line("pooled", ppp, 40, input_bytes=10**6, growth_bytes=5 * 10**6) for ppp in (1, 10, 100)]
-    lines += [line("smle", 1, 5)]
+    lines += [line("smle", ppp, 5 * ppp) for ppp in (1, 3)]
     draw_growth(path, lines, "a$b_{", (7, "the paper: 7 ms"), {"smle": "over 60 s"})
     for method in ("rt3d", "pooled"):
         assert (coloured(path, GROWTH_STYLES[method][0]) > 300).all()

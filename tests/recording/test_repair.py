@@ -49,7 +49,7 @@ def test_random_truncations_open_after_repair_and_lack_at_most_one_chunk(tmp_pat
     before = clouds_in(whole)
     assert examine(whole).is_finished and examine(whole).lost_bytes == 0
     rng = random.Random(5)
-    for size in [rng.randrange(len(data) // 20, len(data)) for _ in range(12)]:
+    for size in [rng.randrange(len(data) // 20, len(data)) for _ in range(4)]:
         cut.write_bytes(data[:size])
         state = examine(cut)
         copy = repair(state)
@@ -98,9 +98,7 @@ def test_a_full_disk_is_reported_and_leaves_no_copy(tmp_path, whole):
         subprocess.run(["umount", str(tmp_path)], check=True)
 
 
-def test_where_nothing_can_be_written_one_line_says_so(tmp_path, whole, monkeypatch):
-    cut = tmp_path / "cut.rrd"
-    cut.write_bytes(whole.read_bytes()[:-2000])
+def test_where_nothing_can_be_written_one_line_says_so(whole, monkeypatch):
     monkeypatch.setattr("srt3d_ros.recording.repair.os.access", lambda *_: False)     # root may write anywhere
     with pytest.raises(InvalidInput, match="a folder that can be written for a repaired copy"):
-        repair(examine(cut))
+        repair(examine(whole))
