@@ -57,14 +57,15 @@ def test_recorded_ranks_of_a_pixels_points_are_kept(recorded, ball):
         assert np.array_equal(getattr(found, name), getattr(cloud, name))
 
 
-def test_a_picture_has_cloud_title_figures_and_scale(recorded, tmp_path):
+def test_a_picture_has_cloud_title_figures_and_scale(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr(export, "_PICTURE_PX", (700, 400))
     export.save_frame(recorded, PLACE, tmp_path / "a.png", "own")
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("L")).astype(int)
-    assert picture.shape == (940, 1400)
-    assert (picture[20:70, 30:600] > 200).sum() > 500            # title
-    assert (picture[890:930, 30:400] > 100).sum() > 200          # figures
-    assert (picture[850:865, 1100:1380] > 100).sum() > 50        # scale bar
-    assert (picture[100:850] > 60).mean() > 0.2                  # cloud
+    assert picture.shape == (540, 700)
+    assert (picture[20:70, 15:500] > 200).sum() > 300            # title
+    assert (picture[490:530, 15:300] > 100).sum() > 100          # figures
+    assert (picture[465:478, 550:690] > 100).sum() > 30          # scale bar
+    assert (picture[90:450] > 60).mean() > 0.2                   # cloud
 
 
 def test_a_bag_holds_every_cloud_at_its_stamp(recorded, ball, tmp_path):
