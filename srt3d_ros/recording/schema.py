@@ -9,7 +9,8 @@ import rerun as rr
 
 from srt3d_ros.colours import BACKGROUND as BLACK
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
-from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import sensor_axes
 
@@ -31,8 +32,9 @@ _DARK = 45 / 210        # dark colours that colours.range_table leaves out, over
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
 _LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
-_SENSOR_FACTS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "frame_id",
-                 "toa_reference")
+_SENSOR_FACTS = {"rows": int, "cols": int, "num_bins": int, "bin_width_s": float, "irf_ref": int,
+                 "toa_offset_bins": float, "range_offset_m": float, "frame_id": str, "toa_reference": str}
+_PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
 def to_float16(values: np.ndarray) -> np.ndarray:
@@ -170,3 +172,17 @@ def sensor_properties(sensor: SensorModel) -> dict:
     facts |= {name: list(astuple(value)) if is_dataclass(value) else float(value)
               for name, value in vars(sensor.projection).items()}
     return facts | ({"irf": sensor.irf} if sensor.irf.ndim == 1 else {})
+
+
+def sensor_of(facts: Mapping) -> SensorModel | None:
+    """The sensor of the property `sensor`, all pixels alike; None if its facts do not suffice."""
+    try:
+        kind = _PROJECTIONS[facts["projection"]]
+        values = {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
+        if "distortion" in values:
+            values["distortion"] = PlumbBob(*np.atleast_1d(values["distortion"]).tolist())
+        irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
+        known = {name: of_type(facts[name]) for name, of_type in _SENSOR_FACTS.items() if name in facts}
+        return SensorModel(irf=irf, projection=kind(**values), **known)
+    except (KeyError, TypeError, ValueError):
+        return None

@@ -9,7 +9,6 @@ from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.recording import screenshot
 
 WIDTH, HEIGHT = 480, 300
-BACKGROUND = (13, 16, 21)
 EYE = Viewpoint(np.array([0, 0, -5.0]), np.zeros(3), np.array([0, -1.0, 0]), screenshot.FOV_DEG)
 
 
@@ -24,7 +23,7 @@ def test_points_are_where_the_eye_sees_them_in_the_size_asked_for_and_the_viewer
     x, y = (values.ravel() for values in np.meshgrid(side, side))
     clouds = [(np.stack([sign * x, sign * y, 0 * x], axis=1), np.tile(np.uint8(colour), (len(x), 1)))
               for sign, colour in ((-1, (255, 0, 0)), (1, (0, 255, 0)))]
-    pictures = screenshot.screenshots(clouds, 0.05, EYE, WIDTH, HEIGHT, BACKGROUND)
+    pictures = screenshot.screenshots(clouds, 0.05, EYE, WIDTH, HEIGHT)
     assert not list(tmp_path.iterdir())
     for picture, channel, sign in zip(pictures, (0, 1), (-1, 1)):
         assert picture.shape == (HEIGHT, WIDTH, 3)
@@ -43,4 +42,4 @@ def test_a_viewer_that_ends_at_once_is_reported_in_one_line(monkeypatch, tmp_pat
     monkeypatch.setattr(screenshot.rerun_cli, "__file__", str(tmp_path / "__init__.py"))
     cloud = np.zeros((1, 3)), np.zeros((1, 3), np.uint8)
     with pytest.raises(screenshot.ScreenshotError, match="did not start: No graphics adapter was found"):
-        screenshot.screenshots([cloud], 0.05, EYE, WIDTH, HEIGHT, BACKGROUND)
+        screenshot.screenshots([cloud], 0.05, EYE, WIDTH, HEIGHT)
