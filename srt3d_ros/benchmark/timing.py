@@ -41,7 +41,6 @@ class Work:
         call: does it once.
         title: for the progress.
         facts: of the line of results; with "device": on "cuda" the time is until the device is done.
-        frames: that a call does; the time is that of one.
         seconds: of each timed run.
         memory: of the first run, bytes.
     """
@@ -49,7 +48,6 @@ class Work:
     call: Callable[[], object]
     title: str
     facts: dict
-    frames: int = 1
     seconds: list[float] = field(default_factory=list)
     memory: dict[str, int] = field(default_factory=dict)
 
@@ -98,7 +96,7 @@ def _seconds(work: Work) -> float:
     synchronise(work.facts["device"])
     elapsed = time.perf_counter() - started
     del result              # not within the time
-    return elapsed / work.frames
+    return elapsed
 
 
 def _first_run(work: Work) -> float:
