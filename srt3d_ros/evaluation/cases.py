@@ -163,15 +163,14 @@ def _held_out_share(photons: Photons, asked: float | None, references: int) -> t
     share = held_out.USUAL_SHARE if asked is None and references == 0 else asked
     if not share:
         return None, ()
-    smaller, least, number = min(share, 1 - share), held_out.LEAST_PHOTONS, photons.frame.photons
-    if asked is None:
-        if smaller * number < least:
-            return None, (f"no reference, and too few photons to hold some out ({number}): nothing judges the clouds",)
-        return share, (f"no reference: clouds of {1 - share:.0%} of the photons are judged by how well they predict "
-                       f"the others (--held-out-photons {share:g}; 0 for clouds of all photons and no figures)",)
-    require(smaller * number >= least, photons.name, f"{number} photons",
-            f"{np.ceil(least / smaller):.0f} or more for --held-out-photons {share:g}")
-    return share, ()
+    least, number = held_out.LEAST_PHOTONS / min(share, 1 - share), photons.frame.photons
+    require(number >= least or asked is None, photons.name, f"{number} photons",
+            f"{np.ceil(least):.0f} or more for --held-out-photons {share:g}")
+    if number < least:
+        return None, (f"no reference, and too few photons to hold some out ({number}): nothing judges the clouds",)
+    note = (f"no reference: clouds of {1 - share:.0%} of the photons are judged by how well they predict the others "
+            f"(--held-out-photons {share:g}; 0 for clouds of all photons and no figures)")
+    return share, () if asked is not None else (note,)
 
 
 def tolerance_bins(text: str, source: str, sensor: SensorModel) -> float:

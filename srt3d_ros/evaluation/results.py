@@ -102,18 +102,13 @@ def averaged(rows: Iterable[dict[str, str]]) -> list[dict]:
     groups: dict[tuple, list[dict[str, str]]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in KEY if name != "repeat"), []).append(row)
-    return [_mean(group) for group in groups.values()]
+    return [group[0] | {name: _nanmean([number(row, name) for row in group]) for name in _MEANS}
+            | {name: _mean_list([row[name] for row in group]) for name in _LISTS} for group in groups.values()]
 
 
-def _mean(group: list[dict[str, str]]) -> dict:
-    means = {name: _nanmean([number(row, name) for row in group]) for name in _MEANS}
-    lists = {name: tuple(_nanmean(column) for column in zip(*(_numbers(row[name]) for row in group)))
-             for name in _LISTS}
-    return {**group[0], **means, **lists}
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(part or "nan") for part in text.split(";")] if text else []
+def _mean_list(texts: list[str]) -> tuple[float, ...]:
+    lists = [[float(part or "nan") for part in text.split(";")] if text else [] for text in texts]
+    return tuple(_nanmean(column) for column in zip(*lists))
 
 
 def _nanmean(values) -> float:

@@ -31,7 +31,6 @@ _ROOT_STEP = 0.35       # rounding of photon images: the square root of a photon
 _DARK = 45 / 210        # dark colours that colours.range_table leaves out, over those that it has
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
-_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _SENSOR_FACTS = {"rows": int, "cols": int, "num_bins": int, "bin_width_s": float, "irf_ref": int,
                  "toa_offset_bins": float, "range_offset_m": float, "frame_id": str, "toa_reference": str}
 _PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
@@ -121,11 +120,6 @@ def depth_in_metres(buffer: np.ndarray, shape: tuple[int, int], units_per_m: flo
 def fits_mm(sensor: SensorModel | None) -> bool:
     """True if every range of the sensor lies between 0 and 65.5 m."""
     return sensor is not None and 0 < sensor.range_m(0) + 1 and sensor.range_m(sensor.num_bins) * _MM_PER_M < _MOST_MM
-
-
-def log_line(text: str, level: int) -> rr.TextLog:
-    """A line of a node's log; the level as in rcl_interfaces/Log."""
-    return rr.TextLog(text, level=_LEVELS.get(level, "INFO"))
 
 
 def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
