@@ -18,7 +18,7 @@ from robustness.testbed import Testbed
 from srt3d_ros.benchmark.frames import sensor_of
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.recording.reader import RecordingReader
-from srt3d_ros.recording.repair import examine, repair
+from srt3d_ros.recording.repair import repair
 
 SIDE, PPP, RATE_HZ = 141, 15.0, 30.0
 VARIANTS = 12                       # different frames, sent in turn: repeated ones would compress too well
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
             testbed.spin(rng.uniform(3, 5))
             killed_ns = time.time_ns()
             recorder.kill()
-            copy = repair(examine(path))
+            copy = repair(path)
             came_ns = max(one.stamp_ns for one in testbed.probe.arrivals if one.received_ns <= killed_ns)
             lost_s.append(max(came_ns - recorded_until_ns(copy), 0) * 1e-9)
             copy.unlink()

@@ -74,9 +74,7 @@ class RecordingReader:
 
     def __init__(self, path):
         self.path = Path(path)
-        self._state = examine(path)
-        require(not self._state.lost_bytes, "recording", str(path),
-                "a whole .rrd file; this one is cut off, and `srt3d review` repairs it into a copy")
+        self.is_finished = examine(path)    # it was closed, and has its footer
         try:
             with warnings.catch_warnings():     # rerun warns of a missing footer
                 warnings.simplefilter("ignore")
@@ -87,10 +85,6 @@ class RecordingReader:
         require(len(entries) > 0, "recording", str(path), "an .rrd file that holds a recording")
         self._store = entries[0]        # rerun warns of a choice that it makes by itself
         self.recording_id = self._store.recording_id
-
-    def is_finished(self) -> bool:
-        """True if the file was closed: it has its footer."""
-        return self._state.is_finished
 
     def cloud_index(self, progress: bool = False) -> CloudIndex:
         """Stamp, frame index and number of points of every cloud; `progress` shows a bar after 2 s."""
@@ -184,7 +178,7 @@ class RecordingReader:
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
         try:        # with the footer's index, rerun reads only the chunks asked for
             reader, chosen = self._reader, self._store
-            stream = reader.store(store=chosen).stream() if self.is_finished() else reader.stream(store=chosen)
+            stream = reader.store(store=chosen).stream() if self.is_finished else reader.stream(store=chosen)
             yield from stream.filter(content=content, is_static=static)
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
@@ -202,7 +196,8 @@ class RecordingReader:
         if isinstance(error, InvalidInput):
             return error
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
-        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why})")
+        cut_off = "" if self.is_finished else "; it is cut off, and `srt3d review` repairs it into a copy"
+        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why}){cut_off}")
 
 
 def _lengths(column) -> np.ndarray:

@@ -87,7 +87,7 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
     ((_, _, depth_m),) = reader.images("/depth")
     assert np.allclose(depth_m, cloud.depth_image(ball[1].projection), atol=0.0006, equal_nan=True)
     assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
-    assert reader.is_finished()
+    assert reader.is_finished
 
 
 def test_a_picture_shows_the_cloud(saved, ball):

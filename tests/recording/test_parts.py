@@ -76,7 +76,7 @@ def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(
     assert sum(len(reader.series()["points"].values) for reader in readers) == frames
     for number, (reader, path) in enumerate(zip(readers, paths), start=1):
         properties = reader.properties()
-        assert reader.is_finished() and reader.recording_id == readers[0].recording_id
+        assert reader.is_finished and reader.recording_id == readers[0].recording_id
         assert properties["run"] == {"namespace": "/", "part": number} and properties["versions"]["numpy"] == "2"
         assert properties["sensor"]["rows"] == 40 and properties["parameters"]["sketcher.sketch_size"] == 5
         assert len(RrdReader(path).blueprints()) == 1

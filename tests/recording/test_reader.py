@@ -32,7 +32,7 @@ def test_clouds_come_as_logged_and_series_and_index_sorted_by_stamp(whole):
 def test_a_recording_without_a_frame_is_empty_not_broken(tmp_path):
     RecordingWriter(tmp_path / "a.rrd", None).close()
     reader = RecordingReader(tmp_path / "a.rrd")
-    assert reader.is_finished()
+    assert reader.is_finished
     assert list(reader.clouds()) == [] and list(reader.images("/depth")) == []
     assert reader.series() == {} and reader.log_lines() == [] and "sensor" not in reader.properties()
 

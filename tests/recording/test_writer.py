@@ -217,10 +217,10 @@ def test_flush_puts_everything_into_the_unfinished_file(tmp_path, monkeypatch):
     assert writer.flush()
     (tmp_path / "copy.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())      # as kill -9 would leave it
     copy = RecordingReader(tmp_path / "copy.rrd")
-    assert not copy.is_finished()
+    assert not copy.is_finished
     assert len(list(copy.clouds())) == 5 and copy.series()["points"].values.tolist() == [0, 1, 2, 3, 4]
     writer.close()
-    assert RecordingReader(tmp_path / "a.rrd").is_finished()
+    assert RecordingReader(tmp_path / "a.rrd").is_finished
 
 
 def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_path):
@@ -271,7 +271,7 @@ for k in range(30):
 """
     subprocess.run([sys.executable, "-c", script, tmp_path / "a.rrd"], timeout=60, check=True)
     reader = RecordingReader(tmp_path / "a.rrd")
-    assert reader.is_finished() and len(list(reader.clouds())) == 30
+    assert reader.is_finished and len(list(reader.clouds())) == 30
 
 
 def test_closing_twice_and_logging_afterwards_change_nothing(tmp_path):
