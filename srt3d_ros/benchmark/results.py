@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.versions import machine
 
 _LEFT_OUT = r"\((r|tm)\)|\b(processor|cpu|\d+-core)\b|@.*"     # of a processor's name
 

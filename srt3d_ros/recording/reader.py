@@ -90,7 +90,8 @@ class RecordingReader:
         """Stamp, frame index and number of points of every cloud; `progress` shows a bar after 2 s."""
         rows = tqdm(self._rows(schema.POINTS, schema.FRAME, schema.STAMP, "Points3D:positions"), "reading", delay=2,
                     leave=False, unit="chunk", disable=not progress)
-        parts = [(frames, stamps, _lengths(xyz)) for _, frames, stamps, xyz in rows]
+        parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
+                 for _, frames, stamps, xyz in rows]
         frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
         order = np.argsort(stamps, kind="stable")
         return CloudIndex(frames[order], stamps[order], points[order])
@@ -198,11 +199,6 @@ class RecordingReader:
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
         cut_off = "" if self.is_finished else "; it is cut off, and `srt3d review` repairs it into a copy"
         return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why}){cut_off}")
-
-
-def _lengths(column) -> np.ndarray:
-    """Number of values in each row, int64; 0 where there is none."""
-    return column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
 
 
 def _array(item: pa.Scalar) -> np.ndarray:
