@@ -91,12 +91,9 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
 
 
 def test_a_picture_shows_the_cloud(saved, ball):
-    shown = []
-    for name, cloud, kind in (("a.png", ball[0], "PNG"), ("a.JPEG", ball[0].within(max_m=0), "JPEG")):
-        with Image.open(saved(name, cloud)) as image:
-            assert (image.format, image.size) == (kind, (1200, 900))
-            shown.append((np.asarray(image.convert("L")) > 60).mean())
-    assert shown[0] > 0.1 > 10 * shown[1]
+    with Image.open(saved("a.JPEG", ball[0])) as image:
+        assert (image.format, image.size) == ("JPEG", (1200, 900))
+        assert 0.1 < (np.asarray(image.convert("L")) > 60).mean() < 0.9
 
 
 def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path):

@@ -28,9 +28,9 @@ NOTE = "a.rrd was not finished: repaired into b.rrd"
 
 @pytest.fixture(scope="module", autouse=True)
 def small_pictures():
-    """A quarter of the area, so that the tests are quick; the command line's test makes large ones."""
+    """So that the tests are quick; the command line's test makes large ones."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gallery, "_LARGE_PX", (600, 350))
+        patch.setattr(gallery, "_LARGE_PX", (300, 175))
         yield
 
 
@@ -71,7 +71,7 @@ def test_the_depth_map_of_a_distant_scene_uses_all_its_colours(ball, tmp_path, w
     cloud, sensor = ball
     sensor = sensor.replace(toa_offset_bins=20_000, projection=Pinhole.from_fov(40, 48, 60))
     far = dataclasses.replace(cloud, xyz=sensor.xyz(cloud.row, cloud.col, cloud.depth_bins))
-    write_recording(tmp_path / "far.rrd", far, sensor)
+    write_recording(tmp_path / "far.rrd", far, sensor, frames=1)
     recorded = Recorded.read(tmp_path / "far.rrd")
     depth_m = far.depth_image(sensor.projection)
     picture, seen = shown(gallery.make_gallery(recorded, "own")["images"][0].uri), np.isfinite(depth_m)
