@@ -6,7 +6,6 @@ footer that may end within a message.
 """
 
 import os
-import struct
 import subprocess
 import sys
 from importlib.metadata import version
@@ -17,7 +16,7 @@ from srt3d_ros.new_files import appearing_whole
 
 _HEADER_BYTES = 12
 _MARK, _ANY_MARK = b"RRF2", b"RRF"
-_END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, number of indices
+_FOOTER_BYTES, _FOOTER_MARK = 12, b"RRF2FOOT"   # of the footer's end: the mark, and the number of indices
 _NO_ROOM = "room on the disk for a repaired copy beside it"
 
 
@@ -38,7 +37,7 @@ def examine(path) -> bool:
         require(readable, "recording", str(path), f"a file of rerun 0.23 to {installed}; it is of "
                 f"{'.'.join(map(str, of))}: pip install -U rerun-sdk, or `rerun rrd migrate`")
         require(size > _HEADER_BYTES, "recording", str(path), "an .rrd file of which more than its header was written")
-        return _ends_with_footer(file, size)
+        return _ends_with_footer(file)
 
 
 def repair(path) -> Path:
@@ -62,14 +61,12 @@ def repair(path) -> Path:
             error = done.stderr.decode(errors="replace").strip().split("\n")[-1] or "no output of rerun"
             require(done.returncode == 0, "recording", str(path), f"chunks that can be read ({error})")
             with open(part, "rb") as copy:      # on a full disk rerun exits with 0
-                require(_ends_with_footer(copy, part.stat().st_size), "recording", str(path), _NO_ROOM)
+                require(_ends_with_footer(copy), "recording", str(path), _NO_ROOM)
     except OSError as e:
         raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
     return target
 
 
-def _ends_with_footer(file, size: int) -> bool:
-    if size < _HEADER_BYTES + _END.size:
-        return False
-    file.seek(size - _END.size)
-    return _END.unpack(file.read(_END.size))[:2] == (_MARK, b"FOOT")
+def _ends_with_footer(file) -> bool:
+    file.seek(-min(_FOOTER_BYTES, file.seek(0, os.SEEK_END)), os.SEEK_END)
+    return file.read().startswith(_FOOTER_MARK)
