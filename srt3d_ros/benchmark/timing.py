@@ -101,13 +101,13 @@ def _seconds(work: Work) -> float:
 
 def _first_run(work: Work) -> float:
     """Measure the memory; returns the seconds."""
+    if work.facts["device"] != "cuda":
+        seconds, work.memory = peak_memory(lambda: _seconds(work))
+        return seconds
     import torch
-    on_gpu = work.facts["device"] == "cuda"
-    if on_gpu:
-        torch.cuda.reset_peak_memory_stats()
+    torch.cuda.reset_peak_memory_stats()
     seconds, work.memory = peak_memory(lambda: _seconds(work))
-    if on_gpu:
-        work.memory["device_peak_bytes"] = torch.cuda.max_memory_allocated()
+    work.memory["device_peak_bytes"] = torch.cuda.max_memory_allocated()
     return seconds
 
 

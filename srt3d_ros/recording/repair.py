@@ -61,7 +61,7 @@ def repair(path) -> Path:
             error = done.stderr.decode(errors="replace").strip().split("\n")[-1] or "no output of rerun"
             require(done.returncode == 0, "recording", str(path), f"chunks that can be read ({error})")
             with open(part, "rb") as copy:      # on a full disk rerun exits with 0
-                require(_ends_with_footer(copy), "recording", str(path), _NO_ROOM)
+                require(_ends_with_footer(copy), "recording", str(path), f"chunks that can be read, and {_NO_ROOM}")
     except OSError as e:
         raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
     return target
