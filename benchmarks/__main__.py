@@ -9,7 +9,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.versions import machine
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",

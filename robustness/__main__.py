@@ -17,7 +17,7 @@ import sys
 import time
 from pathlib import Path
 
-from srt3d_ros.evaluation.machine import machine
+from srt3d_ros.versions import machine
 
 COMMANDS = ("fuzz", "frames", "faults", "soak")
 INTERRUPTED = 130

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
 
 
 @contextmanager
@@ -23,6 +23,15 @@ def appearing_whole(path: Path) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(field: str, path: str | Path) -> Iterator[None]:
+    """Raise InvalidInput, naming field and path, for an OSError within the block."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput(field, str(path), f"a file that can be written ({error.strerror or error})") from None
 
 
 def check_place(path: Path) -> None:

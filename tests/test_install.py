@@ -181,8 +181,8 @@ from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS, reconstruct
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.evaluation.machine import machine
-from srt3d_ros.recording.versions import versions
+from srt3d_ros.versions import machine
+from srt3d_ros.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
 for name in METHODS:

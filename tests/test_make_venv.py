@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 from packaging.requirements import Requirement
 
-from srt3d_ros.recording.versions import versions
+from srt3d_ros.versions import versions
 
 
 @pytest.fixture

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.benchmark import frames, timing
 from srt3d_ros.benchmark.plan import Plan
 from srt3d_ros.benchmark.representations import OURS, POOLED, REPRESENTATIONS, Frame
+from srt3d_ros.benchmark.timing import Progress
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.datasets.simulator import Simulator
-from srt3d_ros.evaluation.cases import HEAD_TOLERANCE, Case, Observation, of_files, tolerance_bins
+from srt3d_ros.evaluation.cases import Case, Observation, of_files, simulated
 from srt3d_ros.evaluation.results import aligned
 from srt3d_ros.evaluation.run import judge
 
@@ -24,21 +23,16 @@ BUDGETS = (10, 20, 40, 80)      # bytes a pixel
 LEVEL = 1.02                    # errors within 2 % are level: another draw of the photons changes them by as much
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves."""
-    return (len(plan.lights) + len(plan.photons)) * len(REPRESENTATIONS)
-
-
-def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: Progress) -> Iterator[dict]:
     """A line for each size of each representation that the largest budget holds, and each reconstruction of it."""
-    for case in [*_simulated(plan), *of_files(list(plan.photons), plan.tolerance)]:
+    lights = [case for sbr, ppp in plan.lights for case in simulated("bust", [sbr], [ppp], side=plan.side)]
+    for case in [*lights, *of_files(list(plan.photons), plan.tolerance)]:
         bar.show(f"{case.title}: photons")
         for text in case.notes:
-            note(text)
+            bar.note(text)
         observation = case.observe()
         if observation.depth_bins is None:
-            note(f"{case.title}: left out: it has no reference depths")
-            bar.update(len(REPRESENTATIONS))
+            bar.note(f"{case.title}: left out: it has no reference depths")
             continue
         frame = Frame(observation.frame, case.sensor, case.surfaces, plan.device)
         for name, pack in REPRESENTATIONS.items():
@@ -52,20 +46,6 @@ def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
                            "bytes_per_pixel": float(f"{bytes_per_pixel:.4g}"), "device": plan.device,
                            "photons_per_pixel": float(f"{observation.frame.photons / case.sensor.pixels:.4g}"),
                            **_errors(reconstruct(), case, observation)}
-            bar.update()
-
-
-def _simulated(plan: Plan) -> list[Case]:
-    """The head of `srt3d demo` in several lights."""
-    sensor = frames.sensor_of(plan.side)
-
-    def observe(sbr: float, ppp: float) -> Observation:
-        frame, depth = Simulator(sensor=sensor, sbr=sbr, ppp=ppp, seed=frames.SEED).frame(0)
-        return Observation(frame, depth, complete=True)
-
-    within = tolerance_bins(HEAD_TOLERANCE, "bust", sensor)
-    return [Case("bust", sensor, lambda s=sbr, p=ppp: observe(s, p), 1, within, ppp * sensor.pixels, sbr, ppp)
-            for sbr, ppp in plan.lights]
 
 
 def _errors(cloud: PointCloud, case: Case, observation: Observation) -> dict:

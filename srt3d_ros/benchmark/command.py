@@ -29,7 +29,7 @@ def benchmark(args: argparse.Namespace) -> int:
     code = 0
     for number, part in enumerate(chosen, start=1):
         try:
-            measure(part, plan, results, f"{number}/{len(chosen)} {part}")
+            measure(part, plan, results, f"{number}/{len(chosen)}")
         except KeyboardInterrupt:
             print("srt3d: interrupted: the results have what was measured until then", file=sys.stderr)
             code = INTERRUPTED
@@ -43,22 +43,17 @@ def benchmark(args: argparse.Namespace) -> int:
     return code
 
 
-def measure(part: str, plan: Plan, results: Results, title: str) -> None:
+def measure(part: str, plan: Plan, results: Results, place: str) -> None:
     """Measure a part, each line of it to the results at once."""
-    def note(text: str) -> None:
-        Progress.write(f"srt3d: {part}: {text}", file=sys.stderr)
-
-    module = importlib.import_module(f"srt3d_ros.benchmark.{part}")
-    with Progress(title, module.steps(plan)) as bar:
-        for line in module.measure(plan, bar, note):
+    with Progress(part, place) as bar:
+        for line in _module(part).measure(plan, bar):
             results.append(part, line)
         bar.show("done")
-        bar.update(bar.total)
 
 
 def show(part: str, results: Results, picture: Path) -> None:
     """Print the part's table and where the results are; draw its picture if it has one."""
-    module, lines = importlib.import_module(f"srt3d_ros.benchmark.{part}"), results.lines.get(part)
+    module, lines = _module(part), results.lines.get(part)
     if not lines:
         return
     last = lines[-1]
@@ -73,3 +68,8 @@ def show(part: str, results: Results, picture: Path) -> None:
         except ModuleNotFoundError as error:
             print(f"srt3d: {part}: no picture: {error.name} is not installed", file=sys.stderr)
     print(f"\n{'  '.join(map(str, written))}\n", flush=True)
+
+
+def _module(part: str):
+    """That of a part: TITLE, measure(plan, bar) gives lines, table(lines) shows them, and some draw(path, lines)."""
+    return importlib.import_module(f"srt3d_ros.benchmark.{part}")

@@ -5,10 +5,9 @@ which goes on while the photons come, is timed beside it.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 
-from srt3d_ros.benchmark import frames, placement, timing
+from srt3d_ros.benchmark import frames, timing, works
 from srt3d_ros.benchmark.plan import Plan
 from srt3d_ros.benchmark.results import digits, megabytes
 from srt3d_ros.benchmark.table1 import PAPER_GPU, PAPER_MS
@@ -28,57 +27,50 @@ SWEEP = 4               # times as many repeats where photon counts are compared
 HEADINGS = ("ppp", "method", "device", "ms: min", "median", "max", "times pooled", "its input, MB", "memory, MB")
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves."""
-    methods = timing.runs(len(METHOD_NAMES) + 1, plan.repeats)
-    return len(plan.ppps) * (methods + timing.runs(1, SWEEP * plan.repeats))
-
-
-def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: timing.Progress) -> Iterator[dict]:
     """A line for each method and number of photons, then pooled at all numbers of photons in turns."""
     sensor, reconstructors, sketches = frames.sensor_of(plan.side), {}, {}
     for name in METHOD_NAMES:
         bar.show(f"{name} compiles")
-        reconstructors[name] = placement.built(METHODS[name], sensor, _frequencies(name, sensor), plan.device)
+        reconstructors[name] = works.built(METHODS[name], sensor, _frequencies(name, sensor), plan.device)
     pooled = reconstructors["pooled"]
     for ppp, next_ppp in zip(plan.ppps, (*plan.ppps[1:], 0)):
         bar.show(f"{ppp:g} photons per pixel: photons")
         photons = frames.photons_of(sensor, ppp)
         facts = {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins, "sketch_size": SKETCH_SIZE,
                  "ppp": ppp, "sbr": frames.SBR, "photons": photons.photons, "device": plan.device}
-        works = []
+        timed = []
         for name, reconstructor in reconstructors.items():
             frame = photons
             if METHODS[name].needs == "sketch":
-                frame = placement.sketched(photons, sensor, _frequencies(name, sensor), plan.device).on_host()
+                frame = works.sketched(photons, sensor, _frequencies(name, sensor), plan.device)
             if name == "pooled":
                 sketches[ppp] = frame
-            works.append(timing.Work(partial(reconstructor, frame), f"{ppp:g} photons per pixel: {name}", {
-                "what": "reconstruct", "method": name, **facts, "device": reconstructor.device,
+            timed.append(works.reconstruction(reconstructor, frame, f"{ppp:g} photons per pixel: {name}", {
+                "what": "reconstruct", "method": name, **facts,
                 "sketch_size": SKETCH_SIZE if METHODS[name].needs == "sketch" else None,
-                "frame_from": placement.HOST, "input_bytes": input_bytes(name, frame, sensor)}))
+                "input_bytes": input_bytes(name, frame, sensor)}))
         sketcher = Sketcher(sensor, _frequencies("pooled", sensor), device=plan.device)
-        works += placement.sketchings(sketcher, photons, f"{ppp:g} photons per pixel: sketching",
-                                      {"what": "sketch", "method": "sketching", **facts})[:1]
-        timing.in_turns(works, plan.repeats, bar, plan.repeat_limit_s)
-        for work in works:
+        timed.append(works.sketching(sketcher, photons, f"{ppp:g} photons per pixel: sketching",
+                                     {"what": "sketch", "method": "sketching", **facts}))
+        timing.in_turns(timed, plan.repeats, bar, plan.repeat_limit_s)
+        for work in timed:
             line = work.line()
             too_slow = min(work.seconds) * next_ppp / ppp > plan.limit_s    # a time grows at most as the photons do
             if too_slow and reconstructors.pop(line["method"], None):
                 line["over_limit_s"] = plan.limit_s
-                note(too_slow_text(line))
+                bar.note(too_slow_text(line))
             yield line
-        bar.update(timing.runs(len(METHOD_NAMES) + 1 - len(works), plan.repeats))
-        del photons, works
+        del photons, timed
     yield from _sweep(sensor, pooled, sketches, plan, bar)
 
 
 def _sweep(sensor: SensorModel, pooled, sketches: dict, plan: Plan, bar: timing.Progress) -> Iterator[dict]:
     """pooled on all numbers of photons in turns: whether it is flat shows only if the machine is the same for all."""
-    works = [timing.Work(partial(pooled, frame), f"pooled in turns, {ppp:g} photons per pixel",
-                         {"device": pooled.device}) for ppp, frame in sketches.items()]
-    timing.in_turns(works, SWEEP * plan.repeats, bar)
-    medians, fastest = [work.median_ms for work in works], [1e3 * min(work.seconds) for work in works]
+    timed = [works.reconstruction(pooled, frame, f"pooled in turns, {ppp:g} photons per pixel", {})
+             for ppp, frame in sketches.items()]
+    timing.in_turns(timed, SWEEP * plan.repeats, bar)
+    medians, fastest = [work.median_ms for work in timed], [1e3 * min(work.seconds) for work in timed]
     yield {"what": "flatness", "method": "pooled", "rows": sensor.rows, "cols": sensor.cols, "sketch_size": SKETCH_SIZE,
            "device": pooled.device, "ppps": list(sketches), "repeats": SWEEP * plan.repeats,
            "median_ms": [float(f"{ms:.5g}") for ms in medians], "min_ms": [float(f"{ms:.5g}") for ms in fastest],

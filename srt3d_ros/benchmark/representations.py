@@ -5,8 +5,8 @@ reconstruction, which shares photons along surfaces; "pixel" takes each pixel al
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,15 +42,8 @@ SEED = 3
 Cloud = tuple[str, Callable[[], PointCloud]]    # how, and what reconstructs
 
 
-@dataclass(frozen=True, eq=False)
-class Packed:
-    """A frame in one form and size.
-
-    Args:
-        size: in words.
-        bytes: after packing.
-        clouds: that may come of it.
-    """
+class Packed(NamedTuple):
+    """A frame in one form and size (in words), its bytes after packing, and the clouds that may come of it."""
 
     size: str
     bytes: int
@@ -207,10 +200,10 @@ REPRESENTATIONS: dict[str, Callable[[Frame, int], Iterator[Packed]]] = {
 
 def packed_size(values: np.ndarray) -> int:
     """Bytes of numbers [codes, pixels] after zstd, in the form that is smallest for a part of them."""
-    forms: list[Callable[[np.ndarray], np.ndarray]] = [lambda part: part, lambda part: part.T]
+    forms: list[Callable[[np.ndarray], np.ndarray]] = [lambda part: part, np.transpose]
     if values.dtype.kind != "f":
         values = values.astype(np.int16 if np.abs(values).max(initial=0) < 2**14 else np.int32, copy=False)
-        forms = [lambda part: _sign_last(part), lambda part: _sign_last(part.T),
+        forms = [_sign_last, lambda part: _sign_last(part.T),
                  lambda part: _sign_last(np.diff(part, axis=1, prepend=part.dtype.type(0)))]
     some = values[:, :max(TRIED // len(values), 1)]
     best = min(forms, key=lambda form: _packed(_planes(form(some))))

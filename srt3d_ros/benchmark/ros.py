@@ -30,15 +30,10 @@ LAST_CLOUD_S = 1.0      # of silence after the player is done: no more will come
 HEADINGS = ("Hz asked for", "clouds/s", "frames", "lost", "latency, ms: median", "95 %", "max", "")
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves: about, since it depends on what is found."""
-    return 6 + plan.rate_steps
-
-
-def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: Progress) -> Iterator[dict]:
     """A line for each rate that was tried, then the highest without loss."""
     if importlib.util.find_spec("rclpy") is None:
-        note("left out: rclpy is not installed")
+        bar.note("left out: rclpy is not installed")
         return
     bar.show("starting the nodes")
     sensor = frames.sensor_of(plan.side)
@@ -49,9 +44,7 @@ def measure(plan: Plan, bar: Progress, note) -> Iterator[dict]:
     with running(nodes) as (probe, processes, folder):
         def play_at(rate_hz: float) -> dict:
             bar.show(f"{rate_hz:.1f} Hz")
-            line = play(probe, processes, str(folder / "frame.npz"), rate_hz, plan.rate_s)
-            bar.update()
-            return line
+            return play(probe, processes, str(folder / "frame.npz"), rate_hz, plan.rate_s)
 
         npz.save(folder / "frame.npz", sensor, photons)
         play_at(FIRST_HZ)           # the nodes learn of the sensor, for which they compile once more

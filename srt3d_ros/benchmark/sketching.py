@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from srt3d_ros.benchmark import frames, placement, timing
+from srt3d_ros.benchmark import frames, timing, works
 from srt3d_ros.benchmark.plan import Plan
 from srt3d_ros.benchmark.results import digits
 from srt3d_ros.core.frequencies import choose
@@ -15,27 +15,22 @@ TITLE = "Sketching, m = 10"
 SKETCH_SIZE = 10
 FORMS = ("sorted", "unsorted", "gates")
 ARRAY_HZ = 150_400          # readouts a second of the 32 × 32 array of the RT3D paper
-HEADINGS = ("photons", "ppp", "device", "frame from", "ms: min", "median", "max", "photons/s", "readouts/s",
+HEADINGS = ("photons", "ppp", "device", "ms: min", "median", "max", "photons/s", "readouts/s",
             f"× {ARRAY_HZ:,}/s")
 
 
-def steps(plan: Plan) -> int:
-    """By how much the bar moves."""
-    return timing.runs(len(FORMS) * len(plan.dense_ppps), plan.repeats)
-
-
-def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
+def measure(plan: Plan, bar: timing.Progress) -> Iterator[dict]:
     """A line for each form and number of photons."""
     sensor, array = frames.sensor_of(plan.side), frames.gates_sensor()
-    works: list[timing.Work] = []
+    timed: list[timing.Work] = []
     for ppp in plan.dense_ppps:
         bar.show(f"{ppp:g} photons per pixel")
         photons = frames.photons_of(sensor, ppp)
-        works += _works("sorted", sensor, photons, ppp, plan.device)
-        works += _works("unsorted", sensor, frames.shuffled(photons), ppp, plan.device)
-        works += _works("gates", array, frames.gates_of(array, ppp, plan.cycles), ppp, plan.device)
-    timing.in_turns(works, plan.repeats, bar, plan.repeat_limit_s)
-    for work in works:
+        timed.append(_work("sorted", sensor, photons, ppp, plan.device))
+        timed.append(_work("unsorted", sensor, frames.shuffled(photons), ppp, plan.device))
+        timed.append(_work("gates", array, frames.gates_of(array, ppp, plan.cycles), ppp, plan.device))
+    timing.in_turns(timed, plan.repeats, bar, plan.repeat_limit_s)
+    for work in timed:
         line = work.line()
         for count, rate in (("photons", "photons_per_s"), ("cycles", "readouts_per_s")):
             if count in line:
@@ -43,7 +38,7 @@ def measure(plan: Plan, bar: timing.Progress, note) -> Iterator[dict]:
         yield line
 
 
-def _works(form: str, sensor: SensorModel, frame: PhotonFrame, ppp: float, device: str) -> list[timing.Work]:
+def _work(form: str, sensor: SensorModel, frame: PhotonFrame, ppp: float, device: str) -> timing.Work:
     """What to time for one frame."""
     sketcher = Sketcher(sensor, choose("auto", sensor, SKETCH_SIZE), device=device)
     sketcher.add(frame)         # compiles
@@ -52,7 +47,7 @@ def _works(form: str, sensor: SensorModel, frame: PhotonFrame, ppp: float, devic
              "device": device}
     if isinstance(frame, PhotonGates):
         facts["cycles"] = len(frame.words)
-    return placement.sketchings(sketcher, frame, f"{form}, {ppp:g} photons per pixel", facts)
+    return works.sketching(sketcher, frame, f"{form}, {ppp:g} photons per pixel", facts)
 
 
 def table(lines: Sequence[dict]) -> str:
@@ -62,5 +57,5 @@ def table(lines: Sequence[dict]) -> str:
 
 def _cells(line: dict) -> list[str]:
     rate = line.get("readouts_per_s")
-    return [line["form"], f"{line['ppp']:g}", line["device"], line["frame_from"], *map(digits, line["ms"].values()),
+    return [line["form"], f"{line['ppp']:g}", line["device"], *map(digits, line["ms"].values()),
             f"{line['photons_per_s']:.3g}", f"{rate:.3g}" if rate else "–", f"{rate / ARRAY_HZ:.1f}" if rate else "–"]

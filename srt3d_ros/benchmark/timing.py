@@ -1,4 +1,4 @@
-"""Timing in turns, so that whatever else the machine does affects all works alike; peak memory; the progress bar."""
+"""Timing in turns, so that whatever else the machine does affects all works alike; peak memory; what is being done."""
 
 import ctypes
 import sys
@@ -11,25 +11,26 @@ import numpy as np
 from tqdm import tqdm
 
 WAKE_S = 0.05           # of work before a GPU is timed: an idle one runs at a fraction of its clock
-BAR = "{desc:<50} |{bar:20}| {n_fmt}/{total_fmt} [{elapsed}]"
+PROCESS = Path("/proc/self")
 FORGET_PEAK = "5"       # written to clear_refs, proc(5)
 
 
 class Progress(tqdm):
-    """A bar on stderr that begins with `title`; where that is no terminal, a line every ten seconds."""
+    """What is being done of a part, on stderr; where that is no terminal, a line every ten seconds."""
 
-    def __init__(self, title: str, steps: int):
-        self._title, self._live = title, sys.stderr.isatty()
-        super().__init__(total=steps, mininterval=0.1 if self._live else 10.0, bar_format=BAR, file=sys.stderr,
+    def __init__(self, part: str, place: str = ""):
+        self._part, self._title, self._live = part, f"{place} {part}", sys.stderr.isatty()
+        super().__init__(bar_format="{desc} [{elapsed}]", mininterval=0.1 if self._live else 10.0, file=sys.stderr,
                          leave=self._live)
 
     def show(self, activity: str) -> None:
         """Show what is being done now."""
         self.set_description_str(f"{self._title}: {activity}", refresh=self._live)
+        self.update()
 
-    def update(self, n: float = 1) -> bool | None:
-        """Move by n, no further than to the end: a search may take more steps than were foreseen."""
-        return super().update(min(n, self.total - self.n))
+    def note(self, text: str) -> None:
+        """Say what the user should know, in a line of its own."""
+        self.write(f"srt3d: {self._part}: {text}", file=sys.stderr)
 
 
 @dataclass(eq=False)
@@ -38,9 +39,8 @@ class Work:
 
     Args:
         call: does it once.
-        title: for the progress bar.
+        title: for the progress.
         facts: of the line of results; with "device": on "cuda" the time is until the device is done.
-        frames: that a call does; the time is that of one.
         seconds: of each timed run.
         memory: of the first run, bytes.
     """
@@ -48,7 +48,6 @@ class Work:
     call: Callable[[], object]
     title: str
     facts: dict
-    frames: int = 1
     seconds: list[float] = field(default_factory=list)
     memory: dict[str, int] = field(default_factory=dict)
 
@@ -57,13 +56,10 @@ class Work:
         return 1e3 * float(np.median(self.seconds))
 
     def line(self) -> dict:
-        """The line of results."""
-        return self.facts | {"ms": spread([1e3 * s for s in self.seconds]), "repeats": len(self.seconds)} | self.memory
-
-
-def spread(values: list[float]) -> dict[str, float]:
-    """min, median and max, to five digits."""
-    return {name: float(f"{how(values):.5g}") for name, how in (("min", min), ("median", np.median), ("max", max))}
+        """The line of results: the times in milliseconds, to five digits."""
+        ms = {name: float(f"{1e3 * how(self.seconds):.5g}")
+              for name, how in (("min", min), ("median", np.median), ("max", max))}
+        return self.facts | {"ms": ms, "repeats": len(self.seconds)} | self.memory
 
 
 def in_turns(works: Sequence[Work], repeats: int, bar: Progress, limit_s: float = np.inf) -> None:
@@ -77,18 +73,11 @@ def in_turns(works: Sequence[Work], repeats: int, bar: Progress, limit_s: float 
         seconds = _first_run(work)
         if seconds >= limit_s:
             work.seconds.append(seconds)
-        bar.update()
     for _ in range(repeats):
         for work in works:
             if not work.seconds or sum(work.seconds) < limit_s:
                 bar.show(work.title)
                 work.seconds.append(timed(work))
-            bar.update()
-
-
-def runs(works: int, repeats: int) -> int:
-    """By how much `in_turns` moves the bar for so many works."""
-    return works * (repeats + 1)
 
 
 def timed(work: Work) -> float:
@@ -107,7 +96,7 @@ def _seconds(work: Work) -> float:
     synchronise(work.facts["device"])
     elapsed = time.perf_counter() - started
     del result              # not within the time
-    return elapsed / work.frames
+    return elapsed
 
 
 def _first_run(work: Work) -> float:
@@ -129,7 +118,7 @@ def synchronise(device: str) -> None:
         torch.cuda.synchronize()
 
 
-def peak_memory(call: Callable[[], object], process: Path = Path("/proc/self")) -> tuple:
+def peak_memory(call: Callable[[], object]) -> tuple:
     """What call() returns, and the most memory that this process held meanwhile, bytes.
 
     "growth_bytes": the peak less what was held before; "process_peak_bytes": of the whole process, Python and torch
@@ -137,18 +126,16 @@ def peak_memory(call: Callable[[], object], process: Path = Path("/proc/self")) 
     """
     ctypes.CDLL(None).malloc_trim(0)        # freed memory goes back to the system, so that it counts when used again
     try:
-        (process / "clear_refs").write_text(FORGET_PEAK)
+        (PROCESS / "clear_refs").write_text(FORGET_PEAK)
     except OSError:
         return call(), {}
-    before = status_bytes("VmRSS", process)
+    before = _status_bytes("VmRSS")
     result = call()
-    peak = status_bytes("VmHWM", process)
+    peak = _status_bytes("VmHWM")
     return result, {"growth_bytes": max(peak - before, 0), "process_peak_bytes": peak}
 
 
-def status_bytes(name: str, process: Path) -> int:
-    """A size in the status of /proc/PID, such as VmRSS, bytes."""
-    for line in (process / "status").read_text().splitlines():
-        if line.startswith(f"{name}:"):
-            return int(line.split()[1]) * 1024
-    raise OSError(f"{name} is not in {process}/status")
+def _status_bytes(name: str) -> int:
+    """A size in the status of this process, such as VmRSS, bytes."""
+    status = dict(line.split(":", 1) for line in (PROCESS / "status").read_text().splitlines())
+    return int(status[name].split()[0]) * 1024

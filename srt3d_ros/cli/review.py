@@ -87,12 +87,10 @@ def _readable(path: Path) -> tuple[Path, tuple[str, ...]]:
     """The recording itself, or a repaired copy and notes on it, which are printed."""
     from srt3d_ros.recording.repair import examine, repair
 
-    state = examine(path)
-    if state.is_finished:
+    if examine(path):
         return path, ()
-    copy = repair(state)
-    lost = f"{state.lost_bytes:,} bytes of a last chunk are lost" if state.lost_bytes else "nothing is lost"
-    notes = (f"{path} was not finished: repaired into {copy}; {lost}",)
+    copy = repair(path)
+    notes = (f"{path} was not finished: repaired into {copy}, with all chunks that are whole",)
     common.print_notes(notes)
     return copy, notes
 

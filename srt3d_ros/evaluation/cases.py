@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -22,7 +23,6 @@ PAPER_SCENES = ("bust", "net")               # evaluated unless others are asked
 SILHOUETTES = {"lattice": lattice, "house": house}
 SCENES = (*PAPER_SCENES, *SILHOUETTES)
 HEAD_TOLERANCE, NET_TOLERANCE, FILE_TOLERANCE = "40mm", "3", "10"
-QUICK_SIZE = 71         # pixels along the side of the quick look's head
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,25 +105,24 @@ class Case:
 
 
 def simulated(scene: str, sbrs: list[float], ppps: list[float], repeats: int = 1, tolerance: str | None = None,
-              surfaces: int | None = None, quick: bool = False, upsampling: int = 1) -> list[Case]:
+              surfaces: int | None = None, side: int | None = None, upsampling: int = 1) -> list[Case]:
     """A scene at every signal-to-background ratio and number of photons per pixel.
 
     Args:
         scene: "bust", "net", "lattice", "house", or a scene file (datasets.scene).
         tolerance: as for `tolerance_bins`.
-        quick: the bust at half the resolution.
+        side: pixels along the side of the bust, and the most of a file's scene; None: as many as the paper's head has.
         upsampling: u: the scene has u × u finer pixels, whose photons are merged into each pixel of the sensor.
     """
     for sbr in sbrs:
         require(0 < sbr < np.inf, "--sbr", sbr, "ratios above 0")
     for ppp in ppps:
         require(0 < ppp < np.inf, "--ppp", ppp, "photons per pixel, above 0")
-    seen, sensor, default = _open_scene(scene, quick, upsampling)
+    seen, sensor, default = _open_scene(scene, side, upsampling)
     grid = sensor.upsampled(upsampling)
     within = tolerance_bins(default if tolerance is None else tolerance, scene, sensor)
     count = surfaces or (2 if scene == "net" else 1)
-    name = scene if scene in SCENES else scene.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(".npz")
-    name += f"_x{upsampling}" if upsampling > 1 else ""
+    name = (scene if scene in SCENES else Path(scene).stem) + (f"_x{upsampling}" if upsampling > 1 else "")
 
     def observe(sbr: float, ppp: float, seed: int) -> Observation:
         simulator = Simulator(seen, grid, sbr=sbr, ppp=ppp / upsampling**2, seed=seed)
@@ -164,15 +163,14 @@ def _held_out_share(photons: Photons, asked: float | None, references: int) -> t
     share = held_out.USUAL_SHARE if asked is None and references == 0 else asked
     if not share:
         return None, ()
-    smaller, least, number = min(share, 1 - share), held_out.LEAST_PHOTONS, photons.frame.photons
-    if asked is None:
-        if smaller * number < least:
-            return None, (f"no reference, and too few photons to hold some out ({number}): nothing judges the clouds",)
-        return share, (f"no reference: clouds of {1 - share:.0%} of the photons are judged by how well they predict "
-                       f"the others (--held-out-photons {share:g}; 0 for clouds of all photons and no figures)",)
-    require(smaller * number >= least, photons.name, f"{number} photons",
-            f"{np.ceil(least / smaller):.0f} or more for --held-out-photons {share:g}")
-    return share, ()
+    least, number = held_out.LEAST_PHOTONS / min(share, 1 - share), photons.frame.photons
+    require(number >= least or asked is None, photons.name, f"{number} photons",
+            f"{np.ceil(least):.0f} or more for --held-out-photons {share:g}")
+    if number < least:
+        return None, (f"no reference, and too few photons to hold some out ({number}): nothing judges the clouds",)
+    note = (f"no reference: clouds of {1 - share:.0%} of the photons are judged by how well they predict the others "
+            f"(--held-out-photons {share:g}; 0 for clouds of all photons and no figures)")
+    return share, () if asked is not None else (note,)
 
 
 def tolerance_bins(text: str, source: str, sensor: SensorModel) -> float:
@@ -220,13 +218,12 @@ def _observed(photons: Photons, held_out_share: float | None) -> Observation:
                    intensity=None if intensity is None else (1 - held_out_share) * intensity)
 
 
-def _open_scene(scene: str, quick: bool, upsampling: int):
+def _open_scene(scene: str, side: int | None, upsampling: int):
     """The scene on finer pixels (None: the simulator's default), its sensor and default tolerance."""
     if scene == "bust":
         sensor = default_sensor()
-        if quick:
-            sensor = sensor.replace(rows=QUICK_SIZE, cols=QUICK_SIZE,
-                                    projection=Pinhole.from_fov(QUICK_SIZE, QUICK_SIZE, fov_deg=11.0))
+        if side is not None:
+            sensor = sensor.replace(rows=side, cols=side, projection=Pinhole.from_fov(side, side, fov_deg=11.0))
         return None, sensor, HEAD_TOLERANCE
     if scene == "net":
         sensor = net_sensor()
@@ -236,12 +233,4 @@ def _open_scene(scene: str, quick: bool, upsampling: int):
         return SILHOUETTES[scene](sensor.upsampled(upsampling)), sensor, FILE_TOLERANCE
     require(upsampling == 1, "--upsampling", upsampling, f"1 for {scene}: its pixels are as fine as its depth is known")
     require(scene.lower().endswith(".npz"), "scene", scene, f"{', '.join(SCENES)}, or a scene file .npz")
-    seen, sensor = read_scene(scene, QUICK_SIZE) if quick else read_scene(scene)
-    return seen, sensor, HEAD_TOLERANCE
-
-
-def limited(cases: list[Case], most_photons: float) -> tuple[list[Case], list[str]]:
-    """The cases of at most so many photons, and a line for each that is left out."""
-    kept = [case for case in cases if case.size <= most_photons]
-    return kept, [f"{case.title}: {case.size:.3g} photons are more than --max-photons {most_photons:.3g}: left out"
-                  for case in cases if case.size > most_photons and case.repeat == 1]
+    return *(read_scene(scene, side) if side is not None else read_scene(scene)), HEAD_TOLERANCE

@@ -17,6 +17,7 @@ from srt3d_ros.evaluation.run import METHOD_OPTIONS, jobs_for, run, with_clouds
 SBR, PPP, SKETCH_SIZES = (10.0, 1.0, 0.1), (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0), (5, 10, 20)
 QUICK_PPP, FILE_SKETCH_SIZES = (1.0, 10.0, 100.0), (10,)
 USUAL_SKETCH_SIZE = 10
+QUICK_SIDE = 71         # pixels along the side of the quick look's head
 
 
 def evaluate(args: argparse.Namespace) -> int:
@@ -72,11 +73,13 @@ def _cases(args: argparse.Namespace) -> tuple[list[cases.Case], list[str]]:
     scenes = args.scene or (() if args.files else cases.PAPER_SCENES)
     sbrs, ppps = args.sbr or SBR, args.ppp or (QUICK_PPP if args.quick else PPP)
     for scene in dict.fromkeys(scenes):
-        found += cases.simulated(scene, sbrs, ppps, args.repeats, args.tolerance, args.surfaces, args.quick,
-                                 args.upsampling)
-    kept, notes = cases.limited(found, args.max_photons)
+        found += cases.simulated(scene, sbrs, ppps, args.repeats, args.tolerance, args.surfaces,
+                                 QUICK_SIDE if args.quick else None, args.upsampling)
+    kept = [case for case in found if case.size <= args.max_photons]
     require(bool(kept), "--max-photons", args.max_photons, "enough for one setting")
-    return kept, [*(note for case in kept for note in case.notes), *notes]
+    left_out = [f"{case.title}: {case.size:.3g} photons are more than --max-photons {args.max_photons:.3g}: left out"
+                for case in found if case.size > args.max_photons and case.repeat == 1]
+    return kept, [*(note for case in kept for note in case.notes), *left_out]
 
 
 def _shown_cases(chosen: list[cases.Case]) -> list[cases.Case]:

@@ -37,9 +37,8 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
     """
     seen_by = exposure(sensor).reshape(-1).astype(np.float64)
     signal, background, without = _rates(cloud, sensor, seen, seen_by)
-    counted = seen_by[held_out.pixel] > 0
-    pixel = held_out.pixel[counted].astype(np.int64)
-    log_ratio = _log_ratio(cloud, sensor, pixel, held_out.toa[counted], background, without)
+    pixel = held_out.pixel.astype(np.int64)
+    log_ratio = _log_ratio(cloud, sensor, pixel, held_out.toa, background, without)
     more_expected = share / (1 - share) * seen_by * (signal + background - without)
     nats = np.bincount(pixel, log_ratio, minlength=sensor.pixels) - more_expected
     variance = np.bincount(pixel, log_ratio**2, minlength=sensor.pixels)

@@ -10,11 +10,11 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.metrics import depth_errors
 from srt3d_ros.datasets.files import read_npz_arrays
-from srt3d_ros.evaluation.machine import PACKAGES, machine
 from srt3d_ros.evaluation.results import Results, averaged, markdown, number
 from srt3d_ros.evaluation.run import NOMINAL, Job, aligned_reference
 from srt3d_ros.pictures.curves import draw_calibration, draw_metrics
 from srt3d_ros.pictures.panels import Panel, Strip, draw_clouds, draw_errors
+from srt3d_ros.versions import MEASURED_WITH, machine
 
 STRIPS = 10         # most rows of a picture that is still readable
 GOALS = {0.6827: (0.60, 0.76), 0.9545: (0.90, 0.98)}        # observed shares within 1 and 2 standard deviations
@@ -30,7 +30,7 @@ def write(folder: Path, jobs: Sequence[Job], results: Results, notes: Sequence[s
     facts = machine()
     lines = ["# Evaluation", "", f"    {command}", "",
              f"srt3d_ros {__version__}, {facts['date']}, {facts['cpus']} CPUs of {facts['machine']}; Python "
-             f"{facts['python']}, {', '.join(f'{name} {facts[name]}' for name in PACKAGES if facts[name])}.", ""]
+             f"{facts['python']}, {', '.join(f'{name} {facts[name]}' for name in MEASURED_WITH if facts[name])}.", ""]
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
     lines += [markdown(rows), "", "True detections of several surfaces: of each, a + between. `results.csv` has "
               "more columns.", ""]

@@ -8,8 +8,6 @@ import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
 
-# Of the file. In format 1, "srt3d" was the method that is called "pooled" now.
-FORMAT = "2"
 # The columns that identify a row.
 KEY = ("source", "sbr", "ppp", "repeat", "method", "sketch_size", "surfaces", "rows", "cols", "tolerance_bins",
        "aligned", "held_out", "false_alarm_rate", "background")
@@ -18,7 +16,7 @@ HELD_OUT = tuple(f"held_out_{figure}" for figure in (
 FIGURES = ("frequencies", "num_bins", "bin_width_mm", "photons_per_pixel", "points", "true_detections_percent",
            "true_detections_by_surface_percent", "false_detections_percent", "dae_bins", "dae_mm", "iae",
            "background_nmse", "within_1_std_percent", "within_2_std_percent", "within_nominal_percent", "swelling_px",
-           "offset_bins", *HELD_OUT, "sketch_ms", "reconstruct_ms", "format", "version")
+           "offset_bins", *HELD_OUT, "sketch_ms", "reconstruct_ms", "version")
 COLUMNS = KEY + FIGURES
 EXPECTED = "one by this version: another --out, or --fresh to start anew"
 _MEANS = ("photons_per_pixel", "points", "true_detections_percent", "false_detections_percent", "dae_bins", "dae_mm",
@@ -61,7 +59,7 @@ class Results:
 
     def append(self, row: dict) -> None:
         """Add a row; it is on the disk when this returns."""
-        text = {name: format_value(row.get(name)) for name in COLUMNS} | {"format": FORMAT}
+        text = {name: format_value(row.get(name)) for name in COLUMNS}
         self._rows[key_of(text)] = text
         with open(self.path, "a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(text)
@@ -75,11 +73,9 @@ def _read(path: Path) -> list[dict[str, str]]:
         reader = csv.DictReader(file)
         try:
             require(tuple(reader.fieldnames or ()) == COLUMNS, str(path), "a table with other columns", EXPECTED)
-            rows = [row for row in reader if None not in row.values() and None not in row]
+            return [row for row in reader if None not in row.values() and None not in row]
         except (csv.Error, UnicodeDecodeError) as error:
             raise InvalidInput(str(path), f"unreadable ({error})", "a results.csv of srt3d evaluate") from None
-    require(all(row["format"] == FORMAT for row in rows), str(path), "of another format", EXPECTED)
-    return rows
 
 
 def key_of(row: dict) -> tuple[str, ...]:
@@ -106,18 +102,13 @@ def averaged(rows: Iterable[dict[str, str]]) -> list[dict]:
     groups: dict[tuple, list[dict[str, str]]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in KEY if name != "repeat"), []).append(row)
-    return [_mean(group) for group in groups.values()]
+    return [group[0] | {name: _nanmean([number(row, name) for row in group]) for name in _MEANS}
+            | {name: _mean_list([row[name] for row in group]) for name in _LISTS} for group in groups.values()]
 
 
-def _mean(group: list[dict[str, str]]) -> dict:
-    means = {name: _nanmean([number(row, name) for row in group]) for name in _MEANS}
-    lists = {name: tuple(_nanmean(column) for column in zip(*(_numbers(row[name]) for row in group)))
-             for name in _LISTS}
-    return {**group[0], **means, **lists}
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(part or "nan") for part in text.split(";")] if text else []
+def _mean_list(texts: list[str]) -> tuple[float, ...]:
+    lists = [[float(part or "nan") for part in text.split(";")] if text else [] for text in texts]
+    return tuple(_nanmean(column) for column in zip(*lists))
 
 
 def _nanmean(values) -> float:

@@ -31,8 +31,8 @@ from srt3d_ros.nodes.worker import Dropped, Refused
 from srt3d_ros.parent import started_again
 from srt3d_ros.recording import live, schema
 from srt3d_ros.recording.parts import PartNames
-from srt3d_ros.recording.versions import versions
 from srt3d_ros.recording.writer import RecordingWriter
+from srt3d_ros.versions import versions
 
 QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics

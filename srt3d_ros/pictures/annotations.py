@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -11,10 +10,10 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, focal_px
+from srt3d_ros.pictures.figures import DPI, as_image
 
 TEXT, DIM = "#e8eaed", "#8b939e"
 BEHIND = tuple(np.divide(BACKGROUND, 255))      # the background of clouds, as matplotlib takes colours
-DPI = 100
 _BAR_SHARE = 0.2                        # longest scale bar, of the picture's width
 _RANGE_BAR = 0.16, 0.012                # width and height, of the picture's
 _RANGE_BAR_PX = 120                     # least width, for the numbers at its ends
@@ -23,9 +22,7 @@ _TITLE_PX, _FIGURES_PX = 84, 56         # heights of the bands above and below t
 
 def dark_figure(width_px: int, height_px: int) -> Figure:
     """A figure of this size on the background of clouds."""
-    figure = Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=BEHIND)
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure((width_px / DPI, height_px / DPI), dpi=DPI, facecolor=BEHIND)
 
 
 def image_axes(figure: Figure, box: tuple[float, float, float, float], image: np.ndarray) -> Axes:
@@ -83,8 +80,7 @@ def annotated(image: np.ndarray, style: CloudStyle, eye: Viewpoint, title: str =
     range_bar(axes, style, size)
     write_line(figure, 1 - above / 2 / total, title, 1.9 * size, TEXT, weight="bold")
     write_line(figure, below / 2 / total, caption(figures or {}), 1.15 * size, DIM)
-    figure.canvas.draw()
-    return Image.fromarray(np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., :3]))
+    return as_image(figure)
 
 
 def draw_cloud(cloud: PointCloud, sensor: SensorModel, yaw_deg: float = -20, pitch_deg: float = 10,

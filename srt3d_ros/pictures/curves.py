@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, Locator, LogLocator, NullFormatter, NullLocator
 
-from srt3d_ros.pictures.png import save_png
+from srt3d_ros.pictures.figures import save_png, titled_figure
 
-DPI = 100
 # Okabe and Ito's colours (2008), distinct for any colour vision. Markers and dashes differ as well.
 METHOD_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#000000", "#cc79a7", "#56b4e9", "#e69f00")
 _STYLES = (("o", "-"), ("v", ":"), ("^", "--"), ("D", (0, (5, 1, 1, 1))), ("P", (0, (1, 1))))
@@ -117,10 +117,9 @@ def draw_growth(path: Path, lines: Sequence[dict], title: str, goal: tuple[float
         goal: a time in milliseconds to draw as a line across, and its label; or None.
         stopped: methods whose lines end early, and a few words why.
     """
-    figure = Figure((14.2, 6.0), dpi=DPI, layout="constrained")
-    figure.suptitle(title, size=13, parse_math=False)
-    by_method = {name: [line for line in lines if line["method"] == name] for name in GROWTH_STYLES}
-    by_method = {name: of_method for name, of_method in by_method.items() if of_method}
+    figure = titled_figure(14.2, 6.0, title)
+    methods = {line["method"] for line in lines}
+    by_method = {name: [line for line in lines if line["method"] == name] for name in GROWTH_STYLES if name in methods}
     time_ax, memory_ax = figure.subplots(1, 2)
     _draw_times(time_ax, by_method, goal, stopped)
     _draw_memory(memory_ax, by_method)
@@ -139,7 +138,8 @@ def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str]
     """
     cases = list(dict.fromkeys(line["case"] for line in lines))
     cols = min(len(cases), _PANELS_IN_ROW)
-    figure = Figure((max(3.9 * cols + 0.6, 9), 3.3 * -(-len(cases) // cols) + 1.4), dpi=DPI, layout="constrained")
+    figure = titled_figure(max(3.9 * cols + 0.6, 9), 3.3 * -(-len(cases) // cols) + 1.4,
+                           "Depth error in equal bytes: pooled along surfaces, or each pixel alone")
     axes = figure.subplots(-(-len(cases) // cols), cols, squeeze=False).ravel()
     for ax, case in zip(axes, cases):
         for budget in budgets:
@@ -158,14 +158,11 @@ def draw_bytes(path: Path, lines: Sequence[dict], representations: Sequence[str]
         ax.set_title(f"{case} ({ppp:.3g} photons)" if "ppp" not in case else case, size=10)
         errors = [line["error_bins"] for line in lines if line["case"] == case]
         ax.set(xscale="log", yscale="log", ylim=(0.85 * min(errors), 1.15 * min(max(errors), _CUT_OFF * min(errors))))
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axis.set_minor_formatter(NullFormatter())
-            axis.set_major_formatter("{x:g}")
+        _ticks(ax.xaxis, LogLocator(subs=(1, 2, 5)))
+        _ticks(ax.yaxis, LogLocator(subs=(1, 2, 5)))
         _grid(ax)
     for ax in axes[len(cases):]:
         ax.set_axis_off()
-    figure.suptitle("Depth error in equal bytes: pooled along surfaces, or each pixel alone", size=13)
     figure.supylabel("mean depth error, bins; of a missed surface the tolerance", size=10)
     for ax in axes[max(len(cases) - cols, 0):len(cases)]:
         ax.set_xlabel("bytes a pixel")
@@ -193,25 +190,23 @@ def _lines(rows: Sequence[dict], methods: Sequence[str]) -> list[tuple[str, dict
 
 
 def _figure(rows: int, cols: int, width_in: float, height_in: float, title: str) -> tuple[Figure, np.ndarray]:
-    figure = Figure((width_in * cols + 0.6, height_in * rows + 1.2), dpi=DPI, layout="constrained")
-    figure.suptitle(title, size=13, parse_math=False)
+    figure = titled_figure(width_in * cols + 0.6, height_in * rows + 1.2, title)
     return figure, figure.subplots(rows, cols, squeeze=False, sharex="all", sharey="row")
 
 
 def _format_axes(ax: Axes, metric: Metric) -> None:
     ax.set_xscale("log")
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_major_formatter("{x:g}")
     if metric.scale == "log":
         ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        _ticks(ax.yaxis, LogLocator(subs=(1, 2, 5)))
     elif metric.scale == "symlog":
         ax.set_yscale("symlog", linthresh=1)
-        ax.yaxis.set_major_locator(FixedLocator([0, 1, 2, 5, 10, 20, 50, 100]))
+        _ticks(ax.yaxis, FixedLocator([0, 1, 2, 5, 10, 20, 50, 100]))
         ax.yaxis.set_minor_locator(NullLocator())
     if metric.limits is not None:
         ax.set_ylim(*metric.limits)
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.xaxis.set_major_formatter("{x:g}")
     _grid(ax)
 
 
@@ -254,13 +249,17 @@ def _format_growth_axes(ax: Axes, lines: Sequence[Line2D], label: str, title: st
     ax.set_title(title, size=11, loc="left")
     ax.set(xscale="log", yscale="log", xlabel="photons per pixel (mean, with background)", ylabel=label)
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=12))
-        axis.set_minor_formatter(NullFormatter())
-        axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if value >= 1 else f"{value:g}")
+        _ticks(axis, LogLocator(numticks=12), lambda value, _: f"{value:,.0f}" if value >= 1 else f"{value:g}")
     _grid(ax)
     ax.spines[["top", "right"]].set_visible(False)
     lines = sorted(lines, key=lambda line: line.get_ydata()[-1], reverse=True)         # as their ends are
     ax.legend(handles=lines, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=9.5)
+
+
+def _ticks(axis: Axis, locator: Locator, text="{x:g}") -> None:
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(text)
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _grid(ax: Axes) -> None:

@@ -12,10 +12,11 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.new_files import writing
 from srt3d_ros.pictures import annotations
-from srt3d_ros.pictures.annotations import DIM, DPI, TEXT
+from srt3d_ros.pictures.annotations import DIM, TEXT
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
+from srt3d_ros.pictures.figures import as_image
 
 _WIDTH_PX, _HEIGHT_PX = 2000, 900
 _BOTTOM, _TOP = 0.09, 0.80                      # of the panels, shares of the height
@@ -58,10 +59,8 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
     else:
         annotations.scale_bar(axes, eye)
     _depth_map(figure, 0.71, 0.235, cloud.range_image(), style)
-    try:
-        figure.savefig(Path(path), format="png", dpi=DPI, facecolor=figure.get_facecolor())
-    except OSError as e:
-        raise InvalidInput("picture", str(path), f"a file that can be written ({e.strerror or e})") from None
+    with writing("picture", path):
+        as_image(figure).save(Path(path), "png")
 
 
 def _positions(photons: PhotonEvents, sensor: SensorModel) -> np.ndarray:

@@ -8,16 +8,14 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 
 from srt3d_ros.colours import BACKGROUND
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
-from srt3d_ros.pictures.png import save_png
+from srt3d_ros.pictures.figures import save_png, titled_figure
 
-DPI = 100
 _PANEL_IN, _ROW_IN, _TITLE_IN, _SCALE_IN = 2.5, 3.2, 0.4, 0.9
 _CLOUD_PX = 480                 # side of a drawn cloud, which matplotlib makes smaller: smooth edges
 _NO_POINT, _NO_REFERENCE = (0.0, 0.0, 0.0), (0.72, 0.72, 0.72)
@@ -90,9 +88,8 @@ def _draw(path: Path, strips: Sequence[Strip], title: str, images: Sequence[Sequ
           scales_mm: Sequence[float] = ()) -> None:
     """Draw a row of images for each strip, and a colour bar for each scale."""
     columns = max(len(strip.panels) for strip in strips)
-    size_in = _PANEL_IN * max(columns, 2) + _SCALE_IN * bool(scales_mm), _ROW_IN * len(strips) + _TITLE_IN
-    figure = Figure(size_in, dpi=DPI, layout="constrained")
-    figure.suptitle(title, size=13, parse_math=False)
+    figure = titled_figure(_PANEL_IN * max(columns, 2) + _SCALE_IN * bool(scales_mm),
+                           _ROW_IN * len(strips) + _TITLE_IN, title)
     rows = figure.subfigures(len(strips), 1, squeeze=False)[:, 0]
     for k, (row, strip) in enumerate(zip(rows, strips)):
         row.suptitle(strip.label, x=0.01, ha="left", size=11, weight="bold", parse_math=False)

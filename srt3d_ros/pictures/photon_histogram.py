@@ -3,15 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from srt3d_ros.colours import PHOTON_MAP
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import InvalidInput
-from srt3d_ros.pictures.png import save_png
+from srt3d_ros.pictures.figures import save_png, titled_figure
 
-DPI = 100
 _MOST_STEPS = 1200              # of the drawn histogram: its panel is about as many picture elements wide
 _PHOTONS, _GATE, _IRF = "#0072b2", "#f3d9a4", "#d55e00"
 _IRF_SHOWN = 2e-3                # of its peak, from which on the IRF is shown: its tails may span the period
@@ -28,8 +25,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     Raises:
         InvalidInput: the picture cannot be written there.
     """
-    figure = Figure((13, 4.6), dpi=DPI, layout="constrained")
-    figure.suptitle(title, size=13, parse_math=False)
+    figure = titled_figure(13, 4.6, title)
     times, pixels, response = figure.subplots(1, 3, width_ratios=(2.4, 1.3, 1))
     width = -(-len(histogram) // _MOST_STEPS)       # bins that are drawn as one
     starts = np.arange(0, len(histogram), width)
@@ -42,9 +38,7 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     times.set(xlim=(edges[0], edges[-1]), xlabel="time of arrival, bins", ylabel="photons in a bin, all pixels")
     if (heights > 0).any():
         times.set(yscale="log", ylim=(max(heights[heights > 0].min() / 2, 1e-3), None))
-    ranges = times.secondary_xaxis("top", functions=(
-        sensor.range_m, sensor.depth_bins))
-    ranges.set_xlabel("range, m")
+    times.secondary_xaxis("top", functions=(sensor.range_m, sensor.depth_bins)).set_xlabel("range, m")
     image = pixels.imshow(counts, cmap=PHOTON_MAP, interpolation="nearest", vmin=0,
                           vmax=max(float(np.quantile(counts, 0.995)), 1))
     pixels.set(title="photons in a pixel", xlabel="column", ylabel="row")
@@ -55,7 +49,4 @@ def draw_histogram(path: Path, histogram: np.ndarray, counts: np.ndarray, sensor
     response.set_xlim(shown[0] - sensor.irf_ref - 1.5, shown[-1] - sensor.irf_ref + 1.5)
     response.set(title="IRF" if sensor.irf.ndim == 1 else "IRF, mean of all pixels", xlabel="bins from the depth",
                  ylabel="share of the photons")
-    try:
-        save_png(figure, path)
-    except OSError as error:
-        raise InvalidInput("picture", str(path), f"a file that can be written ({error.strerror or error})") from None
+    save_png(figure, path)

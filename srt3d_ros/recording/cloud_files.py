@@ -9,8 +9,8 @@ import numpy as np
 from srt3d_ros.colours import levels, percentile_range, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import InvalidInput, printable, require
-from srt3d_ros.new_files import appearing_whole, check_place
+from srt3d_ros.errors import printable, require
+from srt3d_ros.new_files import appearing_whole, check_place, writing
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _JPEG_QUALITY = 90
@@ -33,11 +33,8 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
         InvalidInput: if the suffix is another or the file cannot be written there.
     """
     path = check(path)
-    try:
-        with appearing_whole(path) as part:
-            _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
-    except OSError as e:
-        raise InvalidInput("output", str(path), f"a file that can be written ({e.strerror or e})") from None
+    with writing("output", path), appearing_whole(path) as part:
+        _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
 
 
 def check(path) -> Path:

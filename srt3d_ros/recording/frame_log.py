@@ -109,29 +109,21 @@ class FrameLog:
         sample = xyz[:: max(len(xyz) // _RADIUS_SAMPLES, 1)]
         radius_m = point_radius_m(sample, self._sensor) if self._sensor else 0.0
         archetypes = schema.points(columns, colour, radius_m, self._style.exact)
-        self._log(stamp_ns, frame_index, {schema.POINTS: archetypes})
+        self.log(stamp_ns, frame_index, {schema.POINTS: archetypes})
 
     def depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
         """Log a depth image, float32, in an array that no longer changes."""
         low, high = self._depth_range.update(depth_m)
-        self._log(stamp_ns, frame_index, {schema.DEPTH: [schema.depth_image(depth_m, low, high, self._in_mm)],
+        self.log(stamp_ns, frame_index, {schema.DEPTH: [schema.depth_image(depth_m, low, high, self._in_mm)],
                                           schema.NO_DEPTH: [schema.no_depth(depth_m)]})
 
     def image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
         """Log one of schema.IMAGES: integers, or float32 with NaN = none, in an array that no longer changes."""
         low, high = self._image_ranges.setdefault(path, AdaptiveRange()).update(photons)
-        self._log(stamp_ns, frame_index, {path: [schema.photon_image(photons, low, high, self._style.exact)]})
+        self.log(stamp_ns, frame_index, {path: [schema.photon_image(photons, low, high, self._style.exact)]})
 
-    def scalars(self, stamp_ns: int, frame_index: int | None, values: Mapping[str, float | None]) -> None:
-        """Log one value for each of several series; None values are skipped."""
-        self._log(stamp_ns, frame_index, {schema.metric_path(name): [rr.Scalars(float(value))]
-                                          for name, value in values.items() if value is not None})
-
-    def line(self, stamp_ns: int, frame_index: int | None, text: str, level: int) -> None:
-        """Log a line of a node's log; the level as in rcl_interfaces/Log."""
-        self._log(stamp_ns, frame_index, {schema.LOG: [schema.log_line(text, level)]})
-
-    def _log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
+    def log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
+        """Log archetypes by entity path."""
         for stream in self.streams:
             stream.reset_time()
             stream.set_time(schema.STAMP, timestamp=np.datetime64(int(stamp_ns), "ns"))

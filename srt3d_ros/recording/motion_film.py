@@ -8,12 +8,15 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from srt3d_ros.colours import BACKGROUND, levels, range_table
+from srt3d_ros.colours import levels, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.viewpoint import Viewpoint
+from srt3d_ros.recording.blueprint import film, last_frames, view_from
 
 FRAMES_SHOWN = 15           # at once: what does not fit together can be seen
 RADIUS_M = 0.008
+FOV_DEG = 55                # of the viewer
 WAY, SENSOR, CLOUDS = "/way", "/sensor", "/clouds"
 YELLOW = (240, 228, 66)
 
@@ -57,14 +60,6 @@ def write_film(path: Path, moments: Iterable[Moment], names: tuple[str, ...], he
 
 
 def _blueprint(names: tuple[str, ...], middle_m: np.ndarray) -> rrb.Blueprint:
-    back = rrb.TimeRangeBoundary.cursor_relative
-    shown = rrb.VisibleTimeRange("frame", start=back(seq=1 - FRAMES_SHOWN), end=back(seq=0))
-    eye = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=middle_m + (-5.0, -5.0, 9.0), look_target=middle_m,
-                            eye_up=(0, 0, 1))
-    views = [rrb.Spatial3DView(origin="/", name=name, contents=[f"{CLOUDS}/{name}", WAY, SENSOR], background=BACKGROUND,
-                               line_grid=False, eye_controls=eye, time_ranges=[shown])
-             for name in names]
-    return rrb.Blueprint(rrb.Horizontal(*views), rrb.BlueprintPanel(state="collapsed"),
-                         rrb.SelectionPanel(state="collapsed"),
-                         rrb.TimePanel(state="collapsed", timeline="frame", play_state="playing", loop_mode="all"),
-                         auto_views=False, auto_layout=False)
+    eye = Viewpoint(middle_m + (-5.0, -5.0, 9.0), middle_m, np.array([0, 0, 1]), FOV_DEG)
+    return film(rrb.Horizontal(*(view_from(eye, name, contents=[f"{CLOUDS}/{name}", WAY, SENSOR],
+                                           time_ranges=[last_frames(FRAMES_SHOWN)]) for name in names)), "frame")

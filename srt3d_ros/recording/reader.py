@@ -74,9 +74,7 @@ class RecordingReader:
 
     def __init__(self, path):
         self.path = Path(path)
-        self._state = examine(path)
-        require(not self._state.lost_bytes, "recording", str(path),
-                "a whole .rrd file; this one is cut off, and `srt3d review` repairs it into a copy")
+        self.is_finished = examine(path)    # it was closed, and has its footer
         try:
             with warnings.catch_warnings():     # rerun warns of a missing footer
                 warnings.simplefilter("ignore")
@@ -88,15 +86,12 @@ class RecordingReader:
         self._store = entries[0]        # rerun warns of a choice that it makes by itself
         self.recording_id = self._store.recording_id
 
-    def is_finished(self) -> bool:
-        """True if the file was closed: it has its footer."""
-        return self._state.is_finished
-
     def cloud_index(self, progress: bool = False) -> CloudIndex:
         """Stamp, frame index and number of points of every cloud; `progress` shows a bar after 2 s."""
         rows = tqdm(self._rows(schema.POINTS, schema.FRAME, schema.STAMP, "Points3D:positions"), "reading", delay=2,
                     leave=False, unit="chunk", disable=not progress)
-        parts = [(frames, stamps, _lengths(xyz)) for _, frames, stamps, xyz in rows]
+        parts = [(frames, stamps, xyz.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64))
+                 for _, frames, stamps, xyz in rows]
         frames, stamps, points = (np.concatenate(part) for part in zip(*parts)) if parts else [np.empty(0, int)] * 3
         order = np.argsort(stamps, kind="stable")
         return CloudIndex(frames[order], stamps[order], points[order])
@@ -184,7 +179,7 @@ class RecordingReader:
     def _chunks(self, content: str, static: bool = False) -> Iterator[Chunk]:
         try:        # with the footer's index, rerun reads only the chunks asked for
             reader, chosen = self._reader, self._store
-            stream = reader.store(store=chosen).stream() if self.is_finished() else reader.stream(store=chosen)
+            stream = reader.store(store=chosen).stream() if self.is_finished else reader.stream(store=chosen)
             yield from stream.filter(content=content, is_static=static)
         except (RuntimeError, ValueError) as e:
             raise self._unreadable(e) from None
@@ -202,12 +197,8 @@ class RecordingReader:
         if isinstance(error, InvalidInput):
             return error
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
-        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why})")
-
-
-def _lengths(column) -> np.ndarray:
-    """Number of values in each row, int64; 0 where there is none."""
-    return column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
+        cut_off = "" if self.is_finished else "; it is cut off, and `srt3d review` repairs it into a copy"
+        return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why}){cut_off}")
 
 
 def _array(item: pa.Scalar) -> np.ndarray:

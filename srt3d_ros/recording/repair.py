@@ -1,41 +1,27 @@
 """Check whether an .rrd file is whole, and repair one that was cut off into a copy.
 
-An .rrd file is a header of 12 bytes (RRF2, version of rerun, compression and encoding) and messages, each after 16
-bytes with its kind and length. The footer, an index of the messages, is written when the file is closed. A killed
-recorder or a full disk leaves a file without footer that may end within a message.
+An .rrd file is a header of 12 bytes (RRF2, version of rerun, compression and encoding), messages, and a footer, an
+index of the messages, which is written when the file is closed. A killed recorder or a full disk leaves a file without
+footer that may end within a message.
 """
 
 import os
-import struct
 import subprocess
 import sys
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import appearing_whole
 
-_HEADER = struct.Struct("<4s4B4B")              # mark, version, options
-_MESSAGE = struct.Struct("<QQ")                 # kind, bytes that follow
-_MARK, _OLD_MARKS, _ANY_MARK = b"RRF2", (b"RRF0", b"RRF1"), b"RRF"
-_END = struct.Struct("<4s4sI")                  # of the footer: mark, FOOT, number of indices
-_FOOTER, *_CONTENTS = range(4)                  # kinds: the footer; store, chunk, blueprint activation
-_COMPRESSIONS, _PROTOBUF = (0, 1), 2
+_HEADER_BYTES = 12
+_MARK, _ANY_MARK = b"RRF2", b"RRF"
+_FOOTER_BYTES, _FOOTER_MARK = 12, b"RRF2FOOT"   # of the footer's end: the mark, and the number of indices
 _NO_ROOM = "room on the disk for a repaired copy beside it"
 
 
-@dataclass(frozen=True)
-class FileState:
-    """How much of a file is usable."""
-
-    path: Path
-    is_finished: bool       # the footer is there
-    lost_bytes: int         # of a last message that was not written completely
-
-
-def examine(path) -> FileState:
-    """Check the header, the lengths of the messages and the footer of a file.
+def examine(path) -> bool:
+    """Check the header of a file; True if it was finished: it has its footer.
 
     Raises:
         InvalidInput: the file does not exist, is empty or no .rrd file, a newer rerun wrote it, or it has no message.
@@ -43,18 +29,18 @@ def examine(path) -> FileState:
     path = Path(path)
     require(path.is_file(), "recording", str(path), "an .rrd file that exists")
     with open(path, "rb") as file:
-        size = file.seek(0, os.SEEK_END)
+        header, size = file.read(_HEADER_BYTES), file.seek(0, os.SEEK_END)
         require(size > 0, "recording", str(path), "an .rrd file that is not empty")
-        file.seek(0)
-        _check_header(file.read(_HEADER.size), path)
-        if _ends_with_footer(file, size):
-            return FileState(path, True, 0)
-        whole = _whole_bytes(file, size)
-    require(whole > _HEADER.size, "recording", str(path), "an .rrd file of which more than its header was written")
-    return FileState(path, False, size - whole)
+        require(header.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
+        installed, of = version("rerun-sdk"), list(header[4:7])
+        readable = header.startswith(_MARK) and of[:2] <= [int(part) for part in installed.split(".")[:2]]
+        require(readable, "recording", str(path), f"a file of rerun 0.23 to {installed}; it is of "
+                f"{'.'.join(map(str, of))}: pip install -U rerun-sdk, or `rerun rrd migrate`")
+        require(size > _HEADER_BYTES, "recording", str(path), "an .rrd file of which more than its header was written")
+        return _ends_with_footer(file)
 
 
-def repair(state: FileState) -> Path:
+def repair(path) -> Path:
     """Copy the messages of an unfinished file that can be read to NAME_repaired.rrd, with a footer; returns its path.
 
     An earlier copy is replaced; the original is not changed.
@@ -62,7 +48,7 @@ def repair(state: FileState) -> Path:
     Raises:
         InvalidInput: the copy cannot be written, or no message can be read.
     """
-    path = state.path
+    path = Path(path)
     target = path.with_name(f"{path.stem}_repaired{path.suffix}")
     require(os.access(path.parent, os.W_OK), "recording", str(path),
             "a finished file, or a folder that can be written for a repaired copy")
@@ -75,40 +61,12 @@ def repair(state: FileState) -> Path:
             error = done.stderr.decode(errors="replace").strip().split("\n")[-1] or "no output of rerun"
             require(done.returncode == 0, "recording", str(path), f"chunks that can be read ({error})")
             with open(part, "rb") as copy:      # on a full disk rerun exits with 0
-                require(_ends_with_footer(copy, part.stat().st_size), "recording", str(path), _NO_ROOM)
+                require(_ends_with_footer(copy), "recording", str(path), f"chunks that can be read, and {_NO_ROOM}")
     except OSError as e:
         raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
     return target
 
 
-def _check_header(header: bytes, path: Path) -> None:
-    mark = header[:4]
-    require(mark.startswith(_ANY_MARK), "recording", str(path), "an .rrd file, as the recorder writes it")
-    require(mark not in _OLD_MARKS, "recording", str(path), "a file of rerun 0.23 or later: run `rerun rrd migrate`")
-    require(len(header) == _HEADER.size, "recording", str(path),
-            "an .rrd file of which more than its header was written")
-    _, major, minor, patch, _, compression, serializer, *_ = _HEADER.unpack(header)
-    installed = version("rerun-sdk")
-    newer = (major, minor) > tuple(int(part) for part in installed.split(".")[:2])
-    newer |= mark != _MARK or compression not in _COMPRESSIONS or serializer != _PROTOBUF
-    require(not newer, "recording", str(path),
-            f"a file of rerun {installed} or older; it is of {major}.{minor}.{patch}: pip install -U rerun-sdk")
-
-
-def _ends_with_footer(file, size: int) -> bool:
-    if size < _HEADER.size + _END.size:
-        return False
-    file.seek(size - _END.size)
-    return _END.unpack(file.read(_END.size))[:2] == (_MARK, b"FOOT")
-
-
-def _whole_bytes(file, size: int) -> int:
-    """Where the last whole message before the footer ends."""
-    end = _HEADER.size
-    while end + _MESSAGE.size <= size:
-        file.seek(end)
-        kind, length = _MESSAGE.unpack(file.read(_MESSAGE.size))
-        if kind not in _CONTENTS or end + _MESSAGE.size + length > size:
-            break
-        end += _MESSAGE.size + length
-    return end
+def _ends_with_footer(file) -> bool:
+    file.seek(-min(_FOOTER_BYTES, file.seek(0, os.SEEK_END)), os.SEEK_END)
+    return file.read().startswith(_FOOTER_MARK)

@@ -19,8 +19,8 @@ import rerun as rr
 from srt3d_ros.recording import rerun_streams
 
 TICK_S = 0.4            # how long rerun gathers rows: a kill loses as much, and every chunk of an entity costs 1 kB
-_FLUSH_TIMEOUT_S = 2.0
-_FLUSH_TRIES = 10
+_FLUSH_TIMEOUT_S = 20.0
+_HANGS = f"the disk accepted nothing for {_FLUSH_TIMEOUT_S:g} s"
 _CHUNK_BYTES = 1 << 20
 _POLL_S = 0.005
 
@@ -56,16 +56,14 @@ class RrdFile:
 
     def flush(self) -> None:
         """Return when all data logged so far is in the file; OSError if the disk accepts nothing for 20 s."""
-        for _ in range(_FLUSH_TRIES):
-            self.check()
-            try:
-                self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-            except RuntimeError:        # timeout: a slow disk
-                continue
-            if self._drain(_FLUSH_TIMEOUT_S):
-                self.check()
-                return
-        raise OSError(f"the disk accepted nothing for {_FLUSH_TRIES * _FLUSH_TIMEOUT_S:g} s")
+        self.check()
+        try:
+            self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+        except RuntimeError as error:
+            raise OSError(_HANGS) from error
+        if not self._drain(_FLUSH_TIMEOUT_S):
+            raise OSError(_HANGS)
+        self.check()
 
     def close(self) -> None:
         """Write the footer and close the file."""

@@ -9,7 +9,8 @@ import rerun as rr
 
 from srt3d_ros.colours import BACKGROUND as BLACK
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
-from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import sensor_axes
 
@@ -30,9 +31,9 @@ _ROOT_STEP = 0.35       # rounding of photon images: the square root of a photon
 _DARK = 45 / 210        # dark colours that colours.range_table leaves out, over those that it has
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
-_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
-_SENSOR_FACTS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m", "frame_id",
-                 "toa_reference")
+_SENSOR_FACTS = {"rows": int, "cols": int, "num_bins": int, "bin_width_s": float, "irf_ref": int,
+                 "toa_offset_bins": float, "range_offset_m": float, "frame_id": str, "toa_reference": str}
+_PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
 def to_float16(values: np.ndarray) -> np.ndarray:
@@ -121,11 +122,6 @@ def fits_mm(sensor: SensorModel | None) -> bool:
     return sensor is not None and 0 < sensor.range_m(0) + 1 and sensor.range_m(sensor.num_bins) * _MM_PER_M < _MOST_MM
 
 
-def log_line(text: str, level: int) -> rr.TextLog:
-    """A line of a node's log; the level as in rcl_interfaces/Log."""
-    return rr.TextLog(text, level=_LEVELS.get(level, "INFO"))
-
-
 def field_of_view(sensor: SensorModel, xyz: np.ndarray) -> list:
     """The archetypes that show the sensor's position and its frustum, as far as the points [N, 3] of a cloud reach."""
     length_m = float(np.percentile(np.linalg.norm(xyz, axis=1), 99)) if len(xyz) else 1.0
@@ -170,3 +166,17 @@ def sensor_properties(sensor: SensorModel) -> dict:
     facts |= {name: list(astuple(value)) if is_dataclass(value) else float(value)
               for name, value in vars(sensor.projection).items()}
     return facts | ({"irf": sensor.irf} if sensor.irf.ndim == 1 else {})
+
+
+def sensor_of(facts: Mapping) -> SensorModel | None:
+    """The sensor of the property `sensor`, all pixels alike; None if its facts do not suffice."""
+    try:
+        kind = _PROJECTIONS[facts["projection"]]
+        values = {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
+        if "distortion" in values:
+            values["distortion"] = PlumbBob(*np.atleast_1d(values["distortion"]).tolist())
+        irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
+        known = {name: of_type(facts[name]) for name, of_type in _SENSOR_FACTS.items() if name in facts}
+        return SensorModel(irf=irf, projection=kind(**values), **known)
+    except (KeyError, TypeError, ValueError):
+        return None

@@ -22,6 +22,7 @@ from rerun.experimental import ViewerClient
 
 from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.processes import wait_or_kill
+from srt3d_ros.recording.blueprint import view_from
 
 FOV_DEG = 55                    # of the viewer's eye, across the height of its view
 INSTALL = "apt-get install mesa-vulkan-drivers libvulkan1"
@@ -46,7 +47,7 @@ def is_possible() -> bool:
 
 
 def screenshots(clouds: Sequence[tuple[np.ndarray, np.ndarray]], radius_m: float, eye: Viewpoint, width: int,
-                height: int, background: tuple[int, int, int]) -> list[np.ndarray]:
+                height: int) -> list[np.ndarray]:
     """Draw clouds with the viewer; returns uint8 [height, width, 3] each.
 
     Args:
@@ -54,7 +55,6 @@ def screenshots(clouds: Sequence[tuple[np.ndarray, np.ndarray]], radius_m: float
         radius_m: of the points.
         eye: with a fov_deg of FOV_DEG; the picture must be wider than high.
         width, height: of the pictures, pixels.
-        background: colour behind the points.
 
     Raises:
         ScreenshotError: if the viewer does not start or does not draw.
@@ -62,7 +62,7 @@ def screenshots(clouds: Sequence[tuple[np.ndarray, np.ndarray]], radius_m: float
     with tempfile.TemporaryDirectory(prefix="srt3d_") as folder:
         recording = Path(folder) / "clouds.rrd"
         wide = width + 2 * _SPARE_PX
-        _record(recording, clouds, radius_m, eye, background, [wide, _NOTES_PX])
+        _record(recording, clouds, radius_m, eye, [wide, _NOTES_PX])
         with _viewer(wide + _NOTES_PX, height + _ABOVE_PX, Path(folder)) as viewer:
             try:
                 viewer.open(str(recording))
@@ -71,14 +71,10 @@ def screenshots(clouds: Sequence[tuple[np.ndarray, np.ndarray]], radius_m: float
                 raise ScreenshotError(f"the viewer did not draw: {e}") from None
 
 
-def _record(path: Path, clouds, radius_m: float, eye: Viewpoint, background: tuple[int, int, int],
-            widths: list[int]) -> None:
+def _record(path: Path, clouds, radius_m: float, eye: Viewpoint, widths: list[int]) -> None:
     """Record the clouds as frames 0, 1, … with a blueprint of a 3D view and, on its right, an empty view."""
-    view = rrb.Spatial3DView(
-        origin="/", background=background, line_grid=False, name=_VIEW,
-        eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
-                                       eye_up=eye.up))
-    views = rrb.Horizontal(view, rrb.TextDocumentView(origin="/nothing", name=" "), column_shares=widths)
+    notes = rrb.TextDocumentView(origin="/nothing", name=" ")
+    views = rrb.Horizontal(view_from(eye, _VIEW), notes, column_shares=widths)
     stream = rr.RecordingStream("srt3d_ros_pictures")
     stream.save(path, default_blueprint=rrb.Blueprint(views, auto_views=False, auto_layout=False, collapse_panels=True))
     for k, (xyz, colour) in enumerate(clouds):

@@ -10,22 +10,17 @@ _MOST_WAITING = 100_000     # writes of all kinds; only scalars logged to a disk
 
 @dataclass(frozen=True, eq=False)
 class Write:
-    """A pending write: `size` bytes of a cloud or an image, or 0 if it is small and only dropped in an emergency."""
+    """A pending write: `size` bytes of a cloud or an image, or 0 if it is small."""
 
     run: Callable[[], None]
     size: int = 0
-
-    @property
-    def is_frame(self) -> bool:
-        """Whether it writes a cloud or an image."""
-        return self.size > 0
 
 
 class WriteQueue:
     """A queue from any number of threads to one.
 
     Args:
-        most_bytes: of clouds and images that may wait; one always may. `dropped` counts those it removed.
+        most_bytes: of clouds and images that may wait; one always may. `dropped` counts those that are not written.
     """
 
     def __init__(self, most_bytes: int):
@@ -37,13 +32,14 @@ class WriteQueue:
     def put(self, write: Write) -> None:
         """Append a write; after `close` it is dropped."""
         with self._changed:
-            if self._closed:
-                self.dropped += write.is_frame
+            if self._closed or len(self._writes) >= _MOST_WAITING:
+                self.dropped += write.size > 0
                 return
-            if len(self._writes) >= _MOST_WAITING:
-                self._drop_oldest(frames_only=False)
-            while write.is_frame and self._bytes and self._bytes + write.size > self._most_bytes:
-                self._drop_oldest(frames_only=True)
+            while write.size and self._bytes and self._bytes + write.size > self._most_bytes:
+                oldest = next(k for k, waiting in enumerate(self._writes) if waiting.size)
+                self._bytes -= self._writes[oldest].size
+                del self._writes[oldest]
+                self.dropped += 1
             self._writes.append(write)
             self._bytes += write.size
             self._changed.notify()
@@ -51,8 +47,7 @@ class WriteQueue:
     def take(self, timeout_s: float) -> Write | None:
         """Wait for the oldest write and remove it; None after `timeout_s` seconds, or when closed and empty."""
         with self._changed:
-            if not self._writes and not self._closed:
-                self._changed.wait(timeout_s)
+            self._changed.wait_for(lambda: self._writes or self._closed, timeout_s)
             if not self._writes:
                 return None
             write = self._writes.popleft()
@@ -62,7 +57,7 @@ class WriteQueue:
     def count_dropped(self, write: Write) -> None:
         """Count a write that was taken and failed."""
         with self._changed:
-            self.dropped += write.is_frame
+            self.dropped += write.size > 0
 
     def close(self) -> None:
         """Drop all further writes; those that wait can still be taken."""
@@ -75,11 +70,3 @@ class WriteQueue:
         """True once closed and empty."""
         with self._changed:
             return self._closed and not self._writes
-
-    def _drop_oldest(self, frames_only: bool) -> None:
-        for k, write in enumerate(self._writes):
-            if write.is_frame >= frames_only:
-                del self._writes[k]
-                self._bytes -= write.size
-                self.dropped += 1
-                return

@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+import rerun as rr
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.recording import schema
+from srt3d_ros.recording import live as live_server
+from srt3d_ros.recording import rerun_streams, schema
 from srt3d_ros.recording.frame_log import FrameLog, Style
-from srt3d_ros.recording.live import LiveServer
 from srt3d_ros.recording.parts import PartNames, Split
 from srt3d_ros.recording.rrd_file import TICK_S, RrdFile
 from srt3d_ros.recording.write_queue import Write, WriteQueue
@@ -22,6 +23,7 @@ FLUSH_PERIOD_S = TICK_S     # without a flush, large clouds keep small scalars f
 RETRY_S, MOST_RETRY_S = 1.0, 30.0       # after a file could not be written; doubled each time
 ROOM_BYTES = 16_000_000     # free space on a disk that was full, before a new file is begun on it
 _NO_WRITE = Write(lambda: None)
+_LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # of columns that are not float32
 
 
@@ -58,10 +60,10 @@ class RecordingWriter:
         self.parts = 0                      # files begun
         self._on_error, self._on_recovery = on_error, on_recovery
         self._ids = schema.APPLICATION_ID, str(uuid.uuid4())
-        self._live = LiveServer(*live, *self._ids) if live else None
+        self._live = live_server.serve(*live, *self._ids) if live else None
         self._log = FrameLog(sensor, properties or {}, images, style)
         if self._live is not None:
-            self._log.begin(self._live.stream)
+            self._log.begin(self._live)
         self._split = split
         self._names = names or PartNames(Path(path), numbered=bool(split))
         self.path = Path(path) if names else self._names.next()     # of the newest file
@@ -102,12 +104,14 @@ class RecordingWriter:
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """Log one value for each of several time series: {"latency_ms": 35.1, "points": 19_871}."""
-        values = dict(values)
-        self._put(lambda: self._log.scalars(stamp_ns, frame_index, values))
+        scalars = {schema.metric_path(name): [rr.Scalars(float(value))] for name, value in values.items()
+                   if value is not None}
+        self._put(lambda: self._log.log(stamp_ns, frame_index, scalars))
 
     def log_line(self, stamp_ns: int, text: str, level: int = 20, frame_index: int | None = None) -> None:
         """Log a line of a node's log; the level as in rcl_interfaces/Log."""
-        self._put(lambda: self._log.line(stamp_ns, frame_index, text, level))
+        line = rr.TextLog(text, level=_LEVELS.get(level, "INFO"))
+        self._put(lambda: self._log.log(stamp_ns, frame_index, {schema.LOG: [line]}))
 
     def set_properties(self, name: str, facts: Mapping) -> None:
         """Set facts of one of the recording's properties."""
@@ -197,8 +201,10 @@ class RecordingWriter:
         except Exception as e:
             self._fail(e)
         if self._live is not None:
-            self._log.end(self._live.stream)
-            self._live.close()
+            self._log.end(self._live)
+            self._live.disconnect()
+            self._live = None
+            rerun_streams.free_ended()
 
     # ---- Files that cannot be written
 

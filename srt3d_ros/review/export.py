@@ -11,7 +11,7 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.new_files import check_place
+from srt3d_ros.new_files import check_place, writing
 from srt3d_ros.pictures.annotations import annotated
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
 from srt3d_ros.recording import cloud_files, schema
@@ -44,10 +44,8 @@ def save_frame(recorded: Recorded, position: int, output: Path, pictures: str = 
         style = CloudStyle.of(cloud, recorded.sensor)
         (image,), eye, _ = draw([cloud], cloud, style, recorded.projection, _PICTURE_PX, pictures)
         picture = annotated(image, style, eye, title_of(recorded, position), figures_of(recorded, position))
-        try:
+        with writing("output", output):
             picture.save(output, optimize=True)
-        except OSError as e:
-            raise InvalidInput("output", str(output), f"a file that can be written ({e.strerror or e})") from None
         return
     require(recorded.sensor is not None, "recording", str(recorded.path), "one that describes its sensor")
     frequencies = np.atleast_1d(recorded.properties.get("run", {}).get("frequencies", ())).tolist()
@@ -63,11 +61,9 @@ def save_turntable(recorded: Recorded, position: int, output: Path) -> None:
         InvalidInput: it cannot be written there, or imageio-ffmpeg is missing.
     """
     write = {".gif": _write_gif, ".mp4": _write_mp4}[output.suffix.lower()]
-    try:
+    with writing("turntable", output):
         write(output, tqdm(_turning(recorded, _cloud(recorded, position)), "drawing", _FILM_FRAMES, delay=2,
                            leave=False, unit="picture"))
-    except OSError as e:
-        raise InvalidInput("turntable", str(output), f"a file that can be written ({e.strerror or e})") from None
 
 
 def save_bag(recorded: Recorded, folder: Path, topic: str = "/points") -> int:

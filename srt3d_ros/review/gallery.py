@@ -50,7 +50,7 @@ def draw(clouds: Sequence[RecordedCloud], framed: RecordedCloud, style: CloudSty
         eye = look_at(framed.xyz, projection, fov_deg=screenshot.FOV_DEG, aspect=width / height)
         coloured = [(cloud.xyz, style.shaded(cloud)) for cloud in clouds]
         try:
-            return screenshot.screenshots(coloured, style.radius_m, eye, width, height, BACKGROUND), eye, True
+            return screenshot.screenshots(coloured, style.radius_m, eye, width, height), eye, True
         except screenshot.ScreenshotError as error:
             require(by == "auto", "pictures", by, f"a viewer that draws ({error})")
     require(by != "viewer", "pictures", by, f"Vulkan, which the viewer needs: {screenshot.INSTALL}")

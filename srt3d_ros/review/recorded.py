@@ -7,17 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
+from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
+from srt3d_ros.recording import schema
 from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
 
 _STAGE = re.compile(r"latency_(?:(?P<stage>\w+)_)?ms")
-_PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
-_EXACT = ("rows", "cols", "num_bins", "irf_ref")
-_MEASURED = ("bin_width_s", "toa_offset_bins", "range_offset_m")
-_NAMED = ("frame_id", "toa_reference")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +70,7 @@ class Recorded:
     @cached_property
     def sensor(self) -> SensorModel | None:
         """The sensor from the recording's properties, all pixels alike; None if they do not suffice."""
-        facts = self.properties.get("sensor", {})
-        try:
-            projection = _projection(facts)
-            irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
-            return SensorModel(irf=irf, projection=projection,
-                               **{name: int(facts[name]) for name in _EXACT},
-                               **{name: float(facts[name]) for name in _MEASURED if name in facts},
-                               **{name: str(facts[name]) for name in _NAMED if name in facts})
-        except (KeyError, TypeError, ValueError, InvalidInput):
-            return None
+        return schema.sensor_of(self.properties.get(schema.SENSOR, {}))
 
     @property
     def projection(self) -> Projection | None:
@@ -97,11 +84,3 @@ class Recorded:
         (found,) = np.nonzero(frames == wanted)
         require(len(found) > 0, "frame", frame, f"a frame of the recording, {frames.min()} … {frames.max()}")
         return int(found[0])
-
-
-def _projection(facts: dict):
-    kind = _PROJECTIONS[facts["projection"]]
-    values = {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
-    if "distortion" in values:
-        values["distortion"] = PlumbBob(*np.atleast_1d(values["distortion"]).tolist())
-    return kind(**values)

@@ -6,8 +6,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from srt3d_ros import __version__
-from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.new_files import appearing_whole
+from srt3d_ros.errors import require
+from srt3d_ros.new_files import appearing_whole, writing
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
@@ -31,11 +31,8 @@ def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = 
     """
     require(not path.is_dir(), "report", str(path), "a file, not a directory")     # before the pictures are drawn
     html = _page(recorded, summary, pictures, notes)
-    try:
-        with appearing_whole(path) as part:
-            part.write_text(html, encoding="utf-8")
-    except OSError as e:
-        raise InvalidInput("report", str(path), f"a file that can be written ({e.strerror or e})") from None
+    with writing("report", path), appearing_whole(path) as part:
+        part.write_text(html, encoding="utf-8")
 
 
 def _page(recorded: Recorded, summary: dict, pictures: str, notes: tuple[str, ...]) -> str:

@@ -1,4 +1,4 @@
-"""A bar that is not drawn, and plans that take no time."""
+"""Progress that is not shown, and a plan that takes no time."""
 
 import pytest
 
@@ -9,23 +9,13 @@ class SilentBar:
     """Remembers what a Progress would show."""
 
     def __init__(self):
-        self.n, self.shown = 0, []
-
-    def show(self, activity: str) -> None:
-        self.shown.append(activity)
-
-    def update(self, n: int = 1) -> None:
-        self.n += n
+        self.shown, self.notes = [], []
+        self.show, self.note = self.shown.append, self.notes.append
 
 
 @pytest.fixture
 def bar() -> SilentBar:
     return SilentBar()
-
-
-@pytest.fixture
-def notes() -> list[str]:
-    return []
 
 
 @pytest.fixture

@@ -25,11 +25,8 @@ def test_photons_drawn_in_bands_are_those_of_the_scene():
     assert (np.abs(by_row - expected) < 6 * np.sqrt(expected)).all()
     at_once, _ = simulator.frame(0)
     assert np.abs(near_surface(events, depth) - near_surface(at_once, depth)).max() < 0.02
-
-
-def test_few_photons_leave_rows_without_any():
-    events = photons_of(sensor_of(24), 0.05, band_photons=1)                # a row at a time
-    assert 5 < events.photons < 60 and events.is_sorted
+    few = photons_of(sensor, 0.05, band_photons=1)                          # rows without any
+    assert 5 < few.photons < 60 and few.is_sorted
 
 
 def test_shuffled_photons_are_the_same_in_no_order():

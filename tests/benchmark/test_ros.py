@@ -18,7 +18,7 @@ def player(limit_hz, failures=()):
     return play, asked
 
 
-@pytest.mark.parametrize("limit_hz", [0, 1.7, 9.0, 10.0, 33.0, 700.0, 1e9])
+@pytest.mark.parametrize("limit_hz", [0, 1.7, 33.0, 1e9])
 def test_the_highest_rate_is_found(limit_hz):
     """0: everything is lost; 1e9: there is no limit. Both end the search."""
     play, asked = player(limit_hz)
@@ -52,6 +52,6 @@ def test_the_table_has_the_rates_in_order():
     assert "too fast" not in text[2] and text[4].startswith("Highest rate without loss: 10 Hz (141 × 141")
 
 
-def test_without_ros_the_part_is_left_out_and_says_so(tiny, bar, notes, monkeypatch):
+def test_without_ros_the_part_is_left_out_and_says_so(tiny, bar, monkeypatch):
     monkeypatch.setattr(ros.importlib.util, "find_spec", lambda name: None if name == "rclpy" else name)
-    assert list(ros.measure(tiny, bar, notes.append)) == [] and notes == ["left out: rclpy is not installed"]
+    assert list(ros.measure(tiny, bar)) == [] and bar.notes == ["left out: rclpy is not installed"]

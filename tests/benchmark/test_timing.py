@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from srt3d_ros.benchmark import timing
-from srt3d_ros.benchmark.timing import Work, in_turns, peak_memory, runs, spread
+from srt3d_ros.benchmark.timing import Work, in_turns, peak_memory
 
 MB = 10**6
 
@@ -24,42 +25,31 @@ def clock(monkeypatch):
     return clock
 
 
-def work(calls, name, seconds=0.0, device="cpu", frames=1):
+def work(calls, name, seconds=0.0, device="cpu"):
     def call():
         calls.append(name)
         timing.time.now += seconds
-    return Work(call, name, {"device": device}, frames)
+    return Work(call, name, {"device": device})
 
 
 def test_all_are_timed_once_before_any_is_timed_again(calls, bar):
-    works = [work(calls, name) for name in "ab"]
+    works = [work(calls, "one", 0.01), work(calls, "other", 0.05)]
     in_turns(works, 3, bar)
-    assert calls == list("ab" * 4)                                  # the first round allocates what later ones use
-    assert [len(work.seconds) for work in works] == [3, 3]
-    assert bar.n == runs(2, 3) and bar.shown[:2] == ["a", "b"]
+    assert calls == ["one", "other"] * 4 == bar.shown               # the first round allocates what later ones use
+    for line, ms in zip((work.line() for work in works), (10, 50)):
+        assert line["repeats"] == 3 and line["ms"] == {"min": ms, "median": ms, "max": ms}
+        assert line["device"] == "cpu" and "growth_bytes" in line and "device_peak_bytes" not in line
+    works[0].seconds = [0.003, 0.001, 0.008123456]
+    assert works[0].line()["ms"] == {"min": 1.0, "median": 3.0, "max": 8.1235}
 
 
 def test_a_work_that_takes_long_is_not_repeated(calls, bar):
     works = [work(calls, "very slow", 0.5), work(calls, "slow", 0.02), work(calls, "fast", 0.001)]
     in_turns(works, 4, bar, limit_s=0.03)
     assert [len(work.seconds) for work in works] == [1, 2, 4] and calls.count("very slow") == 1
-    assert bar.n == runs(3, 4)
-
-
-def test_the_line_of_a_work(calls, bar):
-    works = [work(calls, "one", 0.01), work(calls, "of five", 0.05, frames=5)]
-    in_turns(works, 3, bar)
-    for line in (work.line() for work in works):                    # the time of several frames is given for one
-        assert line["repeats"] == 3 and line["ms"] == {"min": 10, "median": 10, "max": 10}
-        assert line["device"] == "cpu" and "growth_bytes" in line and "device_peak_bytes" not in line
-
-
-def test_min_median_max():
-    assert spread([3.0, 1.0, 8.123456]) == {"min": 1.0, "median": 3.0, "max": 8.1235}
 
 
 def test_the_time_on_a_gpu_is_until_it_is_done(calls, bar, monkeypatch):
-    import torch
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: calls.append("done"))
     monkeypatch.setattr(torch.cuda, "reset_peak_memory_stats", lambda: calls.append("reset"))
     monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda: 12_345)
@@ -72,7 +62,6 @@ def test_the_time_on_a_gpu_is_until_it_is_done(calls, bar, monkeypatch):
 
 def test_a_gpu_is_awake_when_it_is_timed(calls, monkeypatch):
     monkeypatch.setattr(timing, "synchronise", lambda device: None)
-    monkeypatch.setattr(timing, "WAKE_S", 0.05)
     timing.timed(work(calls, "a", 0.01, device="cuda"))
     assert len(calls) in (6, 7)                 # five or, by rounding, six to wake it, and the one that counts
 
@@ -83,5 +72,6 @@ def test_the_peak_of_memory_counts_what_is_freed_again_but_no_earlier_peak():
     assert 79 * MB < memory["growth_bytes"] < 120 * MB and memory["process_peak_bytes"] > memory["growth_bytes"]
 
 
-def test_without_the_kernels_count_there_is_no_peak(tmp_path):
-    assert peak_memory(lambda: 7, tmp_path / "absent") == (7, {})
+def test_without_the_kernels_count_there_is_no_peak(tmp_path, monkeypatch):
+    monkeypatch.setattr(timing, "PROCESS", tmp_path / "absent")
+    assert peak_memory(lambda: 7) == (7, {})

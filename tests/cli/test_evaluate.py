@@ -105,10 +105,10 @@ def test_options_reach_the_methods_that_take_them_and_name_their_rows(run):
 
 
 def test_a_scene_is_simulated_at_every_setting(run):
-    code, printed, out = run("--scene", "step.npz", "--sbr", "10,1", "--ppp", "3,30", "--sketch-size", "4,10",
-                             "--methods", "pooled", "--repeats", "2", "--tolerance", "3mm")
+    code, printed, out = run("--scene", "step.npz", "--sbr", "10,1", "--ppp", "3,30,300", "--sketch-size", "4,10",
+                             "--methods", "pooled", "--repeats", "2", "--tolerance", "3mm", "--max-photons", "2e4")
     rows = rows_of(out)
-    assert code == 0 and len(rows) == 2 * 2 * 2 * 2
+    assert code == 0 and len(rows) == 2 * 2 * 2 * 2 and printed.err.count("300 ppp: 1.15e+05 photons are more") == 2
     assert {(row["source"], row["sbr"], row["ppp"], row["sketch_size"], row["repeat"]) for row in rows} == {
         ("step", sbr, ppp, m, repeat) for sbr in ("10", "1") for ppp in ("3", "30") for m in ("4", "10")
         for repeat in ("1", "2")}

@@ -63,12 +63,13 @@ def test_background_alone_is_worth_nothing():
     assert found["held_out_rim_percent"] == found["held_out_interior_percent"] == 0
 
 
-@pytest.mark.parametrize("change", [{"depth_bins": 3}, {"depth_bins": -100}, {"intensity": 3}, {"intensity": -2}])
-def test_a_cloud_that_is_wrong_scores_lower(change):
+def test_a_cloud_that_is_wrong_scores_lower():
     frame, cloud = scene_photons(ppp=30)
     right = nats(cloud, SENSOR, frame)
-    (name, by), = change.items()
-    assert right > 100 and nats(replace(cloud, **{name: np.float32(getattr(cloud, name) + by)}), SENSOR, frame) < right
+    for name, by in (("depth_bins", 3), ("depth_bins", -100), ("intensity", 3), ("intensity", -2)):
+        wrong = replace(cloud, **{name: np.float32(getattr(cloud, name) + by)})
+        assert nats(wrong, SENSOR, frame) < right
+    assert right > 100
 
 
 def test_delay_and_irf_are_those_of_the_pixel():
@@ -115,13 +116,12 @@ def test_a_known_background_is_expected_where_it_lies():
     assert nats(cloud, even, frame) == pytest.approx(nats(cloud, SENSOR, frame), rel=1e-5)
 
 
-@pytest.mark.parametrize("again", ["split", "frame"])
-def test_the_standard_error_is_the_spread_over_splits_and_frames(monkeypatch, again):
+def test_the_standard_error_is_the_spread_over_frames(monkeypatch):
     """Each reconstructed anew, which the standard error leaves out."""
     found = []
     for k in range(30):
         monkeypatch.setattr(held_out, "SEED", k)
-        seen, kept = held_out.split(scene_photons(seed=k if again == "frame" else 0)[0], 0.4)
+        seen, kept = held_out.split(scene_photons(seed=k)[0], 0.4)
         cloud = reconstruct("pooled", seen, SENSOR, (1, 2, 3, 5, 7, 11), device="cpu")
         found.append(held_out.gain(cloud, SENSOR, seen, kept, 0.4))
     spread = np.std([each["held_out_nats"] for each in found], ddof=1)

@@ -27,7 +27,7 @@ from srt3d_ros.nodes.graph_watch import Drops, own_name
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.recording.reader import RecordingReader
-from srt3d_ros.recording.repair import examine, repair
+from srt3d_ros.recording.repair import repair
 
 IN_FLIGHT = 80          # clouds that the speaker may be ahead: fewer than its own queue of 100 holds
 ASKED_TWICE = 8         # reports of a node, by which a recorder has asked it for its parameters again
@@ -297,7 +297,7 @@ def test_a_disk_that_is_full_is_one_error_and_the_recording_goes_on_in_a_new_fil
     assert int(report["frames_in"]) == int(report["frames_out"]) + int(report["dropped"])
     kept = frames_of(tmp_path / "a_2.rrd")
     assert len(kept) > 10 and kept[-1] == 10**18 + (speaker.sent - 1) * 10**7
-    assert RecordingReader(tmp_path / "a_2.rrd").is_finished()
+    assert RecordingReader(tmp_path / "a_2.rrd").is_finished
 
 
 def test_a_killed_recorder_leaves_a_file_that_repair_opens_with_all_but_the_end(graph, speaker, tmp_path):
@@ -314,9 +314,9 @@ def test_a_killed_recorder_leaves_a_file_that_repair_opens_with_all_but_the_end(
 
     graph.wait(written, "all clouds in the file")
     recorder.kill()
-    copy = repair(examine(tmp_path / "a.rrd"))
+    copy = repair(tmp_path / "a.rrd")
     reader = RecordingReader(copy)
-    assert reader.is_finished() and len(frames_of(copy)) == 100
+    assert reader.is_finished and len(frames_of(copy)) == 100
     assert {name: len(one.values) for name, one in reader.series().items() if name != "drops"}.keys() >= {
         "points", "photons", "latency_ms"}
 

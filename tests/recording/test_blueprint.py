@@ -1,14 +1,9 @@
 """The blueprint of recordings: present in the file, with the right eye, and accepted by the viewer."""
 
-import socket
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
-from rerun.experimental import ViewerClient
 
 from srt3d_ros.core.projection import AngularScan
 from srt3d_ros.core.viewpoint import look_at
@@ -52,17 +47,12 @@ def test_film_opens_on_cloud_images_plots_and_log_with_the_eye_on_the_cloud(tmp_
     assert ["stamp"] in columns["TimePanelBlueprint:timeline"]
 
 
-def test_a_recording_without_points_has_a_blueprint_too(tmp_path):
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_cloud(0, 0, np.empty((0, 3)), np.empty(0))
-    assert len(blueprint_columns(tmp_path / "a.rrd")["EyeControls3D:position"]) == 1
-
-
-def test_a_single_cloud_opens_without_plots(tmp_path, ball):
+def test_a_single_cloud_opens_without_plots_even_if_it_has_no_point(tmp_path, ball):
     cloud, sensor = ball
-    cloud_files.save(cloud, tmp_path / "a.rrd", frequencies=(1, 2), sensor=sensor)
-    origins = {origin for (origin,) in blueprint_columns(tmp_path / "a.rrd")["ViewBlueprint:space_origin"]}
-    assert origins == {"/", "/depth"}
+    cloud_files.save(cloud.within(max_m=0), tmp_path / "a.rrd", frequencies=(1, 2), sensor=sensor)
+    columns = blueprint_columns(tmp_path / "a.rrd")
+    assert {origin for (origin,) in columns["ViewBlueprint:space_origin"]} == {"/", "/depth"}
+    assert len(columns["EyeControls3D:position"]) == 1
 
 
 def test_small_sensors_show_more_frames_at_once(ball):
@@ -88,27 +78,15 @@ def test_the_frustum_begins_at_the_sensor_and_reaches_to_the_cloud(tmp_path, bal
         assert batch.column("Pinhole:resolution")[0].as_py() == [[48, 40]]
 
 
-@pytest.fixture
-def viewer(tmp_path, monkeypatch):
-    """A headless rerun viewer; skips without Vulkan."""
-    monkeypatch.setenv("TMPDIR", str(tmp_path))     # where it leaves a folder
-    if not screenshot.is_possible():
-        pytest.skip("no Vulkan driver: the rerun viewer cannot run without a screen")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    client = ViewerClient.spawn(headless=True, port=port, executable_path=str(Path(sys.executable).with_name("rerun")))
-    yield client
-    client.quit()
-
-
-def test_the_viewer_opens_a_film_without_reports_and_shows_the_cloud(tmp_path, ball, viewer):
+@pytest.mark.skipif(not screenshot.is_possible(), reason="no Vulkan driver: the viewer cannot run without a screen")
+def test_the_viewer_opens_a_film_without_reports_and_shows_the_cloud(tmp_path, ball):
     record(tmp_path / "a.rrd", *ball)
-    viewer.open(str(tmp_path / "a.rrd"))
-    viewer.set_time("frame", sequence=1, play_state="paused")
-    for _ in range(2):      # the first picture comes before all views are drawn
-        viewer.save_screenshot(str(tmp_path / "a.png"))
-    views = {view.name: view.reports for view in viewer.get_state().views}
+    with screenshot._viewer(1600, 1000, tmp_path) as viewer:
+        viewer.open(str(tmp_path / "a.rrd"))
+        viewer.set_time("frame", sequence=1, play_state="paused")
+        for _ in range(2):      # the first picture comes before all views are drawn
+            viewer.save_screenshot(str(tmp_path / "a.png"))
+        views = {view.name: view.reports for view in viewer.get_state().views}
     assert set(views) == {"Point cloud", *IMAGE_TITLES.values(), *PLOTS, "Log of the nodes"}
     assert not any(views.values())
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)

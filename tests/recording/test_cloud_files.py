@@ -56,9 +56,8 @@ def test_npz_holds_every_field_with_its_type(saved, ball):
         assert (file["toa_offset_bins"], file["stamp_ns"], file["toa_reference"]) == (100, 1_234_567_890, "bin_center")
 
 
-@pytest.mark.parametrize("frame_id", ["rig\nelement vertex 1\nend_header", "rig\rend_header\n\x1b", "rig\ud800"])
-def test_a_frame_that_a_message_names_cannot_end_the_header(ball, tmp_path, frame_id):
-    cloud, sensor = ball
+def test_a_frame_that_a_message_names_cannot_end_the_header(ball, tmp_path):
+    (cloud, sensor), frame_id = ball, "rig\nelement vertex 1\nend_header\r\x1b\ud800"
     cloud_files.save(cloud, tmp_path / "cloud.ply", frequencies=FREQUENCIES, sensor=sensor.replace(frame_id=frame_id))
     assert len(read_ply(tmp_path / "cloud.ply")) == len(cloud)
 
@@ -88,33 +87,28 @@ def test_rrd_holds_the_cloud_the_depth_image_and_the_frequencies(saved, ball):
     ((_, _, depth_m),) = reader.images("/depth")
     assert np.allclose(depth_m, cloud.depth_image(ball[1].projection), atol=0.0006, equal_nan=True)
     assert reader.properties()["run"]["frequencies"].tolist() == [1, 2, 5]
-    assert reader.is_finished()
+    assert reader.is_finished
 
 
-@pytest.mark.parametrize(("suffix", "kind"), [(".png", "PNG"), (".jpg", "JPEG"), (".JPEG", "JPEG")])
-def test_a_picture_shows_the_cloud(saved, ball, suffix, kind):
-    with Image.open(saved("cloud" + suffix)) as image:
-        assert (image.format, image.size) == (kind, (1200, 900))
-        drawn = np.asarray(image.convert("L")).astype(int)
-    with Image.open(saved("empty" + suffix, ball[0].within(max_m=0))) as image:
-        empty = np.asarray(image.convert("L")).astype(int)
-    assert (drawn > 60).mean() > 0.1 > 10 * (empty > 60).mean()
+def test_a_picture_shows_the_cloud(saved, ball):
+    with Image.open(saved("a.JPEG", ball[0])) as image:
+        assert (image.format, image.size) == ("JPEG", (1200, 900))
+        assert 0.1 < (np.asarray(image.convert("L")) > 60).mean() < 0.9
 
 
-@pytest.mark.parametrize("suffix", [".rrd", ".png"])
-def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path, suffix):
+def test_a_missing_package_is_named_before_anything_is_computed(monkeypatch, tmp_path):
     monkeypatch.setattr(cloud_files, "find_spec", lambda name: None if name in ("rerun", "matplotlib") else name)
-    with pytest.raises(InvalidInput, match=r"pip install 'srt3d_ros\[(record|review)\]' to have been run"):
-        cloud_files.check(tmp_path / f"a{suffix}")
+    for suffix, extra in ((".rrd", "record"), (".png", "review")):
+        with pytest.raises(InvalidInput, match=rf"pip install 'srt3d_ros\[{extra}\]' to have been run"):
+            cloud_files.check(tmp_path / f"a{suffix}")
     cloud_files.check(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd", ".rrd"])
-def test_an_empty_cloud_is_a_valid_file(saved, ball, suffix):
-    path = saved("empty" + suffix, ball[0].within(max_m=0))
-    count = {".npz": lambda: len(np.load(path)["row"]), ".ply": lambda: len(read_ply(path)),
-             ".pcd": lambda: len(read_pcd(path)), ".rrd": lambda: len(next(RecordingReader(path).clouds()).xyz)}
-    assert count[suffix]() == 0
+def test_an_empty_cloud_is_a_valid_file(saved, ball):
+    nothing = ball[0].within(max_m=0)
+    assert len(np.load(saved("a.npz", nothing))["row"]) == len(read_ply(saved("a.ply", nothing))) == 0
+    assert len(read_pcd(saved("a.pcd", nothing))) == 0
+    assert len(next(RecordingReader(saved("a.rrd", nothing)).clouds()).xyz) == 0
 
 
 @pytest.mark.parametrize("name, expected", [
@@ -122,7 +116,6 @@ def test_an_empty_cloud_is_a_valid_file(saved, ball, suffix):
     ("cloud", "a file name that ends in"),
     ("absent/cloud.ply", "a directory .*absent that exists"),
     ("folder.pcd", "a file, not a directory"),
-    (f"{300 * 'a'}/cloud.ply", "a directory .* that exists"),
     (f"{300 * 'a'}.ply", "a file that can be written .File name too long"),
 ])
 def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name, expected):
@@ -132,7 +125,7 @@ def test_a_path_that_cannot_be_used_is_refused_in_one_line(saved, tmp_path, name
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd", ".rrd"])
+@pytest.mark.parametrize("suffix", [".npz", ".ply", ".rrd"])
 def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved, tmp_path, full_disk, suffix):
     path = tmp_path / ("cloud" + suffix)
     path.write_text("old")

@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pytest
 from rerun.chunk import RrdReader
 
 from srt3d_ros.recording.parts import PartNames, Split
@@ -48,7 +47,6 @@ def test_files_follow_each_other_by_size_or_by_age():
     assert Split(period_s=3).due(0, 3) and not Split(period_s=3).due(10**12, 2.9)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="threads are counted on Linux only")
 def test_a_file_that_is_finished_leaves_no_threads_behind(tmp_path):
     """Without rerun_streams, rerun keeps two for each file and two for its blueprint."""
     before = threads_of_streams()
@@ -59,9 +57,8 @@ def test_a_file_that_is_finished_leaves_no_threads_behind(tmp_path):
     assert threads_of_streams() <= before
 
 
-@pytest.mark.parametrize("split, frames", [(Split(size_mb=0.5), 60), (Split(period_s=0.5), 60)])
-def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(tmp_path, ball, split, frames):
-    sensor = ball[1]
+def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(tmp_path, ball):
+    sensor, split, frames = ball[1], Split(size_mb=0.5), 60
     rng = np.random.default_rng(0)
     properties = {"run": {"namespace": "/"}, "versions": {"numpy": "2"}}
     with RecordingWriter(tmp_path / "a.rrd", sensor, properties=properties, split=split) as writer:
@@ -79,63 +76,31 @@ def test_parts_are_complete_files_of_one_recording_without_a_frame_between_them(
     assert sum(len(reader.series()["points"].values) for reader in readers) == frames
     for number, (reader, path) in enumerate(zip(readers, paths), start=1):
         properties = reader.properties()
-        assert reader.is_finished() and reader.recording_id == readers[0].recording_id
+        assert reader.is_finished and reader.recording_id == readers[0].recording_id
         assert properties["run"] == {"namespace": "/", "part": number} and properties["versions"]["numpy"] == "2"
         assert properties["sensor"]["rows"] == 40 and properties["parameters"]["sketcher.sketch_size"] == 5
         assert len(RrdReader(path).blueprints()) == 1
         static = {chunk.entity_path for chunk in RrdReader(path).stream().filter(content="/**", is_static=True)}
         assert {"/", "/sensor", "/metrics/points"} <= static
-    if split.size_mb:       # by time, a machine that stalls makes small ones
-        sizes = [path.stat().st_size for path in paths[:-1]]
-        assert max(sizes) < 3 * min(sizes)
+    sizes = [path.stat().st_size for path in paths[:-1]]
+    assert max(sizes) < 3 * min(sizes)
 
 
 FULL = """
 import resource, sys, time
 import numpy as np
-from srt3d_ros.recording import writer as writer_module
-from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.writer import RecordingWriter
-writer_module.RETRY_S = 0.1
-errors, recoveries = [], []
-writer = RecordingWriter(sys.argv[1], None, on_error=errors.append, on_recovery=recoveries.append)
-sent = 0
-def log(until):
-    global sent
-    while not until():
-        writer.log_cloud(sent, sent, np.ones((5000, 3)), np.ones(5000))
-        sent += 1
-        time.sleep(0.01)
-def limit(size):            # a write then fails as on a full disk
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
-log(lambda: sent == 20)
-limit(0)
-log(lambda: writer.error is not None)
-failed = sent
-log(lambda: sent == failed + 100)
-assert errors == [writer.error] and not recoveries, errors
-limit(resource.RLIM_INFINITY)
-log(lambda: recoveries)
-recovered = sent
-log(lambda: sent == recovered + 20)
-writer.close()
-assert writer.error is None and len(errors) == 1
-assert [path.name for path in recoveries] == ["a_2.rrd"]
-print(errors[0])
-kept = [cloud.frame_index for cloud in RecordingReader(recoveries[0]).clouds()]
-assert sorted(kept) == list(range(sent - len(kept), sent)) and len(kept) >= 20
-assert writer.dropped >= 100 and writer.dropped + len(kept) <= sent
-writer = RecordingWriter(sys.argv[2], None)
-limit(0)
-log(lambda: writer.error is not None)
-assert not writer.flush() and writer.dropped > 0       # and the process ends: with rerun's own file sink it would not
+writer = RecordingWriter(sys.argv[1], None)
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))        # a write then fails as on a full disk
+while writer.error is None:
+    writer.log_cloud(0, 0, np.ones((5000, 3)), np.ones(5000))
+    time.sleep(0.01)
+print(writer.error)
+assert not writer.flush() and writer.dropped > 0
 """
 
 
-def test_recording_goes_on_in_a_new_file_once_the_disk_takes_more_and_a_full_disk_lets_the_process_end(tmp_path):
-    """In a process of its own, which may not write: no disk needs to be filled for that."""
-    done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a.rrd", tmp_path / "b.rrd"], capture_output=True,
-                          text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == f"recording {tmp_path / 'a.rrd'}: File too large\n" and done.stderr == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "a_2.rrd", "b.rrd"]
+def test_a_full_disk_lets_the_process_end(tmp_path):
+    """With rerun's own file sink it would not. How it goes on once there is room: tests/nodes/test_recorder.py."""
+    done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a.rrd"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"recording {tmp_path / 'a.rrd'}: File too large\n", "")

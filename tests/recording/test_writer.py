@@ -35,13 +35,6 @@ def rows(xyz, *columns):
     return sorted(map(bytes, table))
 
 
-def some_clouds():
-    clouds = [random_cloud(n, seed=n) for n in (1000, 1, 0, 20_000)]
-    clouds[0][0][3] = np.nan
-    clouds[0][1][5] = np.nan
-    return clouds
-
-
 def record_clouds(path, clouds, sensor, **options):
     with RecordingWriter(path, sensor, **options) as writer:
         for k, (xyz, intensity) in enumerate(clouds):
@@ -52,16 +45,10 @@ def record_clouds(path, clouds, sensor, **options):
     return read
 
 
-def test_exact_clouds_are_read_back_bit_for_bit_and_in_order(tmp_path, ball):
-    clouds = some_clouds()
-    read = record_clouds(tmp_path / "a.rrd", clouds, ball[1], style=Style(exact=True))
-    for cloud, (xyz, intensity) in zip(read, clouds, strict=True):
-        assert cloud.xyz.dtype == cloud.intensity.dtype == np.float32
-        assert cloud.xyz.tobytes() == xyz.tobytes() and cloud.intensity.tobytes() == intensity.tobytes()
-
-
 def test_positions_are_kept_bit_for_bit_and_intensities_in_11_bits_whatever_their_order(tmp_path, ball):
-    clouds = some_clouds()
+    clouds = [random_cloud(n, seed=n) for n in (1000, 1, 0, 20_000)]
+    clouds[0][0][3] = np.nan
+    clouds[0][1][5] = np.nan
     clouds.append((clouds[3][0], clouds[3][1] * 10_000))        # beyond the largest float16
     for cloud, (xyz, intensity) in zip(record_clouds(tmp_path / "a.rrd", clouds, ball[1]), clouds, strict=True):
         assert rows(cloud.xyz) == rows(xyz)
@@ -100,9 +87,8 @@ def test_points_cost_fourteen_bytes_and_a_photon_image_a_few_bits(tmp_path):
     assert (background - empty) / 60_000 < 1.4 and (photons - empty) / 60_000 < 1.3
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path, dtype):
-    xyz, records, image = np.zeros((500, 3), dtype), np.zeros((500, 4), dtype), np.zeros((20, 30), dtype)
+def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path):
+    xyz, records, image = (np.zeros(shape, np.float32) for shape in ((500, 3), (500, 4), (20, 30)))
     with RecordingWriter(tmp_path / "a.rrd", None) as writer:
         for k in range(2):
             xyz[:], records[:], image[:] = k, k, k
@@ -151,8 +137,7 @@ def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball)
 
 
 def test_without_a_depth_std_the_intensity_colours(tmp_path):
-    xyz, intensity = random_cloud(1000)
-    by_std, by_intensity = (record_clouds(tmp_path / "a.rrd", [(xyz, intensity)], None, style=Style(Colouring(by)))
+    by_std, by_intensity = (record_clouds(tmp_path / "a.rrd", [random_cloud(1000)], None, style=Style(Colouring(by)))
                             for by in ("depth_std", "intensity"))
     assert np.array_equal(by_std[0].colour, by_intensity[0].colour)
 
@@ -220,15 +205,6 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     assert names == {"points"}
 
 
-def test_scalars_without_a_frame_or_a_value_are_taken(tmp_path):
-    with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_scalars(3, {"drops": 1, "points": None})
-        writer.log_scalars(4, {"drops": np.int64(2), "points": float("nan")}, 9)
-    series = RecordingReader(tmp_path / "a.rrd").series()
-    assert series["drops"].values.tolist() == [1, 2] and series["drops"].stamp_ns.tolist() == [3, 4]
-    assert len(series["points"].values) == 1 and np.isnan(series["points"].values[0])
-
-
 def test_flush_puts_everything_into_the_unfinished_file(tmp_path, monkeypatch):
     """Even on a slow disk, when data of rerun is still in the pipe or in our copying thread."""
     write = RrdFile._write
@@ -241,10 +217,10 @@ def test_flush_puts_everything_into_the_unfinished_file(tmp_path, monkeypatch):
     assert writer.flush()
     (tmp_path / "copy.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())      # as kill -9 would leave it
     copy = RecordingReader(tmp_path / "copy.rrd")
-    assert not copy.is_finished()
+    assert not copy.is_finished
     assert len(list(copy.clouds())) == 5 and copy.series()["points"].values.tolist() == [0, 1, 2, 3, 4]
     writer.close()
-    assert RecordingReader(tmp_path / "a.rrd").is_finished()
+    assert RecordingReader(tmp_path / "a.rrd").is_finished
 
 
 def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_path):
@@ -271,11 +247,10 @@ def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_pat
     assert kept[-3:] == [147, 148, 149]
 
 
-@pytest.mark.parametrize("path, why", [("absent/a.rrd", "No such file or directory"), (".", "Is a directory")])
-def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path, path, why):
+def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path):
     errors = []
-    with RecordingWriter(tmp_path / path, None, on_error=errors.append) as writer:
-        assert writer.error == f"recording {tmp_path / path}: {why}"
+    with RecordingWriter(tmp_path / "absent" / "a.rrd", None, on_error=errors.append) as writer:
+        assert writer.error == f"recording {tmp_path}/absent/a.rrd: No such file or directory"
         for k in range(3):
             writer.log_cloud(k, k, *random_cloud(10))
             writer.log_depth(k, k, np.ones((2, 2)))
@@ -294,20 +269,23 @@ writer = RecordingWriter(sys.argv[1], None)
 for k in range(30):
     writer.log_cloud(k, k, np.ones((20_000, 3)), np.ones(20_000))
 """
-    for name in ("a.rrd", "b.rrd", "c.rrd"):        # with rerun's exit handler, every fourth such process hangs
-        subprocess.run([sys.executable, "-c", script, tmp_path / name], timeout=60, check=True)
-        assert RecordingReader(tmp_path / name).is_finished()
-        assert len(list(RecordingReader(tmp_path / name).clouds())) == 30
+    subprocess.run([sys.executable, "-c", script, tmp_path / "a.rrd"], timeout=60, check=True)
+    reader = RecordingReader(tmp_path / "a.rrd")
+    assert reader.is_finished and len(list(reader.clouds())) == 30
 
 
 def test_closing_twice_and_logging_afterwards_change_nothing(tmp_path):
     writer = RecordingWriter(tmp_path / "a.rrd", None)
-    writer.log_scalars(0, {"points": 1})
+    writer.log_scalars(3, {"drops": 1, "points": None})
+    writer.log_scalars(4, {"drops": np.int64(2), "points": float("nan")}, 9)
     writer.close()
     size = (tmp_path / "a.rrd").stat().st_size
     writer.log_cloud(1, 1, *random_cloud(10))
     writer.log_scalars(1, {"points": 2})
     writer.close()
+    series = RecordingReader(tmp_path / "a.rrd").series()
+    assert series["drops"].values.tolist() == [1, 2] and series["drops"].stamp_ns.tolist() == [3, 4]
+    assert len(series["points"].values) == 1 and np.isnan(series["points"].values[0])
     assert writer.error is None and writer.dropped == 1
     assert (tmp_path / "a.rrd").stat().st_size == size
 
@@ -331,13 +309,11 @@ def test_properties_hold_the_run_and_the_sensor(tmp_path, ball):
     assert np.array_equal(properties["sensor"]["irf"].astype(np.float32), sensor.irf)
 
 
-@pytest.mark.parametrize("facts", [{}, {"unset": None}, {"none": []}, {"none": ()}])
-def test_a_property_without_facts_is_left_out_without_a_warning(tmp_path, facts):
+def test_a_property_without_facts_is_left_out_without_a_warning(tmp_path):
     """Such as the parameters of a node that has ended."""
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
-        with RecordingWriter(tmp_path / "a.rrd", None, properties={"versions": facts}) as writer:
-            writer.set_properties("parameters", facts)
-            assert writer.flush()
+        with RecordingWriter(tmp_path / "a.rrd", None, properties={"versions": {}}) as writer:
+            writer.set_properties("parameters", {"unset": None, "none": [], "nothing": ()})
     assert not [str(warning.message) for warning in seen]
     assert not {"versions", "parameters"} & RecordingReader(tmp_path / "a.rrd").properties().keys()

@@ -22,6 +22,7 @@ def test_a_recording_is_identical_with_itself(recorded):
     assert found["matched_by"] == "stamp" and found["frames"] == found["identical_frames"] == len(recorded.index)
     assert found["distance_mm"]["worst frame"] == {"mean": 0, "median": 0, "p95": 0}
     assert found["latency_ms"]["first"] == found["latency_ms"]["second"]
+    assert found["points_difference"] == {"median": 0, "min": 0, "max": 0}
 
 
 def test_a_shift_is_found_and_frames_match_by_stamp(recorded, other):
@@ -31,18 +32,11 @@ def test_a_shift_is_found_and_frames_match_by_stamp(recorded, other):
     assert 0.3 < found["distance_mm"]["median frame"]["median"] <= 1.001 and found["identical_frames"] == 0
 
 
-def test_without_common_stamps_frames_match_by_index(recorded, other):
-    found = compare(recorded, other(first_ns=7, frames=14))
+def test_without_common_stamps_frames_match_by_index_and_points_are_compared_with_their_sign(recorded, other):
+    found = compare(recorded, other(first_ns=7, frames=14, frame_offset=1))
     assert found["matched_by"] == "frame" and found["frames"] == 12
+    assert found["points_difference"]["min"] == -90 and found["points_difference"]["max"] == 89
     assert "no stamp is in both" in format_comparison(found)
-
-
-def test_points_are_compared_with_their_sign(recorded, other, ball):
-    cloud, sensor = ball
-    found = compare(recorded, other())
-    assert found["points_difference"] == {"median": 0, "min": 0, "max": 0}
-    short = compare(recorded, other(missing=tuple(range(10, 40))))
-    assert short["frames"] == 10 and short["points_first"]["min"] == len(cloud) - 100
 
 
 def test_distances_are_those_of_both_directions_in_millimetres():
