@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import ListParameters
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
@@ -85,6 +88,28 @@ class Graph:
     def publisher(self, message_type: type, topic: str):
         return self.node.create_publisher(message_type, topic, QoSProfile(depth=100))
 
+    def latched(self, topic: str):
+        """A publisher of texts of which a late subscriber gets the last one, such as descriptions."""
+        return self.node.create_publisher(String, topic, LATCHED)
+
+    def set(self, name: str, **values) -> str:
+        """Set parameters of a node together, as `ros2 param set` does one; why not, or an empty text."""
+        given = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=given)
+        result = self.call(SetParametersAtomically, f"{name}/set_parameters_atomically", request).result
+        assert result.successful == (not result.reason)
+        return result.reason
+
+    def change(self, name: str, step: str) -> bool:
+        """Ask a node for a transition, such as "activate", as a manager does; whether it went."""
+        return self.call(ChangeState, f"{name}/change_state",
+                         ChangeState.Request(transition=Transition(label=step))).success
+
+    def trigger(self, service: str) -> tuple[bool, str]:
+        """Success and message of a service such as "sketcher/reset"."""
+        answer = self.call(Trigger, service, Trigger.Request())
+        return answer.success, answer.message
+
     def call(self, service_type: type, service: str, request):
         """The answer of a service."""
         client = self.node.create_client(service_type, service)
@@ -96,13 +121,27 @@ class Graph:
         return future.result()
 
     def known_to(self, name: str) -> None:
-        """Return once a node has found all that the test's node has made so far."""
-        _become_known(self.node, name, self.wait)
+        """Return once a node has found all that the test's node has made so far.
+
+        An answer waits no more than 0.1 s for a client that its server has not found, and is lost then. Clients are
+        found in the order in which they were made: who answers the newest, to what may be asked twice, has found all.
+        """
+        client = self.node.create_client(ListParameters, f"{name}/list_parameters")
+        self.wait(client.service_is_ready, f"the parameters of {name}")
+        began, answers = time.monotonic(), []
+
+        def answered() -> bool:
+            if time.monotonic() >= began + len(answers) * ASK_AGAIN_S:
+                answers.append(client.call_async(ListParameters.Request()))
+            return any(answer.done() for answer in answers)
+
+        self.wait(answered, f"{name} to find its clients")
+        self.node.destroy_client(client)
 
     def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
         """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
         described = self.collect_latched(String, "sketch/sensor")
-        self.node.create_publisher(String, "sensor", LATCHED).publish(sensor_message.encode(sensor))
+        self.latched("sensor").publish(sensor_message.encode(sensor))
 
         def answer():
             said = map(sketch_message.decode_sensor, described)
@@ -164,29 +203,6 @@ class Graph:
             values = {pair.key: pair.value for pair in status.values}
             values |= {"level": status.level, "message": status.message}
             self._reports.setdefault(status.name, []).append(values)
-
-
-def _become_known(node: Node, name: str, wait: Callable[[Callable[[], object], str], object]) -> None:
-    """Return once another node has found the clients that `node` has made so far.
-
-    An answer waits no more than 0.1 s for a client that its server has not found, and is lost then. Clients are found
-    in the order in which they were made: who answers the newest, to what may be asked twice, has found them all.
-
-    Args:
-        name: of the other node, relative to the namespace of `node`.
-        wait: (condition, what is waited for) → returns once the condition holds.
-    """
-    client = node.create_client(ListParameters, f"{name}/list_parameters")
-    wait(client.service_is_ready, f"the parameters of {name}")
-    began, answers = time.monotonic(), []
-
-    def answered() -> bool:
-        if time.monotonic() >= began + len(answers) * ASK_AGAIN_S:
-            answers.append(client.call_async(ListParameters.Request()))
-        return any(answer.done() for answer in answers)
-
-    wait(answered, f"{name} to find its clients")
-    node.destroy_client(client)
 
 
 def check_outdated(graph: Graph, name: str, counted: str, describe: Callable[[SensorModel], None], frames,
