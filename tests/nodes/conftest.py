@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import signal
 import sys
 import threading
 import time
@@ -173,6 +174,8 @@ class Graph:
 
     def close(self) -> None:
         """End the nodes and check the frame accounting of each in its last report."""
+        for process in self.processes:
+            process.send(signal.SIGTERM)
         for process in self.processes:
             process.stop()
         ended = {name: kind for name, (kind, process) in self._nodes.items()

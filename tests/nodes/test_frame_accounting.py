@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.messages import photon_frames
@@ -20,7 +19,6 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
 from srt3d_ros.nodes.frame_accounting import FRAMES, PHOTONS, FrameAccounts
-from srt3d_ros.nodes.topics import LATCHED
 from tests.nodes.conftest import Graph, check_balance
 
 S = 1_000_000_000
@@ -84,19 +82,34 @@ def test_a_node_that_loses_a_frame_says_so_and_fails_the_test_in_which_it_does(r
         check_balance("loser", graph.report("loser"))
 
 
-def test_a_lossless_node_stopped_without_a_subscriber_has_dropped_its_frames(graph, sensor, events):
-    node = graph.start("sketcher", lossless=True, packets_per_frame=2).ready()
-    graph.introduce(sensor)
-    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    for k in range(5):
-        photons.publish(photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=k), sensor, "spad"))
+def test_a_lossless_node_keeps_its_photons_until_they_are_described_and_sketches_until_somebody_subscribes(
+        graph, sensor, events):
+    node = graph.start("sketcher", lossless=True, sketch_size=64).ready()
+    photons, described = graph.matched(graph.publisher(PointCloud2, "photons")), graph.latched("sensor")
+
+    def send(frames: int) -> None:
+        for k in range(frames):
+            photons.publish(photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=k), sensor, "spad"))
+
+    send(20)
+    graph.reports("sketcher", "frames_in", 20)
+    assert graph.report("sketcher")["message"] == "waiting for a sensor description on sensor"
+    described.publish(sensor_message.encode(sensor))        # T is 100: too short for 64 frequencies
+    waiting = "waiting for a sensor description on sensor that can be used: "
+    graph.wait(lambda: graph.report("sketcher")["message"].startswith(waiting), "the reason")
+    described.publish(sensor_message.encode(sensor.replace(num_bins=1000)))
     node.says("waiting for a subscriber on")
-    graph.reports("sketcher", "frames_in", 5)
-    assert graph.report("sketcher")["under_way"] == "5"
+    sketches = graph.node.create_subscription(PointCloud2, "sketch", (received := []).append, 100)
+    graph.wait(lambda: len(received) == 20, "all 20 sketches")
+    assert graph.reports("sketcher", "frames_out", 20)["dropped"] == "0"
+    graph.node.destroy_subscription(sketches)
+    graph.known_to("sketcher")
+    send(5)
+    graph.reports("sketcher", "under_way", 5)
     assert node.end(signal.SIGTERM) == 0
     last = graph.reports("sketcher", "state", "finalized")
-    expected = {"frames_in": 5, "frames_out": 0, "dropped.shutdown": 5, "dropped": 5, "under_way": 0,
-                "photons_dropped.shutdown": 5 * events.photons, "photons_under_way": 0, "errors": 0}
+    expected = {"frames_in": 25, "frames_out": 20, "dropped.shutdown": 5, "dropped": 5, "under_way": 0,
+                "photons_dropped.shutdown": 5 * events.photons, "photons_under_way": 0, "errors": 1}
     assert {key: int(last[key]) for key in expected} == expected
 
 
@@ -126,7 +139,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
 
     send(0, 1)                                                  # nobody knows the sensor
     graph.reports("sketcher", "dropped.no_sensor", 2)
-    described = graph.node.create_publisher(String, "sensor", LATCHED)
+    described = graph.latched("sensor")
     described.publish(sensor_message.encode(sensor))
     graph.reports("sketcher", "num_bins", sensor.num_bins)
     send(0, 50, 50, 100, 20, 200)                               # one is double, one is late
@@ -135,7 +148,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
     photons.publish(photons_message.encode_cdr(events, sensor, "spad")[:-1000])     # fewer bytes than it says
     graph.reports("sketcher", "dropped.malformed", 2)
     graph.wait(lambda: len(sketches) == 2, "two frames")
-    assert graph.call(Trigger, "sketcher/reset", Trigger.Request()).success
+    assert graph.trigger("sketcher/reset")[0]
     graph.reports("sketcher", "packets_open", 0)
     send(300)
     graph.reports("sketcher", "packets_open", 1)
@@ -162,3 +175,4 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
     totals = {"frames_in": sent + 6, "packets": 5, "photons_in": (sent + 4) * n + 9, "photons": 5 * n, "frames_out": 3,
               "under_way": 0, "photons_under_way": 0, "errors": 1}       # one error: the description
     assert {key: int(last[key]) for key in totals} == totals
+    assert abs(float(last["latency_p50_ms"])) < 60_000          # by the simulated clock, which is near 0

@@ -80,7 +80,7 @@ class Reconstructor:
         return [self.graph.total("reconstructor", name) for name in names]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def sensor(sensor):
     """Its rows look one after the other."""
     return sensor.replace(scan=ScanRate(row_period_s=0.001, col_period_s=0.0001))
