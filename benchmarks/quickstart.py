@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from benchmarks.pipeline import cpu_s, percentiles
 from robustness.testbed import Testbed
 from srt3d_ros import shared_files
-from srt3d_ros.nodes.distribution import PROFILE_VARIABLE, PROFILES
+from srt3d_ros.nodes.transport import PROFILE_VARIABLE, PROFILES
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up", "--config", "spad_32x32_gates"]
 START_S, SETTLE_S = 60.0, 3.0

@@ -1,14 +1,12 @@
 """bag_recorder: the pipeline's topics → a rosbag2 bag, messages as they came."""
 
 import os
-import sys
 import time
 from collections import Counter
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-
-from rclpy.clock import Clock, ClockType
 
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
@@ -87,24 +85,15 @@ class BagRecorderNode(PipelineNode):
         self._ended_by = ""
         self._early: dict[str, bytes] = {}              # by topic: descriptions from before simulated time began
         self._first_ns: int | None = None               # time of the first frame
-        self._first_at = 0.0
         self._newest: dict[str, bytes] = {}             # by topic: its description
         self._last_ns = self._greatest_ns = 0           # times of the frames
         self._is_behind = False                         # whether simulated time jumped back
-        self._timer = None
         self._awaited = {name for name, topic in self._topics.items() if topic.latched}
         if self._awaited:
             self.hold_frames_for(f"a description on {self._awaited_names()}")
-            self._timer = self.create_timer(HOLD_S / 10, self._end_hold, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name in self._topics:
             self._subscribe(name)
         self.diagnostics.show(path=path)
-
-    def deactivate(self) -> None:
-        """Complete the bag."""
-        super().deactivate()
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
 
     def stop_frames(self, cause: str) -> None:
         """As in every node, but first take the messages that wait in the middleware."""
@@ -192,7 +181,8 @@ class BagRecorderNode(PipelineNode):
             self.worker.call(self._describe, name, time_ns, raw)
             return
         if self._first_ns is None:
-            self._first_ns, self._first_at = time_ns, time.monotonic()
+            self._first_ns = time_ns
+            self.worker.call_after(HOLD_S, partial(self._end_hold, self._writer))
         if self._leapt(time_ns):
             for described, description in self._newest.items():
                 self.worker.call(self._describe, described, time_ns, description)
@@ -219,9 +209,9 @@ class BagRecorderNode(PipelineNode):
         if not self._awaited:
             self.release_frames()
 
-    def _end_hold(self) -> None:
-        """In the executor's thread: record frames without their description if it is late."""
-        if self._awaited and self._first_ns is not None and time.monotonic() - self._first_at >= HOLD_S:
+    def _end_hold(self, writer: BagWriter) -> None:
+        """Record frames without their description if it is late, unless their bag is complete."""
+        if self._awaited and self._writer is writer:
             self.get_logger().warning(f"no description on {self._awaited_names()} yet: recording without")
             self._awaited.clear()
             self.release_frames()
@@ -291,10 +281,4 @@ def _make_writer(future: Future, path: Path, storage: str) -> None:
         future.set_exception(error)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(BagRecorderNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, BagRecorderNode)

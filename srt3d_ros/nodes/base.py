@@ -44,6 +44,7 @@ class PipelineNode(ManagedNode):
     drains = False          # whether waiting frames are still processed when the node is deactivated
     queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
     finish_s = 5.0          # timeout for the current frame, or for those that drain
+    niceness = 0            # of the process
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
@@ -150,7 +151,7 @@ class PipelineNode(ManagedNode):
                 handle(message)
             except InvalidInput as problem:
                 if self._held_for:
-                    self.diagnostics.wait_for(f"{self._held_for} that can be used: {problem}")
+                    self.diagnostics.waiting_for = f"{self._held_for} that can be used: {problem}"
                 raise
 
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
@@ -186,14 +187,14 @@ class PipelineNode(ManagedNode):
     def hold_frames_for(self, what: str) -> None:
         """Report that no frame can be used before `what` has come; those that may queue wait until `release_frames`."""
         self._held_for = what
-        self.diagnostics.wait_for(what)
+        self.diagnostics.waiting_for = what
         if self.worker.limit > NEWEST_ONLY:
             self.worker.hold_frames()
 
     def release_frames(self) -> None:
         """Process frames again after `hold_frames_for`."""
         self._held_for = ""
-        self.diagnostics.wait_for("")
+        self.diagnostics.waiting_for = ""
         self.worker.release_frames()
 
     def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
@@ -224,10 +225,10 @@ class PipelineNode(ManagedNode):
                 break
             if waited_s >= LOG_WAIT_S and not logged:
                 logged = True
-                self.diagnostics.wait_for(what)
+                self.diagnostics.waiting_for = what
                 self.get_logger().info(f"waiting for {what}")
         if logged:
-            self.diagnostics.wait_for("")
+            self.diagnostics.waiting_for = ""
         return met
 
     def on_activate(self, state):
@@ -237,7 +238,7 @@ class PipelineNode(ManagedNode):
     def deactivate(self) -> None:
         """Take no more frames, finish the current one, drop those that wait unless the node drains, and forget."""
         self.stop_frames("inactive")
-        self.diagnostics.wait_for("")
+        self.diagnostics.waiting_for = ""
 
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe and empty the queue: waiting frames are dropped for `cause` or, if the node drains, processed."""

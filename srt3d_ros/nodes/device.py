@@ -1,9 +1,9 @@
 """device: the stream or log of a histogramming sensor → `histograms`, with the latched `sensor`."""
 
-import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 from srt3d_ros import devices
 from srt3d_ros.core.photons import PhotonHistograms
@@ -82,20 +82,20 @@ class DeviceNode(PipelineNode):
     def _follow(self) -> None:
         """Offer the messages of a publisher to the worker, and report when it comes and goes."""
         stream, address = Subscription(self._address), self._address
-        self.diagnostics.wait_for(address)
+        self.diagnostics.waiting_for = address
         try:
             while not self.halted.is_set():
                 came = stream.next(POLL_S)
                 if came == CONNECTED:
-                    self.diagnostics.wait_for(f"a measurement of {address}")
+                    self.diagnostics.waiting_for = f"a measurement of {address}"
                     self.diagnostics.count(connections=1)
                     self.get_logger().info(f"{address} is connected")
                 elif came == GONE:
-                    self.diagnostics.wait_for(f"{address}, which is gone")
+                    self.diagnostics.waiting_for = f"{address}, which is gone"
                     self.diagnostics.count(disconnections=1)
                     self.get_logger().warning(f"{address} is gone: waiting for it")
                 elif came is not None:
-                    self.diagnostics.wait_for("")
+                    self.diagnostics.waiting_for = ""
                     self._offer(self._decode, came, self.now_ns())
         finally:
             stream.close()
@@ -145,10 +145,4 @@ class DeviceNode(PipelineNode):
                            frames_sent=1, photons_sent=frame.photons)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(DeviceNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, DeviceNode)

@@ -50,6 +50,8 @@ class Diagnostics:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
             these diagnostics.
         find_warning: likewise for a warning.
+        waiting_for: what the node waits for; empty if for nothing.
+        degraded: how frames are degraded; empty if they are not.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
@@ -60,7 +62,7 @@ class Diagnostics:
         self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self._waiting_for = self._degraded = ""
+        self.waiting_for = self.degraded = ""
         self._topics: dict[str, str] = {}   # on which frames may come, and of what type
         self._silent_since = 0.0            # when the last frame came in, or frames were first expected
         self._any_frame = False             # whether one has come since then
@@ -111,16 +113,6 @@ class Diagnostics:
         with self._lock:
             self._accounts.totals["errors"] += counted
             self._last_error = text
-
-    def wait_for(self, what: str) -> None:
-        """Report what the node waits for; an empty text when it no longer does."""
-        with self._lock:
-            self._waiting_for = what
-
-    def degraded(self, how: str) -> None:
-        """Report how frames are degraded; an empty text when they no longer are."""
-        with self._lock:
-            self._degraded = how
 
     def show(self, **values: object) -> None:
         """Report these values until they change."""
@@ -230,13 +222,13 @@ class Diagnostics:
             return DiagnosticStatus.WARN, warning
         if no_clock := self._missing_clock():
             return DiagnosticStatus.WARN, no_clock
-        if self._waiting_for:
-            return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
+        if self.waiting_for:
+            return DiagnosticStatus.WARN, f"waiting for {self.waiting_for}"
         if self._topics and now - self._silent_since > SILENCE_S:
             return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
         if untimely := self._untimely(new["frames_out"]):
             return DiagnosticStatus.WARN, untimely
-        return (DiagnosticStatus.WARN, self._degraded) if self._degraded else (DiagnosticStatus.OK, "")
+        return (DiagnosticStatus.WARN, self.degraded) if self.degraded else (DiagnosticStatus.OK, "")
 
 
 def all_acknowledged(publisher: Publisher) -> bool:

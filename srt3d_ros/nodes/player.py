@@ -1,9 +1,9 @@
 """player: a photon file, the simulator or a bag → `photons`, `gates`, `histograms` or `sketch`, and their sensor."""
 
-import sys
 import time
 from collections import deque
 from dataclasses import replace
+from functools import partial
 
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
@@ -272,10 +272,4 @@ def _stamped(item: Item, stamp_ns: int) -> bytes:
     return item.raw if stamp_ns == item.stamp_ns else cdr.restamp(item.raw, stamp_ns)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(PlayerNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, PlayerNode)

@@ -2,9 +2,9 @@
 
 import os
 import platform
-import sys
 import time
 from collections import deque
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +38,6 @@ QUEUE = 64              # messages that may wait; the writer has its own queue o
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
 COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
-NICENESS = 10           # of the process: it gets a tenth of another node's share of a busy core
 # As the publishers offer it: a node that is discovered late still delivers its last 10 s.
 LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
@@ -70,6 +69,7 @@ class RecorderNode(PipelineNode):
     drains = True           # what has arrived is written
     finish_s = 35.0         # longer than a writer takes to give up
     queue_depth = QUEUE_DEPTH
+    niceness = 10           # it gets a tenth of another node's share of a busy core
 
     def __init__(self):
         super().__init__(QUEUE)
@@ -272,11 +272,4 @@ class RecorderNode(PipelineNode):
             self._writer.set_properties(schema.PARAMETERS, values)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node at a lower priority than the pipeline; returns the exit code."""
-    os.nice(NICENESS)       # before there are other threads, which inherit it
-    return run(RecorderNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, RecorderNode)

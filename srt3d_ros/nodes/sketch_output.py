@@ -114,7 +114,7 @@ class SketchOutput:
         settings = values["max_mbit_s"], values["coding_step"] if values["layout"] == "coded" else 0.0
         if not settings[0] and self._budget:
             self._budget = None
-            self._node.diagnostics.degraded("")
+            self._node.diagnostics.degraded = ""
         elif settings[0] and (self._budget is None or self._budget.settings != settings):
             self._budget = LinkBudget(*settings)
 
@@ -142,7 +142,7 @@ class SketchOutput:
             del now["coding_step_now"]
         diagnostics.show(**now)
         words = f"degraded, {budget.why}: " + ", ".join(f"{name} {value}" for name, value in now.items())
-        diagnostics.degraded(words if budget.why else "")
+        diagnostics.degraded = words if budget.why else ""
         if budget.why and not before:
             log.warning(words)
         elif before and not budget.why:

@@ -1,6 +1,5 @@
 """sketcher: `photons`, `gates` or `histograms` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
 
-import sys
 from functools import partial
 
 from rclpy.timer import Timer
@@ -290,10 +289,4 @@ class SketcherNode(PipelineNode):
         self.diagnostics.show(packets_open=self._framing.open.packets)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(SketcherNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, SketcherNode)

@@ -140,12 +140,12 @@ class BagSource:
         self._loop = parameters["bag_loop"]
         self._bag = Bag(parameters["input"])
         found = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
-        self.output, self._frames = found.output, found.frames
+        self.output = found.output
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
-        self._reports = {} if self.output == "sketch" else self._of_motion()
-        self.others = tuple(self._reports.values())
-        self._played = tuple(topic for topic in self._bag.topics
-                             if topic in (found.frames, found.sensor) or topic.name in self._reports)
+        reports = {} if self.output == "sketch" else self._of_motion()
+        self.others = tuple(reports.values())
+        self._stamped = reports | {found.frames.name: self.output}      # by topic in the bag: on which it is played
+        self._played = tuple(topic for topic in self._bag.topics if topic == found.sensor or topic.name in self._stamped)
         self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
         self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
         first = next(self._bag.messages((found.frames,), self.start_ns), None)
@@ -167,14 +167,10 @@ class BagSource:
                 if self._is_late(message.time_ns):
                     break
                 due_ns, longest_ns = self._paced(begun_ns + passed_ns), passed_ns + passed_ns // max(k, 1)
-                if message.topic == self._frames.name:
+                if message.topic in self._stamped:
                     stamp_ns = _stamp(message.raw, message.time_ns)
                     acquired_ns = self._paced(begun_ns + stamp_ns - self.start_ns)
-                    yield Item(self.output, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
-                elif message.topic in self._reports:
-                    stamp_ns = _stamp(message.raw, message.time_ns)
-                    yield Item(self._reports[message.topic], message.raw, due_ns,
-                               self._paced(begun_ns + stamp_ns - self.start_ns), stamp_ns, message.time_ns)
+                    yield Item(self._stamped[message.topic], message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
                 elif message.raw != described:
                     described = message.raw
                     yield Item(self.describes, described, due_ns, time_ns=message.time_ns)

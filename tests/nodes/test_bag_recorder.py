@@ -57,13 +57,14 @@ def on_the_wire(raw: bytes) -> bytes:
 
 
 def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp_path):
-    """Bit for bit: bags of photons of both kinds, and one of coded sketches, played into the nodes of the live clouds."""
+    """Bit for bit: bags of photons of both kinds, and one of coded sketches, played into the same nodes."""
     clouds, described = graph.collect(PointCloud2, "points", raw=True), graph.collect_latched(String, "sketch/sensor")
     sketcher = graph.start("sketcher", lossless=True, layout="coded", sketch_size=8)
     nodes = [graph.start("reconstructor", lossless=True), sketcher]
-    bags = {kind: tmp_path / kind for kind in ("mcap", "sqlite3", "sketches")}
-    recorders = {kind: graph.start("bag_recorder", "-r", f"__node:={kind}", path=path, **(
-        {"topics": "sketch, sketch/sensor"} if kind == "sketches" else {"format": kind})) for kind, path in bags.items()}
+    parameters = {"mcap": {}, "sqlite3": {"format": "sqlite3"}, "sketches": {"topics": "sketch, sketch/sensor"}}
+    bags = {kind: tmp_path / kind for kind in parameters}
+    recorders = {kind: graph.start("bag_recorder", "-r", f"__node:={kind}", path=path, **parameters[kind])
+                 for kind, path in bags.items()}
     for process in (*nodes, *recorders.values()):
         process.ready()
     driver, sensors = graph.matched(graph.publisher(PointCloud2, "photons"), 3), graph.latched("sensor")

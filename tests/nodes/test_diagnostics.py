@@ -64,9 +64,9 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
         assert report["level"] == level and words in report["message"], report
 
     says(OK, "0.0 frames/s in, 0.0 out")
-    diagnostics.wait_for("the sensor")
+    diagnostics.waiting_for = "the sensor"
     says(WARN, "waiting for the sensor")
-    diagnostics.wait_for("")
+    diagnostics.waiting_for = ""
     receive(2)
     diagnostics.sent(0.01)
     diagnostics.drop("queue")
@@ -85,9 +85,9 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
         for _ in range(2):          # as long as it lasts
             says(WARN if how == "find_warning" else ERROR, "rows is 3: expected 4")
     diagnostics.find_warning = diagnostics.find_contradiction = str
-    diagnostics.degraded("degraded, link is slow")
+    diagnostics.degraded = "degraded, link is slow"
     says(WARN, "degraded, link is slow")
-    diagnostics.degraded("")
+    diagnostics.degraded = ""
     diagnostics.audit(frames=2, photons=0)
     says(OK, "0.0 frames/s in")
     diagnostics.audit(frames=1, photons=0)

@@ -19,6 +19,7 @@ from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS
 from tests.nodes.conftest import Graph, check_outdated
 
@@ -37,7 +38,7 @@ class Reconstructor:
 
     def watch_images(self) -> None:
         """Subscribe to the images, which are published from now on."""
-        self._images = {name: self.graph.collect(Image, name, raw=True) for name in ("depth", "intensity", "background")}
+        self._images = {topic.name: self.graph.collect(Image, topic.name, raw=True) for topic in topics.IMAGES}
         self.cameras = self.graph.collect(CameraInfo, "camera_info")
         self.graph.known_to("reconstructor")
 
