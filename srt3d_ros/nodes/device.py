@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Iterator
 from functools import partial
 
 from srt3d_ros import devices
@@ -105,7 +104,7 @@ class DeviceNode(PipelineNode):
         try:
             self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
             began = time.monotonic()
-            for k, photons in enumerate(self._frames()):
+            for k, photons in enumerate(devices.frames(self._log, self._device)):
                 if self.halted.wait(max(began + k / self.parameters["rate_hz"] - time.monotonic(), 0)):
                     return
                 self._offer(self._publish, photons.sensor, photons.frame.counts, self.now_ns())
@@ -117,9 +116,6 @@ class DeviceNode(PipelineNode):
             self.exit_code = 1
             self.refused(error)
             self.finished.set()
-
-    def _frames(self) -> Iterator:
-        return devices.frames(self._log, self._device)
 
     def _offer(self, work, *args) -> None:
         with self.worker.lock:

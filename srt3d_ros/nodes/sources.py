@@ -144,9 +144,10 @@ class BagSource:
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
         reports = {} if self.output == "sketch" else self._of_motion()
         self.others = tuple(reports.values())
-        self._stamped = reports | {found.frames.name: self.output}      # by topic in the bag: on which it is played
-        self._played = tuple(topic for topic in self._bag.topics if topic == found.sensor or topic.name in self._stamped)
-        self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
+        self._played_on = reports | {found.frames.name: self.output}        # by topic in the bag
+        self._topics = tuple(topic for topic in self._bag.topics
+                             if topic == found.sensor or topic.name in self._played_on)
+        self.start_ns = next(self._bag.messages(self._topics)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
         self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
         first = next(self._bag.messages((found.frames,), self.start_ns), None)
         require(first is not None and not self._is_late(first.time_ns), "bag_start_s", parameters["bag_start_s"],
@@ -162,15 +163,15 @@ class BagSource:
             if described != self.sensor:
                 described = self.sensor
                 yield Item(self.describes, described, self._paced(begun_ns), time_ns=self.start_ns)
-            for k, message in enumerate(self._bag.messages(self._played, self.start_ns)):
+            for k, message in enumerate(self._bag.messages(self._topics, self.start_ns)):
                 passed_ns = message.time_ns - self.start_ns
                 if self._is_late(message.time_ns):
                     break
                 due_ns, longest_ns = self._paced(begun_ns + passed_ns), passed_ns + passed_ns // max(k, 1)
-                if message.topic in self._stamped:
+                if topic := self._played_on.get(message.topic):
                     stamp_ns = _stamp(message.raw, message.time_ns)
                     acquired_ns = self._paced(begun_ns + stamp_ns - self.start_ns)
-                    yield Item(self._stamped[message.topic], message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
+                    yield Item(topic, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
                 elif message.raw != described:
                     described = message.raw
                     yield Item(self.describes, described, due_ns, time_ns=message.time_ns)

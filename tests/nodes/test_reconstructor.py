@@ -142,20 +142,6 @@ def test_points_and_images_agree_on_what_is_within_the_limits(reconstructor, sen
     reconstructor.totals(points_out_of_range=before + int(seen.sum()))
 
 
-def test_upsampling_gives_points_and_images_of_finer_pixels(reconstructor, sensor, sketch):
-    reconstructor.watch_images()
-    reconstructor.begin(sensor, sketch, upsampling=3)
-    points, images = reconstructor.frame(sketch)
-    finer = sensor.upsampled(3)
-    assert (points["row"].max(), points["col"].max()) == (finer.rows - 1, finer.cols - 1)
-    directions = points["xyz"] / np.linalg.norm(points["xyz"], axis=1, keepdims=True)
-    np.testing.assert_allclose(directions, finer.rays[points["row"], points["col"]], atol=1e-5)
-    np.testing.assert_allclose(points["t"], finer.pixel_times_s[points["row"], points["col"]], atol=1e-9)
-    camera = reconstructor.graph.wait(lambda: reconstructor.cameras, "the camera")[0]
-    assert images["depth"].shape == (camera.height, camera.width) == (finer.rows, finer.cols)
-    assert (camera.k[0], camera.k[2]) == (finer.projection.fx, finer.projection.cx)
-
-
 def test_images_and_organised_clouds_show_the_surface_that_surface_order_puts_first(reconstructor):
     net, shown = net_sensor(), {}
     sketch = sketch_photons(Simulator(NetScene(net), net, sbr=3, ppp=100).frame(0)[0], net, choose("auto", net, 10))
@@ -188,6 +174,7 @@ def test_a_lens_bends_the_rays_and_is_told_beside_the_images_and_a_scanner_has_r
         range_m = np.linalg.norm(points["xyz"], axis=1)
         directions = points["xyz"] / range_m[:, None]
         np.testing.assert_allclose(directions, other.rays[points["row"], points["col"]], atol=1e-6)
+        np.testing.assert_allclose(points["t"], other.pixel_times_s[points["row"], points["col"]], atol=1e-9)
         expected_m = range_m if projection is scan else points["xyz"][:, 2]
         np.testing.assert_allclose(images["depth"][points["row"], points["col"]], expected_m, rtol=1e-6)
     camera, = reconstructor.cameras

@@ -253,23 +253,15 @@ def test_a_disk_that_is_full_is_one_error_and_the_recording_goes_on_in_a_new_fil
     record_until(lambda: graph.total("recorder", "clouds") > 10, "clouds")
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     record_until(lambda: graph.report("recorder").get("errors") == "1", "the error")
-    seen = len(graph.all_reports("recorder"))
-
-    def told_again() -> dict[str, str] | None:
-        return next((report for report in graph.all_reports("recorder")[seen + 2:]
-                     if report["level"] == DiagnosticStatus.ERROR and "not_recorded" in report["message"]), None)
-
-    report = record_until(told_again, "more diagnostics of frames that are not recorded")
-    assert report["errors"] == "1"
-    assert report["last_error"] == f"recording {tmp_path / 'a.rrd'}: File too large"
+    report = record_until(lambda: (last := graph.report("recorder"))["level"] == DiagnosticStatus.ERROR
+                          and "not_recorded" in last["message"] and last, "a report of frames that are not recorded")
+    assert (report["errors"], report["last_error"]) == ("1", f"recording {tmp_path / 'a.rrd'}: File too large")
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     record_until(lambda: graph.report("recorder").get("path") == str(tmp_path / "a_2.rrd"), "the next file")
     record_until(lambda: graph.report("recorder")["level"] != DiagnosticStatus.ERROR, "an end of the errors")
     graph.reports("recorder", "frames_in", 2 * speaker.sent)
-    assert recorder.end(signal.SIGTERM) == 0
-    report = graph.reports("recorder", "state", "finalized")
-    assert report["errors"] == "1" and recorder.text.count("File too large") == 1
-    assert int(report["frames_in"]) == int(report["frames_out"]) + int(report["dropped"])
+    assert recorder.end(signal.SIGTERM) == 0 and recorder.text.count("File too large") == 1
+    assert graph.reports("recorder", "state", "finalized")["errors"] == "1"
     kept = frames_of(tmp_path / "a_2.rrd")
     assert len(kept) > 10 and kept[-1] == 10**18 + (speaker.sent - 1) * 10**7
     assert RecordingReader(tmp_path / "a_2.rrd").is_finished()

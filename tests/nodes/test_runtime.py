@@ -1,16 +1,13 @@
 """How a node's process starts, fails and ends, shown on a node made for it."""
 
-import logging
 import signal
 import sys
-from unittest.mock import Mock, call
 
 import pytest
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
-from srt3d_ros.nodes.runtime import LIBRARY, LogForwarding
 from srt3d_ros.processes import Process
 
 SCRIPT = """
@@ -66,17 +63,6 @@ def start(graph, tmp_path):
         return graph.start(str(script), *ros_args)
 
     return start
-
-
-def test_the_node_logs_what_the_library_logs():
-    logger, library = Mock(), logging.getLogger("srt3d_ros.core.device")
-    forwarding = LogForwarding(logger)
-    library.info("no %s", "device")
-    library.warning("beware")
-    library.debug("details")
-    logging.getLogger("others").warning("not ours")
-    LIBRARY.removeHandler(forwarding)
-    assert logger.mock_calls == [call.info("no device"), call.warning("beware")]
 
 
 def test_a_worker_may_replace_subscriptions_while_the_executor_waits_on_them(graph, start):
