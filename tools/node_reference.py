@@ -61,7 +61,7 @@ def page(specs: Iterable[NodeSpec]) -> str:
 
 def _node(spec: NodeSpec, shared: Iterable[Parameter]) -> list[str]:
     """The section of one node."""
-    lines = [*(f"* Service `~/{service.name}` (`std_srvs/srv/Trigger`): {service.about}." for service in spec.services),
+    lines = [*(f"* Service `~/{name}` (`std_srvs/srv/Trigger`): {about}." for name, about in spec.services.items()),
              *(f"* {limit}" for limit in spec.limits)]
     return [f"## {spec.name}", textwrap.fill(spec.purpose, WIDTH, break_long_words=False, break_on_hyphens=False),
             _parameters(parameter for parameter in spec.table if parameter not in shared),

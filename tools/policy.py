@@ -63,7 +63,7 @@ def _operator(specs: list[NodeSpec]) -> list[str]:
 
 
 def _services(spec: NodeSpec) -> list[str]:
-    return [*SERVED, *(service.name for service in spec.services)]
+    return [*SERVED, *spec.services]
 
 
 def _in_profile(node: str, rules: list[str]) -> list[str]:

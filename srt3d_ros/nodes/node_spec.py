@@ -1,7 +1,7 @@
 """The public interface of a node as one table. Its topics, services, parameters and reference page come from it."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from srt3d_ros.nodes.frame_accounting import FRAMES, Balance
 from srt3d_ros.nodes.parameters import Parameter
@@ -13,19 +13,12 @@ LOSSLESS = Parameter("lossless", False, "Drop no frame: queue frames instead of 
 
 
 @dataclass(frozen=True)
-class Service:
-    """A std_srvs/srv/Trigger that a node serves as `~/name`."""
-
-    name: str
-    about: str
-
-
-@dataclass(frozen=True)
 class NodeSpec:
     """Everything that is public about a node, but for what every node has.
 
     Args:
         name: of the node and of its executable.
+        services: what those of type std_srvs/srv/Trigger do, by name: a node serves them as `~/name`.
         limits: what a user has to know before relying on it, a sentence each.
         balances: the equations that its totals keep.
     """
@@ -34,7 +27,7 @@ class NodeSpec:
     purpose: str
     inputs: Iterable[Topic] = ()
     outputs: Iterable[Topic] = ()
-    services: Iterable[Service] = ()
+    services: Mapping[str, str] = field(default_factory=dict)
     parameters: Iterable[Parameter] = ()
     limits: Iterable[str] = ()
     balances: Iterable[Balance] = (FRAMES,)

@@ -20,7 +20,7 @@ from srt3d_ros.messages.camera import camera_info
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec, Service
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
@@ -36,11 +36,11 @@ SPEC = NodeSpec(
     "for; on a GPU where there is one.",
     inputs=(topics.SKETCH_SENSOR, topics.SKETCH),
     outputs=(topics.POINTS, *topics.IMAGES, topics.CAMERA_INFO),
-    services=(
-        Service("reset", "forget the last frame's surfaces, with which `warm_start` begins, its background, and the "
-                "newest cloud"),
-        Service("save_cloud", "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in "
-                "`save_folder`; the answer names it")),
+    services={
+        "reset": "forget the last frame's surfaces, with which `warm_start` begins, its background, and the newest "
+        "cloud",
+        "save_cloud": "write the newest cloud to a new file, `cloud_<stamp in ns>.<save_format>` in `save_folder`; the "
+        "answer names it"},
     parameters=PARAMETERS,
     limits=("A pixel sees at most `surfaces` surfaces; an organised cloud and the images have only the one that "
             "`surface_order` puts first.",

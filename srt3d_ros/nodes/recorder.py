@@ -23,7 +23,7 @@ from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.frame_index import STAMPS_KEPT, FrameIndex, RecordedFrame
 from srt3d_ros.nodes.graph_watch import Drops, ParameterWatch, own_name, reports
-from srt3d_ros.nodes.node_spec import NodeSpec, Service
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
@@ -50,7 +50,7 @@ SPEC = NodeSpec(
     "description has come. [What a recording holds](recording.md).",
     inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.DIAGNOSTICS, topics.ROSOUT,
             topics.PARAMETER_EVENTS),
-    services=(Service("start_recording", "begin a new recording"), Service("stop_recording", "finish the recording")),
+    services={"start_recording": "begin a new recording", "stop_recording": "finish the recording"},
     parameters=PARAMETERS,
     limits=("Where the disk cannot follow, the oldest waiting clouds and images are dropped and counted in "
             "`recording_dropped`; scalars are kept.",

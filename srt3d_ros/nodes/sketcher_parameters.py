@@ -14,7 +14,7 @@ from srt3d_ros.messages.coded_sketch import DEFAULT_STEP, MAX_STEP, MIN_STEP
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
 from srt3d_ros.nodes.motion_input import MOTIONS, parse_extrinsics
-from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec, Service
+from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 AnySketcher = WindowSketcher | MovingSketcher
@@ -83,7 +83,7 @@ SPEC = NodeSpec(
     "billion photons as for one, and enough to reconstruct from. Put it beside the sensor, and send sketches on.",
     inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES, *topics.MOTION, topics.IMAGES[0]),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
-    services=(Service("reset", "forget the photons of the open frame and of the window"),),
+    services={"reset": "forget the photons of the open frame and of the window"},
     parameters=PARAMETERS,
     limits=(
         "`photons`, `gates` and `histograms` of one sensor only; two sensors take two namespaces.",

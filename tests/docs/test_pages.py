@@ -19,7 +19,7 @@ PAGES = pages.load(Path(__file__).resolve().parents[2])
 each_page = pytest.mark.parametrize("page", PAGES)
 PROGRAM = re.compile(r"(^|/bin/)srt3d$")        # also after ExecStart=, or in a container
 TOPICS = {topic.name for spec in SPECS.values() for topic in (*spec.inputs, *spec.outputs)}
-SERVICES = {service.name for spec in SPECS.values() for service in spec.services}
+SERVICES = {service for spec in SPECS.values() for service in spec.services}
 PARAMETERS = {name: {one.name for one in spec.table} for name, spec in SPECS.items()}
 ANY_PARAMETER = set().union(*PARAMETERS.values())
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")

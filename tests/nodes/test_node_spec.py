@@ -48,7 +48,7 @@ def test_topics_services_and_parameters_are_those_of_the_spec_and_allowed(graph,
 
     node, namespace = graph.node, graph.namespace
     graph.wait(lambda: (name, namespace) in node.get_node_names_and_namespaces(), f"{name} in the graph")
-    services = {f"{name}/{service.name}": "std_srvs/srv/Trigger" for service in spec.services}
+    services = {f"{name}/{service}": "std_srvs/srv/Trigger" for service in spec.services}
     graph.wait(lambda: relative(node.get_subscriber_names_and_types_by_node(name, namespace))
                == declared(spec.inputs), "the inputs of the table")
     graph.wait(lambda: relative(node.get_publisher_names_and_types_by_node(name, namespace))
@@ -97,7 +97,7 @@ def test_only_the_operator_may_change_anything(allowed):
         if (kind, verb) == ("service", "request") and enclave != "/srt3d/operator":
             assert {name.split("/")[-1] for name in names} == {"get_parameters", "list_parameters"}, enclave
     for spec in SPECS.values():
-        for service in ("set_parameters", "change_state", *(service.name for service in spec.services)):
+        for service in ("set_parameters", "change_state", *spec.services):
             assert f"/{spec.name}/{service}" in allowed["/srt3d/operator", "service", "request"]
 
 

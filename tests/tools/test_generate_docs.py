@@ -22,7 +22,7 @@ def test_the_page_has_every_topic_service_and_parameter_of_a_node(name):
     spec, text = SPECS[name], node_reference.page(SPECS.values())
     own = re.search(rf"\n## {name}\n(.*?)(\n## |\Z)", text, re.DOTALL)[1]
     everywhere = text.partition("\n## Diagnostics")[0]
-    assert all(f"`~/{service.name}`" in own for service in spec.services)
+    assert all(f"`~/{service}`" in own for service in spec.services)
     assert all(f"| `{one.name}` |" in own + everywhere for one in spec.table)
     for topic in (*spec.inputs, *spec.outputs):
         assert re.search(rf"^\| `{topic.name}` \|.*\b{name}\b", everywhere, re.MULTILINE), topic.name
