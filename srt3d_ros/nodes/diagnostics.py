@@ -9,7 +9,6 @@ Level, from what happened since the last report:
     OK      otherwise
 """
 
-import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
@@ -40,11 +39,8 @@ CLOCK = "/clock"
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
-class Diagnostics:
-    """Counts what a node does and reports it. Every method may be called from any thread.
-
-    Args:
-        balances: the equations that the totals keep.
+class Diagnostics(FrameAccounts):
+    """Counts what a node does and reports it.
 
     Attributes:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
@@ -55,11 +51,10 @@ class Diagnostics:
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
+        super().__init__(balances)
         self.find_contradiction: Callable[[], str] = str
         self.find_warning: Callable[[], str] = str
         self._node = node
-        self._lock = threading.Lock()
-        self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
         self.waiting_for = self.degraded = ""
@@ -90,28 +85,13 @@ class Diagnostics:
     def sent(self, latency_s: float, **amounts: int) -> None:
         """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
         with self._lock:
-            self._accounts.totals.update(amounts, frames_out=1)
+            self._totals.update(amounts, frames_out=1)
             self._latencies_s.append(latency_s)
-
-    def count(self, **amounts: int) -> None:
-        """Add to totals of these names."""
-        with self._lock:
-            self._accounts.totals.update(amounts)
-
-    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
-        """Count frames that were dropped for `cause`, and their photons."""
-        with self._lock:
-            self._accounts.drop(cause, frames=frames, photons=photons)
-
-    def audit(self, frames: int, photons: int) -> None:
-        """Check the accounting while no stage is processing a frame; `frames` and `photons` wait."""
-        with self._lock:
-            self._accounts.audit(frames=frames, photons=photons)
 
     def error(self, text: str, counted: bool = True) -> None:
         """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
         with self._lock:
-            self._accounts.totals["errors"] += counted
+            self._totals["errors"] += counted
             self._last_error = text
 
     def show(self, **values: object) -> None:
@@ -137,8 +117,8 @@ class Diagnostics:
     def _status(self) -> DiagnosticStatus:
         with self._lock:
             now = time.monotonic()
-            totals, drops, unaccounted = (of.copy() for of in (self._accounts.totals, self._accounts.drops,
-                                                               self._accounts.unaccounted))
+            totals, drops, unaccounted = (
+                counts.copy() for counts in (self._totals, self._drops["frames"], self._unaccounted))
             since, totals_before, drops_before, unaccounted_before = self._reported
             new, new_drops = totals - totals_before, drops - drops_before
             self._reported = (now, totals, drops, unaccounted)
@@ -146,7 +126,7 @@ class Diagnostics:
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
             values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
-                      **self._accounts.values(),
+                      **self._balanced(),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                       **self._latency(), **self._values, "last_error": self._last_error}
             missing = unaccounted if unaccounted != unaccounted_before else Counter()
