@@ -110,7 +110,7 @@ def _pill(x: float, y: float, topic) -> str:
     return (f"<rect x='{x - PILL[0] / 2:g}' y='{y:g}' width='{PILL[0]}' height='{PILL[1]}' rx='{PILL[1] / 2:g}' "
             f"fill='{PILL_FILL}' stroke='{NODE_FILL}'{dashes}/>"
             + _text(x, y + 20, topic.name, MONO, 14 if len(topic.name) < 18 else 13, INK, bold=True)
-            + _text(x, y + 36, topic.type.__name__ + ", latched" * topic.latched, FONT, 12, DIM))
+            + _text(x, y + 36, topic.type.split("/")[-1] + ", latched" * topic.latched, FONT, 12, DIM))
 
 
 def _text(x: float, y: float, text: str, font: str, size: int, colour: str, bold: bool = False) -> str:

@@ -78,7 +78,7 @@ def _topics(specs: list[NodeSpec]) -> str:
     """Each topic once, with the nodes that publish it and those that subscribe to it."""
     topics = {topic.name: topic for spec in specs for topic in (*spec.inputs, *spec.outputs)} | {
         DIAGNOSTICS.name: DIAGNOSTICS}
-    rows = [(f"`{topic.name}`", f"`{topic.type_name}`", topic.about + ", latched" * topic.latched,
+    rows = [(f"`{topic.name}`", f"`{topic.type}`", topic.about + ", latched" * topic.latched,
              ", ".join(_publishers(topic, specs)),
              ", ".join(spec.name for spec in specs if topic.name in {one.name for one in spec.inputs}))
             for topic in topics.values()]

@@ -224,7 +224,7 @@ class BagRecorderNode(PipelineNode):
             return
         try:
             if name not in writer:
-                writer.add_topic(name, self._topics[name].type_name, self._offers(name))
+                writer.add_topic(name, self._topics[name].type, self._offers(name))
             writer.write(name, time_ns, raw)
         except OSError as error:
             self._writer = None

@@ -113,7 +113,7 @@ class PipelineNode(ManagedNode):
         queued = QUEUE_DEPTH if self.lossless else self.queue_depth
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else queued
         subscription = self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
-        self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type_name)
+        self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type)
 
     def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
                lost: Callable[[int], None] = lambda messages: None) -> Subscription:

@@ -35,7 +35,6 @@ OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
 AHEAD_S = 0.5
-CLOCK = "/clock"
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
@@ -158,12 +157,11 @@ class Diagnostics(FrameAccounts):
         """A warning if time is simulated and there is no clock."""
         if not self._node.get_parameter("use_sim_time").value:
             return ""
-        if not (publishers := self._node.count_publishers(CLOCK)):
-            return f"use_sim_time is true, but nobody publishes {CLOCK}"
-        if self._node.get_clock().now().nanoseconds:
-            return ""
-        return (f"use_sim_time is true and {publishers} {'publish' if publishers > 1 else 'publishes'} {CLOCK}, "
-                "but the clock stands at 0")
+        clock = self._publishers("/clock", "rosgraph_msgs/msg/Clock")
+        if clock.startswith("nobody"):
+            return f"use_sim_time is true, but {clock}"
+        return "" if self._node.get_clock().now().nanoseconds else (
+            f"use_sim_time is true and {clock}, but the clock stands at 0")
 
     def _silence(self, seconds: float) -> str:
         """For how long no frame has come, or who could send one."""
@@ -195,9 +193,7 @@ class Diagnostics(FrameAccounts):
             if new["message_lost"]:
                 causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            several = "".join(f"; {count} publish {topic}" for topic in self._topics
-                              if (count := self._node.count_publishers(topic)) > 1)
-            return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
+            return level, f"dropped: {', '.join(causes)}, of {sent}"
         if warning := self.find_warning():
             return DiagnosticStatus.WARN, warning
         if no_clock := self._missing_clock():

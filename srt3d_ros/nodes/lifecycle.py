@@ -89,7 +89,7 @@ class ManagedNode(LifecycleNode):
             return create(topic.load(), topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
         except rclpy_implementation.RCLError:
             raise InvalidInput(f"topic of {topic.name}", self.resolve_topic_name(topic.name),
-                               f"one without another type than {topic.type_name} in this process") from None
+                               f"one without another type than {topic.type} in this process") from None
 
     # ---- Transitions, as `ros2 lifecycle set` asks for them
 

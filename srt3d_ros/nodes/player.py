@@ -87,7 +87,7 @@ SPEC = NodeSpec(
                for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
              replace(topics.ODOM, when="`motion`, or the bag has one topic of its type, beside photons"),
              replace(topics.IMU, when="the bag has one topic of its type, beside photons"),
-             Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
+             Topic("/clock", "rosgraph_msgs/msg/Clock", "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
     limits=("A frame counts as received when it is due.",
             "At a rate that the machine cannot keep, frames are late; none is skipped.",

@@ -187,7 +187,7 @@ class BagSource:
         """The topics in the bag that report a motion, and on which they are played: where there is one of a type."""
         found = {}
         for report in (topics.ODOM, topics.IMU):
-            names = [topic.name for topic in self._bag.topics if topic.type == report.type_name and topic.messages]
+            names = [topic.name for topic in self._bag.topics if topic.type == report.type and topic.messages]
             if len(names) == 1:
                 found[names[0]] = report.name
         return found

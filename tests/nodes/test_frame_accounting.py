@@ -23,16 +23,17 @@ from tests.nodes.conftest import Graph, check_accounts
 S = 1_000_000_000
 LOSER = """
 import sys
-from sensor_msgs.msg import PointCloud2
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import Topic
 
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
 class LoserNode(PipelineNode):
     '''Passes frames on, but forgets to say what became of those of width 7.'''
-    spec = NodeSpec("loser", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
+    spec = NodeSpec("loser", "", [Topic("in", CLOUD, "")], [Topic("out", CLOUD, "")])
     def configure(self):
         self.publisher = self.advertise("out")
     def activate(self):

@@ -12,7 +12,6 @@ from srt3d_ros.processes import Process
 
 SCRIPT = """
 import sys, time
-from sensor_msgs.msg import PointCloud2
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
@@ -20,11 +19,13 @@ from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import Topic
 
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
 RESUBSCRIBE = 1000
 
 class ProbeNode(PipelineNode):
     '''Does what the width of its message says: 0 fails, n works for n / 10 s, RESUBSCRIBE does so again and again.'''
-    spec = NodeSpec("probe", "", [Topic("in", PointCloud2, "")], [Topic("out", PointCloud2, "")])
+    spec = NodeSpec("probe", "", [Topic("in", CLOUD, "")], [Topic("out", CLOUD, "")])
     def __init__(self):
         super().__init__(queue_limit=8)
     def configure(self):
