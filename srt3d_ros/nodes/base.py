@@ -7,7 +7,6 @@ from collections.abc import Callable
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -22,7 +21,7 @@ from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, R
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
-FOLLOW_DEPTH = 100      # of reports, which come from many nodes at once
+FOLLOW_DEPTH = 1000     # of reports and log lines, which come from many nodes at once: as publishers of /rosout keep
 OUTDATED_NS = 10 * 10**9    # a larger difference is one of clocks, not of the age of frames
 LOG_EVERY_S = 2.0       # the same complaint again
 POLL_S = 0.005
@@ -139,12 +138,8 @@ class PipelineNode(ManagedNode):
     def _count_lost(self, messages: int) -> None:
         self.diagnostics.count(message_lost=messages)
 
-    def follow(self, topic: str, handle: Callable[[object], None], qos: QoSProfile | None = None) -> None:
-        """Have the worker call `handle` with every message on an input that describes or reports.
-
-        Args:
-            qos: instead of the topic's own; the user may override both.
-        """
+    def follow(self, topic: str, handle: Callable[[object], None]) -> None:
+        """Have the worker call `handle` with every message on an input that describes or reports."""
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
@@ -155,7 +150,7 @@ class PipelineNode(ManagedNode):
                 raise
 
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
-                     FOLLOW_DEPTH, qos)
+                               FOLLOW_DEPTH)
 
     def drop_older(self) -> None:
         """Drop the frames that were sent before the description that is being followed, which replaces another."""

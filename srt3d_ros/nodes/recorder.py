@@ -11,7 +11,6 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
@@ -38,8 +37,6 @@ QUEUE = 64              # messages that may wait; the writer has its own queue o
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
 COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
-# As the publishers offer it: a node that is discovered late still delivers its last 10 s.
-LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
@@ -113,7 +110,7 @@ class RecorderNode(PipelineNode):
             if f"/{topic.name}" in self._settings.images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.follow("/diagnostics", self._on_diagnostics)
-        self.follow("/rosout", self._on_line, LOG_QOS)
+        self.follow("/rosout", self._on_line)
         self.follow("/parameter_events", self._watch.on_event)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"

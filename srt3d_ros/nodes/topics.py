@@ -67,7 +67,7 @@ IMAGES = (
 CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
-ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log")
+ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept for 10 s", latched=True)
 PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", "changes of the nodes' parameters")
 
 
