@@ -29,7 +29,6 @@ from srt3d_ros.nodes.worker import Dropped
 ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: the node that had them is gone
 ACKNOWLEDGE_S = 5.0
 CLOCK_PERIOD_S = 0.01
-LONG_AGO_S = 60.0           # older stamps are of an old recording
 
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), bag (its folder, .mcap or .db3 file), or "
@@ -200,7 +199,7 @@ class PlayerNode(PipelineNode):
             self._wait_for_answers(self.parameters["in_flight"] - 1)
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
             if before_ns is None:
-                self._begin(stamp_ns)
+                self.diagnostics.show(first_stamp_ns=stamp_ns)
             elif stamp_ns < before_ns:      # a bag begins again: answers are matched by rising stamps
                 self._wait_for_answers(0)
             data = _stamped(item, stamp_ns)
@@ -218,15 +217,6 @@ class PlayerNode(PipelineNode):
             sent += 1
             if sent == total or self.halted.is_set():
                 return
-
-    def _begin(self, stamp_ns: int) -> None:
-        """Report the first frame's stamp."""
-        self.diagnostics.show(first_stamp_ns=stamp_ns)
-        age_s = (super().now_ns() - stamp_ns) * 1e-9
-        if age_s > LONG_AGO_S and not self.parameters["clock"]:
-            self.get_logger().info(
-                f"the stamps are the recording's, {age_s:.0f} s old, and latencies count from them: clock:=true here "
-                "and use_sim_time:=true elsewhere, or bag_stamps:=now, make them mean something")
 
     def _stamp(self, item: Item, before_ns: int | None) -> int:
         """The stamp of a frame that follows one of `before_ns`: as recorded, as due, or now."""

@@ -85,7 +85,6 @@ class ReconstructorNode(PipelineNode):
         self._former: Description | None = None     # whose last sketches may still be on their way
         self._refused: String | None = None     # a description that these parameters cannot be used with
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
-        self._uneven = False                # whether the log says that an uneven background is taken out
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -209,21 +208,12 @@ class ReconstructorNode(PipelineNode):
 
         def finish() -> PointCloud:
             cloud = wait()
-            self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
-            self._show_background(cloud, reconstructor.uneven_background, photons)
+            self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}",
+                                  background_share=f"{float(cloud.background.sum()) / max(photons, 1):.3f}",
+                                  background_unevenness=f"{reconstructor.uneven_background:.4f}")
             return cloud
 
         return finish
-
-    def _show_background(self, cloud: PointCloud, uneven: float, photons: int) -> None:
-        """Show the background's share and unevenness; log when an uneven one begins, and ceases, to be taken out."""
-        share = float(cloud.background.sum()) / max(photons, 1)
-        self.diagnostics.show(background_share=f"{share:.3f}", background_unevenness=f"{uneven:.4f}")
-        if (uneven > 0) != self._uneven:
-            self._uneven = uneven > 0
-            self.get_logger().info(
-                f"the background is uneven (mean |β̂| {uneven:.3f}, {share:.0%} of the photons): taken out from now on"
-                if self._uneven else "the background is even: nothing is taken out any longer")
 
     def _finish(self, frame: ReconstructedFrame) -> None:
         try:

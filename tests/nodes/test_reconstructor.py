@@ -221,7 +221,7 @@ def test_a_reset_makes_the_next_frame_a_first_one(reconstructor, sensor, sketch)
     assert intensity[0] == intensity[2] and intensity[1] == intensity[3] and intensity[0] != intensity[1]
 
 
-def test_fog_is_taken_out_and_log_and_diagnostics_say_so(reconstructor, sensor, sketch):
+def test_fog_is_taken_out_and_diagnostics_say_so(reconstructor, sensor, sketch):
     slope = np.tile(40 + 3.0 * np.arange(sensor.cols), (sensor.rows, 1))
 
     def see(background_shape, frames: int) -> tuple[dict, float, float]:
@@ -239,11 +239,9 @@ def test_fog_is_taken_out_and_log_and_diagnostics_say_so(reconstructor, sensor, 
     assert see(None, 2)[1] == 0
     points, uneven, share = see(np.exp(-np.arange(sensor.num_bins) / 10), 4)
     assert uneven > 0.2 and 0.55 < share < 0.8
-    reconstructor.process.says("the background is uneven")
     range_m = np.linalg.norm(points["xyz"], axis=1)
     assert np.abs(range_m - sensor.range_m(slope[points["row"], points["col"]])).max() < 5 * sensor.bin_width_m
     assert see(None, 4)[1] == 0
-    reconstructor.process.says("the background is even")
 
 
 def test_the_newest_cloud_is_saved_where_and_as_what_the_parameters_say(reconstructor, sensor, sketch):
