@@ -91,8 +91,8 @@ class BagRecorderNode(PipelineNode):
         self._awaited = {name for name, topic in self._topics.items() if topic.latched}
         if self._awaited:
             self.hold_frames_for(f"a description on {self._awaited_names()}")
-        for name in self._topics:
-            self._subscribe(name)
+        for name, topic in self._topics.items():
+            self.listen(topic.name, partial(self._received, name), lost=self._count_lost)
         self.diagnostics.show(path=path)
 
     def stop_frames(self, cause: str) -> None:
@@ -140,18 +140,13 @@ class BagRecorderNode(PipelineNode):
     def _awaited_names(self) -> str:
         return " and ".join(sorted(self._topics[name].name for name in self._awaited))
 
-    def _subscribe(self, name: str) -> None:
-        def received(raw: bytes, info: dict) -> None:
-            self._received(name, raw, info["received_timestamp"])
-
-        self.listen(self._topics[name].name, received, lost=self._count_lost)
-
     def _count_lost(self, messages: int) -> None:
         super()._count_lost(messages)
         self._lost["on the way"] += messages
 
-    def _received(self, name: str, raw: bytes, received_ns: int) -> None:
+    def _received(self, name: str, raw: bytes, info: dict) -> None:
         """In the executor's thread: queue a message, unless simulated time has not begun."""
+        received_ns = info["received_timestamp"]
         time_ns = received_ns if received_ns and not self.get_parameter("use_sim_time").value else self.now_ns()
         if not time_ns:
             self._before_time(name, raw)

@@ -62,7 +62,7 @@ class PipelineNode(ManagedNode):
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
         limit = LOSSLESS if self.lossless else queue_limit
-        self.worker = Worker(limit, self._failed, self.diagnostics.drop, CATCH_UP_S, self._audit)
+        self.worker = Worker(limit, self.failed, self.diagnostics.drop, CATCH_UP_S, self._audit)
         self._stages = [self.worker]
         self._held_for = self._stopped_for = ""
         self._followed_ns = self.valid_from_ns = 0          # when descriptions were sent, by their sender's clock
@@ -73,7 +73,7 @@ class PipelineNode(ManagedNode):
 
     def add_stage(self) -> Worker:
         """A second worker, which continues the work on frames and drops none."""
-        self._stages.append(Worker(LOSSLESS, self._failed, self.diagnostics.drop, done=self._audit))
+        self._stages.append(Worker(LOSSLESS, self.failed, self.diagnostics.drop, done=self._audit))
         return self._stages[-1]
 
     def open_frame(self) -> tuple[int, int]:
@@ -166,7 +166,7 @@ class PipelineNode(ManagedNode):
                 answer.set_result((True, job()))
             except Exception as error:
                 if not isinstance(error, (InvalidInput, Refused)):
-                    self._failed(error)
+                    self.failed(error)
                 answer.set_result((False, _in_words(error)))
 
         async def serve(_, response: Trigger.Response) -> Trigger.Response:
@@ -254,10 +254,6 @@ class PipelineNode(ManagedNode):
         self.diagnostics.expect_nothing()
         super().unsubscribe()
 
-    def refused(self, problem: Exception) -> None:
-        """Log why a lifecycle transition failed. The service reply has no field for it."""
-        self._failed(problem)
-
     def close(self) -> None:
         """Finish the current frame, publish the last diagnostics, and leave the graph."""
         if self.state in ("inactive", "active") and not (self._starting or self.finished.is_set()):
@@ -270,7 +266,7 @@ class PipelineNode(ManagedNode):
         self.diagnostics.close()
         self.destroy_node()
 
-    def _failed(self, error: Exception, frames: int = 0, photons: int = 0) -> None:
+    def failed(self, error: Exception, frames: int = 0, photons: int = 0) -> None:
         """Count and log an error and the frames that it cost."""
         log = self.get_logger()
         if isinstance(error, Dropped):

@@ -114,7 +114,7 @@ class DeviceNode(PipelineNode):
             self.finished.set()
         except InvalidInput as error:
             self.exit_code = 1
-            self.refused(error)
+            self.failed(error)
             self.finished.set()
 
     def _offer(self, work, *args) -> None:

@@ -55,8 +55,8 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.clear()
         self.services_made.clear()
 
-    def refused(self, problem: Exception) -> None:
-        """Called when a transition that a manager asked for has failed."""
+    def failed(self, error: Exception) -> None:
+        """Log why a transition that a manager asked for failed. The service reply has no field for it."""
 
     # ---- Topics of the spec
 
@@ -142,7 +142,7 @@ class ManagedNode(LifecycleNode):
             self.problem = problem
             undo()
             if not self._starting:
-                self.refused(problem)
+                self.failed(problem)
             return TransitionCallbackReturn.FAILURE
         self.state = state
         if not self._starting:

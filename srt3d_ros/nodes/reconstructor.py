@@ -233,7 +233,7 @@ class ReconstructorNode(PipelineNode):
         try:
             self._publish_images(cloud, sensor, frame.frame_id)
         except Exception as problem:    # does not concern the frame: it was published
-            self._failed(problem)
+            self.failed(problem)
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
         draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),

@@ -45,8 +45,7 @@ class SketcherNode(PipelineNode):
 
     def configure(self) -> None:
         """Compile and advertise."""
-        self._choice = SensorChoice(self.parameters["sensor_file"], self.resolve_topic_name("sensor"),
-                                    self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
+        self._choice = SensorChoice(self, self._refuse_lens)
         self._check(self.parameters.as_dict())
         precompile.sketching()
         if self.parameters["motion"] != OFF:
@@ -54,7 +53,7 @@ class SketcherNode(PipelineNode):
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction
-        self._output = SketchOutput(self, self._failed)
+        self._output = SketchOutput(self)
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
         self.parameters.on_change = self._on_change
@@ -67,7 +66,7 @@ class SketcherNode(PipelineNode):
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
         self._own_description = ""      # as published on `sensor`, from where it comes back
         if self.parameters["motion"] != OFF:
-            self._waiting = WaitingFrames(self, self._failed)
+            self._waiting = WaitingFrames(self, self.failed)
         self._choice.begin()
         if self._choice.file is None:
             self.hold_frames_for("a sensor description on sensor")
@@ -249,7 +248,7 @@ class SketcherNode(PipelineNode):
             else:
                 self._waiting.add(frame, ended, sketcher, self.parameters["frame_id"] or self._frame_id, publish)
         except Exception as error:
-            self._failed(error, *frame)
+            self.failed(error, *frame)
             self._sketcher.reset()
             self._design.forget()
         else:
@@ -270,7 +269,7 @@ class SketcherNode(PipelineNode):
             if self._design.end_frame(stamp_ns):
                 self._sketch_by_design()
         except InvalidInput as problem:
-            self._failed(problem)       # a window that is too large with a gate: go on as before
+            self.failed(problem)       # a window that is too large with a gate: go on as before
         self.diagnostics.show(**self._design.light_in_words)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
