@@ -67,12 +67,13 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 
-    def make_subscription(self, topic: str, callback: Callable, depth: int, **options) -> Subscription:
+    def make_subscription(self, topic: str, callback: Callable, depth: int, qos: QoSProfile | None = None,
+                          **options) -> Subscription:
         """A subscription to one of the spec's inputs, until `unsubscribe`."""
         declared = self.spec.topic(topic)
         # Not LATCHED: a queue of one would lose all but one of what several publishers keep for a late subscriber.
         durability = DurabilityPolicy.TRANSIENT_LOCAL if declared.latched else DurabilityPolicy.VOLATILE
-        qos = QoSProfile(depth=depth, durability=durability)
+        qos = qos or QoSProfile(depth=depth, durability=durability)
         self.subscriptions_made.append(self._make(self.create_subscription, declared, callback, qos, **options))
         return self.subscriptions_made[-1]
 
