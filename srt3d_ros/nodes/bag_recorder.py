@@ -63,7 +63,6 @@ class BagRecorderNode(PipelineNode):
         self._writer: BagWriter | None = None
 
     def configure(self) -> None:
-        """Check what is to be recorded."""
         known = {topic.name: topic for topic in INPUTS}
         asked = [name.strip() for name in self.parameters["topics"].split(",") if name.strip()]
         for name in asked or [""]:
@@ -71,7 +70,6 @@ class BagRecorderNode(PipelineNode):
         self._topics = {self.resolve_topic_name(name): topic for name, topic in known.items() if name in asked}
 
     def activate(self) -> None:
-        """Make the bag and subscribe."""
         path = Path(self.parameters["path"] or time.strftime("bag_%Y%m%dT%H%M%SZ", time.gmtime())).absolute()
         if started_again():
             path = free(path)

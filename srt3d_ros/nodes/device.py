@@ -66,7 +66,6 @@ class DeviceNode(PipelineNode):
         self._sensors, self._publisher = self.advertise("sensor"), self.advertise("histograms")
 
     def activate(self) -> None:
-        """Begin to receive."""
         receive = self._follow if self._address else self._play
         self._receiver = threading.Thread(target=receive, name="receiver", daemon=True)
         self._receiver.start()

@@ -104,7 +104,6 @@ class PlayerNode(PipelineNode):
     spec = SPEC
 
     def configure(self) -> None:
-        """Open the input."""
         moves = self.parameters["motion"] != "off"
         self._source = (MovingSource if moves else open_source)(self.parameters.as_dict())
         self._replays = bool(self._source.start_ns) and self.parameters["bag_stamps"] == "original"
@@ -122,7 +121,6 @@ class PlayerNode(PipelineNode):
             self._clock_publisher = self.advertise("/clock")
 
     def activate(self) -> None:
-        """Describe the sensor, begin to play."""
         self._recorded = (self._source.start_ns, time.monotonic())
         if self._sensors is not None:
             self._sensors.publish(self._source.sensor)
@@ -141,7 +139,6 @@ class PlayerNode(PipelineNode):
         self._unanswered.clear()
 
     def cleanup(self) -> None:
-        """Close the input."""
         super().cleanup()
         self._source.close()
 

@@ -89,7 +89,6 @@ class ReconstructorNode(PipelineNode):
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
-        """Compile and advertise."""
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
         check_together(self._settings)
         build(None, self._settings).warm_up()
@@ -100,7 +99,6 @@ class ReconstructorNode(PipelineNode):
         self.serve("save_cloud", self._save_cloud)
 
     def activate(self) -> None:
-        """Follow the sketches and their description."""
         self._described = self._former = self._refused = None
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)

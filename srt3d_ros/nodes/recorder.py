@@ -85,7 +85,6 @@ class RecorderNode(PipelineNode):
         self.serve("stop_recording", self._stop)
 
     def activate(self) -> None:
-        """Record, unless `record` is false."""
         if self.parameters["record"]:
             self._start()
 
@@ -125,7 +124,6 @@ class RecorderNode(PipelineNode):
         return f"recorded {path}" if begun else f"{path} was not begun: no description arrived on sketch/sensor"
 
     def forget(self) -> None:
-        """Finish the recording."""
         if self._writer is not None:
             self._write_lines()
             self._writer.close()

@@ -44,7 +44,6 @@ class SketcherNode(PipelineNode):
     _silence: Timer | None = None
 
     def configure(self) -> None:
-        """Compile and advertise."""
         self._choice = SensorChoice(self, self._refuse_lens)
         self._check(self.parameters.as_dict())
         precompile.sketching()
@@ -59,7 +58,6 @@ class SketcherNode(PipelineNode):
         self.parameters.on_change = self._on_change
 
     def activate(self) -> None:
-        """Follow the sensor and its photons."""
         self._framing = self._make_framing()
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
@@ -83,7 +81,6 @@ class SketcherNode(PipelineNode):
         self._start_silence_timer()
 
     def deactivate(self) -> None:
-        """Stop, and forget the sensor."""
         super().deactivate()
         self.destroy_timer(self._silence)
         self._silence = None
