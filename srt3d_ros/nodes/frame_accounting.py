@@ -66,11 +66,12 @@ class FrameAccounts:
                 if amount and what in self._drops:
                     self._drops[what][cause] += amount
 
-    def audit(self, **waiting: int) -> None:
+    def audit(self, frames: int, photons: int) -> None:
         """Compare the totals with the frames and photons that wait in queues, while nothing is being processed.
 
         What came in and is in no total and in no queue is unaccounted for; a negative number was counted twice.
         """
+        waiting = {"frames": frames, "photons": photons}
         with self._lock:
             for balance in self._balances:
                 self._unaccounted[balance.unaccounted] = self._not_done(balance) - waiting[balance.what]
