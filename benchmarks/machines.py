@@ -13,8 +13,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from srt3d_ros.nodes.distribution import PROFILE_VARIABLE, PROFILES
 from srt3d_ros.nodes.pipeline_probe import Arrival
+from srt3d_ros.nodes.transport import PROFILE_VARIABLE, PROFILES
 from srt3d_ros.processes import Process, Processes, node_command, wait
 
 SENSOR, ROBOT = "sensor", "robot"           # the machine beside the camera, and the one that reconstructs

@@ -6,7 +6,6 @@ profiles of Kilted from those of Jazzy.
 
 from pathlib import Path
 
-from srt3d_ros.nodes.distribution import kilted
 from srt3d_ros.nodes.specs import SPECS
 from tools.node_reference import as_yaml, topics_table
 from tools.policy import policy
@@ -19,6 +18,11 @@ HEADING = """\
 #   ros2 run srt3d_ros sketcher --ros-args --params-file srt3d.yaml
 
 """
+
+
+def kilted(profile: str) -> str:
+    """A profile of Fast DDS 2 as Fast DDS 3 wants it, where one element has another name."""
+    return profile.replace("FASTRTPS_", "FASTDDS_").replace("heartbeatPeriod>", "heartbeat_period>")
 
 
 def generated() -> dict[str, str]:

@@ -1,14 +1,12 @@
 """bag_recorder: the pipeline's topics → a rosbag2 bag, messages as they came."""
 
 import os
-import sys
 import time
 from collections import Counter
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-
-from rclpy.clock import Clock, ClockType
 
 from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
 from srt3d_ros.errors import require
@@ -59,7 +57,6 @@ class BagRecorderNode(PipelineNode):
         self._writer: BagWriter | None = None
 
     def configure(self) -> None:
-        """Check what is to be recorded."""
         known = {topic.name: topic for topic in INPUTS}
         asked = [name.strip() for name in self.parameters["topics"].split(",") if name.strip()]
         for name in asked or [""]:
@@ -67,7 +64,6 @@ class BagRecorderNode(PipelineNode):
         self._topics = {self.resolve_topic_name(name): topic for name, topic in known.items() if name in asked}
 
     def activate(self) -> None:
-        """Make the bag and subscribe."""
         path = Path(self.parameters["path"] or time.strftime("bag_%Y%m%dT%H%M%SZ", time.gmtime())).absolute()
         if started_again():
             path = free(path)
@@ -81,24 +77,15 @@ class BagRecorderNode(PipelineNode):
         self._ended_by = ""
         self._early: dict[str, bytes] = {}              # by topic: descriptions from before simulated time began
         self._first_ns: int | None = None               # time of the first frame
-        self._first_at = 0.0
         self._newest: dict[str, bytes] = {}             # by topic: its description
         self._last_ns = self._greatest_ns = 0           # times of the frames
         self._is_behind = False                         # whether simulated time jumped back
-        self._timer = None
         self._awaited = {name for name, topic in self._topics.items() if topic.latched}
         if self._awaited:
             self.hold_frames_for(f"a description on {self._awaited_names()}")
-            self._timer = self.create_timer(HOLD_S / 10, self._end_hold, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        for name in self._topics:
-            self._subscribe(name)
+        for name, topic in self._topics.items():
+            self.listen(topic.name, partial(self._received, name), lost=self._count_lost)
         self.diagnostics.show(path=path)
-
-    def deactivate(self) -> None:
-        """Complete the bag."""
-        super().deactivate()
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
 
     def stop_frames(self, cause: str) -> None:
         """As in every node, but first take the messages that wait in the middleware."""
@@ -145,18 +132,13 @@ class BagRecorderNode(PipelineNode):
     def _awaited_names(self) -> str:
         return " and ".join(sorted(self._topics[name].name for name in self._awaited))
 
-    def _subscribe(self, name: str) -> None:
-        def received(raw: bytes, info: dict) -> None:
-            self._received(name, raw, info["received_timestamp"])
-
-        self.listen(self._topics[name].name, received, lost=self._count_lost)
-
     def _count_lost(self, messages: int) -> None:
         super()._count_lost(messages)
         self._lost["on the way"] += messages
 
-    def _received(self, name: str, raw: bytes, received_ns: int) -> None:
+    def _received(self, name: str, raw: bytes, info: dict) -> None:
         """In the executor's thread: queue a message, unless simulated time has not begun."""
+        received_ns = info["received_timestamp"]
         time_ns = received_ns if received_ns and not self.get_parameter("use_sim_time").value else self.now_ns()
         if not time_ns:
             self._before_time(name, raw)
@@ -186,7 +168,8 @@ class BagRecorderNode(PipelineNode):
             self.worker.call(self._describe, name, time_ns, raw)
             return
         if self._first_ns is None:
-            self._first_ns, self._first_at = time_ns, time.monotonic()
+            self._first_ns = time_ns
+            self.worker.call_after(HOLD_S, partial(self._end_hold, self._writer))
         if self._leapt(time_ns):
             for described, description in self._newest.items():
                 self.worker.call(self._describe, described, time_ns, description)
@@ -213,9 +196,9 @@ class BagRecorderNode(PipelineNode):
         if not self._awaited:
             self.release_frames()
 
-    def _end_hold(self) -> None:
-        """In the executor's thread: record frames without their description if it is late."""
-        if self._awaited and self._first_ns is not None and time.monotonic() - self._first_at >= HOLD_S:
+    def _end_hold(self, writer: BagWriter) -> None:
+        """Record frames without their description if it is late, unless their bag is complete."""
+        if self._awaited and self._writer is writer:
             self.get_logger().warning(f"no description on {self._awaited_names()} yet: recording without")
             self._awaited.clear()
             self.release_frames()
@@ -228,7 +211,7 @@ class BagRecorderNode(PipelineNode):
             return
         try:
             if name not in writer:
-                writer.add_topic(name, self._topics[name].type_name, self._offers(name))
+                writer.add_topic(name, self._topics[name].type, self._offers(name))
             writer.write(name, time_ns, raw)
         except OSError as error:
             self._writer = None
@@ -285,10 +268,4 @@ def _make_writer(future: Future, path: Path, storage: str) -> None:
         future.set_exception(error)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(BagRecorderNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, BagRecorderNode)

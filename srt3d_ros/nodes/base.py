@@ -7,7 +7,6 @@ from collections.abc import Callable
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -22,7 +21,7 @@ from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, R
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
-FOLLOW_DEPTH = 100      # of reports, which come from many nodes at once
+FOLLOW_DEPTH = 1000     # of reports and log lines, which come from many nodes at once: as publishers of /rosout keep
 OUTDATED_NS = 10 * 10**9    # a larger difference is one of clocks, not of the age of frames
 LOG_EVERY_S = 2.0       # the same complaint again
 POLL_S = 0.005
@@ -44,6 +43,7 @@ class PipelineNode(ManagedNode):
     drains = False          # whether waiting frames are still processed when the node is deactivated
     queue_depth = QUEUE_DEPTH   # messages of an input that may wait in the middleware, where frames are queued
     finish_s = 5.0          # timeout for the current frame, or for those that drain
+    niceness = 0            # of the process
 
     def __init__(self, queue_limit: int = NEWEST_ONLY):
         super().__init__(self.spec.name, automatically_declare_parameters_from_overrides=True)
@@ -62,7 +62,7 @@ class PipelineNode(ManagedNode):
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
         limit = LOSSLESS if self.lossless else queue_limit
-        self.worker = Worker(limit, self._failed, self.diagnostics.drop, CATCH_UP_S, self._audit)
+        self.worker = Worker(limit, self.failed, self.diagnostics.drop, CATCH_UP_S, self._audit)
         self._stages = [self.worker]
         self._held_for = self._stopped_for = ""
         self._followed_ns = self.valid_from_ns = 0          # when descriptions were sent, by their sender's clock
@@ -73,7 +73,7 @@ class PipelineNode(ManagedNode):
 
     def add_stage(self) -> Worker:
         """A second worker, which continues the work on frames and drops none."""
-        self._stages.append(Worker(LOSSLESS, self._failed, self.diagnostics.drop, done=self._audit))
+        self._stages.append(Worker(LOSSLESS, self.failed, self.diagnostics.drop, done=self._audit))
         return self._stages[-1]
 
     def open_frame(self) -> tuple[int, int]:
@@ -112,7 +112,7 @@ class PipelineNode(ManagedNode):
         queued = QUEUE_DEPTH if self.lossless else self.queue_depth
         depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else queued
         subscription = self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
-        self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type_name)
+        self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type)
 
     def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
                lost: Callable[[int], None] = lambda messages: None) -> Subscription:
@@ -138,23 +138,19 @@ class PipelineNode(ManagedNode):
     def _count_lost(self, messages: int) -> None:
         self.diagnostics.count(message_lost=messages)
 
-    def follow(self, topic: str, handle: Callable[[object], None], qos: QoSProfile | None = None) -> None:
-        """Have the worker call `handle` with every message on an input that describes or reports.
-
-        Args:
-            qos: instead of the topic's own; the user may override both.
-        """
+    def follow(self, topic: str, handle: Callable[[object], None]) -> None:
+        """Have the worker call `handle` with every message on an input that describes or reports."""
         def work(message, sent_ns: int) -> None:
             self._followed_ns = sent_ns
             try:
                 handle(message)
             except InvalidInput as problem:
                 if self._held_for:
-                    self.diagnostics.wait_for(f"{self._held_for} that can be used: {problem}")
+                    self.diagnostics.waiting_for = f"{self._held_for} that can be used: {problem}"
                 raise
 
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
-                     FOLLOW_DEPTH, qos)
+                               FOLLOW_DEPTH)
 
     def drop_older(self) -> None:
         """Drop the frames that were sent before the description that is being followed, which replaces another."""
@@ -170,7 +166,7 @@ class PipelineNode(ManagedNode):
                 answer.set_result((True, job()))
             except Exception as error:
                 if not isinstance(error, (InvalidInput, Refused)):
-                    self._failed(error)
+                    self.failed(error)
                 answer.set_result((False, _in_words(error)))
 
         async def serve(_, response: Trigger.Response) -> Trigger.Response:
@@ -186,14 +182,14 @@ class PipelineNode(ManagedNode):
     def hold_frames_for(self, what: str) -> None:
         """Report that no frame can be used before `what` has come; those that may queue wait until `release_frames`."""
         self._held_for = what
-        self.diagnostics.wait_for(what)
+        self.diagnostics.waiting_for = what
         if self.worker.limit > NEWEST_ONLY:
             self.worker.hold_frames()
 
     def release_frames(self) -> None:
         """Process frames again after `hold_frames_for`."""
         self._held_for = ""
-        self.diagnostics.wait_for("")
+        self.diagnostics.waiting_for = ""
         self.worker.release_frames()
 
     def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
@@ -224,10 +220,10 @@ class PipelineNode(ManagedNode):
                 break
             if waited_s >= LOG_WAIT_S and not logged:
                 logged = True
-                self.diagnostics.wait_for(what)
+                self.diagnostics.waiting_for = what
                 self.get_logger().info(f"waiting for {what}")
         if logged:
-            self.diagnostics.wait_for("")
+            self.diagnostics.waiting_for = ""
         return met
 
     def on_activate(self, state):
@@ -237,7 +233,7 @@ class PipelineNode(ManagedNode):
     def deactivate(self) -> None:
         """Take no more frames, finish the current one, drop those that wait unless the node drains, and forget."""
         self.stop_frames("inactive")
-        self.diagnostics.wait_for("")
+        self.diagnostics.waiting_for = ""
 
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe and empty the queue: waiting frames are dropped for `cause` or, if the node drains, processed."""
@@ -258,10 +254,6 @@ class PipelineNode(ManagedNode):
         self.diagnostics.expect_nothing()
         super().unsubscribe()
 
-    def refused(self, problem: Exception) -> None:
-        """Log why a lifecycle transition failed. The service reply has no field for it."""
-        self._failed(problem)
-
     def close(self) -> None:
         """Finish the current frame, publish the last diagnostics, and leave the graph."""
         if self.state in ("inactive", "active") and not (self._starting or self.finished.is_set()):
@@ -274,7 +266,7 @@ class PipelineNode(ManagedNode):
         self.diagnostics.close()
         self.destroy_node()
 
-    def _failed(self, error: Exception, frames: int = 0, photons: int = 0) -> None:
+    def failed(self, error: Exception, frames: int = 0, photons: int = 0) -> None:
         """Count and log an error and the frames that it cost."""
         log = self.get_logger()
         if isinstance(error, Dropped):

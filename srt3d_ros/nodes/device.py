@@ -1,9 +1,8 @@
 """device: the stream or log of a histogramming sensor → `histograms`, with the latched `sensor`."""
 
-import sys
 import threading
 import time
-from collections.abc import Iterator
+from functools import partial
 
 from srt3d_ros import devices
 from srt3d_ros.core.photons import PhotonHistograms
@@ -61,7 +60,6 @@ class DeviceNode(PipelineNode):
         self._sensors, self._publisher = self.advertise("sensor"), self.advertise("histograms")
 
     def activate(self) -> None:
-        """Begin to receive."""
         receive = self._follow if self._address else self._play
         self._receiver = threading.Thread(target=receive, name="receiver", daemon=True)
         self._receiver.start()
@@ -76,20 +74,20 @@ class DeviceNode(PipelineNode):
     def _follow(self) -> None:
         """Offer the messages of a publisher to the worker, and report when it comes and goes."""
         stream, address = Subscription(self._address), self._address
-        self.diagnostics.wait_for(address)
+        self.diagnostics.waiting_for = address
         try:
             while not self.halted.is_set():
                 came = stream.next(POLL_S)
                 if came == CONNECTED:
-                    self.diagnostics.wait_for(f"a measurement of {address}")
+                    self.diagnostics.waiting_for = f"a measurement of {address}"
                     self.diagnostics.count(connections=1)
                     self.get_logger().info(f"{address} is connected")
                 elif came == GONE:
-                    self.diagnostics.wait_for(f"{address}, which is gone")
+                    self.diagnostics.waiting_for = f"{address}, which is gone"
                     self.diagnostics.count(disconnections=1)
                     self.get_logger().warning(f"{address} is gone: waiting for it")
                 elif came is not None:
-                    self.diagnostics.wait_for("")
+                    self.diagnostics.waiting_for = ""
                     self._offer(self._decode, came, self.now_ns())
         finally:
             stream.close()
@@ -99,7 +97,7 @@ class DeviceNode(PipelineNode):
         try:
             self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
             began = time.monotonic()
-            for k, photons in enumerate(self._frames()):
+            for k, photons in enumerate(devices.frames(self._log, self._device)):
                 if self.halted.wait(max(began + k / self.parameters["rate_hz"] - time.monotonic(), 0)):
                     return
                 self._offer(self._publish, photons.sensor, photons.frame.counts, self.now_ns())
@@ -109,11 +107,8 @@ class DeviceNode(PipelineNode):
             self.finished.set()
         except InvalidInput as error:
             self.exit_code = 1
-            self.refused(error)
+            self.failed(error)
             self.finished.set()
-
-    def _frames(self) -> Iterator:
-        return devices.frames(self._log, self._device)
 
     def _offer(self, work, *args) -> None:
         with self.worker.lock:
@@ -139,10 +134,4 @@ class DeviceNode(PipelineNode):
                            frames_sent=1, photons_sent=frame.photons)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(DeviceNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, DeviceNode)

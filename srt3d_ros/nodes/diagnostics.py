@@ -9,7 +9,6 @@ Level, from what happened since the last report:
     OK      otherwise
 """
 
-import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
@@ -36,31 +35,28 @@ OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
 AHEAD_S = 0.5
-CLOCK = "/clock"
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
-class Diagnostics:
-    """Counts what a node does and reports it. Every method may be called from any thread.
-
-    Args:
-        balances: the equations that the totals keep.
+class Diagnostics(FrameAccounts):
+    """Counts what a node does and reports it.
 
     Attributes:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
             these diagnostics.
         find_warning: likewise for a warning.
+        waiting_for: what the node waits for; empty if for nothing.
+        degraded: how frames are degraded; empty if they are not.
     """
 
     def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
+        super().__init__(balances)
         self.find_contradiction: Callable[[], str] = str
         self.find_warning: Callable[[], str] = str
         self._node = node
-        self._lock = threading.Lock()
-        self._accounts = FrameAccounts(balances)
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self._waiting_for = self._degraded = ""
+        self.waiting_for = self.degraded = ""
         self._topics: dict[str, str] = {}   # on which frames may come, and of what type
         self._silent_since = 0.0            # when the last frame came in, or frames were first expected
         self._any_frame = False             # whether one has come since then
@@ -88,39 +84,14 @@ class Diagnostics:
     def sent(self, latency_s: float, **amounts: int) -> None:
         """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
         with self._lock:
-            self._accounts.totals.update(amounts, frames_out=1)
+            self._totals.update(amounts, frames_out=1)
             self._latencies_s.append(latency_s)
-
-    def count(self, **amounts: int) -> None:
-        """Add to totals of these names."""
-        with self._lock:
-            self._accounts.totals.update(amounts)
-
-    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
-        """Count frames that were dropped for `cause`, and their photons."""
-        with self._lock:
-            self._accounts.drop(cause, frames=frames, photons=photons)
-
-    def audit(self, frames: int, photons: int) -> None:
-        """Check the accounting while no stage is processing a frame; `frames` and `photons` wait."""
-        with self._lock:
-            self._accounts.audit(frames=frames, photons=photons)
 
     def error(self, text: str, counted: bool = True) -> None:
         """Keep the last error, and count it unless it is counted elsewhere, such as a malformed message."""
         with self._lock:
-            self._accounts.totals["errors"] += counted
+            self._totals["errors"] += counted
             self._last_error = text
-
-    def wait_for(self, what: str) -> None:
-        """Report what the node waits for; an empty text when it no longer does."""
-        with self._lock:
-            self._waiting_for = what
-
-    def degraded(self, how: str) -> None:
-        """Report how frames are degraded; an empty text when they no longer are."""
-        with self._lock:
-            self._degraded = how
 
     def show(self, **values: object) -> None:
         """Report these values until they change."""
@@ -145,8 +116,8 @@ class Diagnostics:
     def _status(self) -> DiagnosticStatus:
         with self._lock:
             now = time.monotonic()
-            totals, drops, unaccounted = (of.copy() for of in (self._accounts.totals, self._accounts.drops,
-                                                               self._accounts.unaccounted))
+            totals, drops, unaccounted = (
+                counts.copy() for counts in (self._totals, self._drops["frames"], self._unaccounted))
             since, totals_before, drops_before, unaccounted_before = self._reported
             new, new_drops = totals - totals_before, drops - drops_before
             self._reported = (now, totals, drops, unaccounted)
@@ -154,7 +125,7 @@ class Diagnostics:
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
             values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
-                      **self._accounts.values(),
+                      **self._balanced(),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                       **self._latency(), **self._values, "last_error": self._last_error}
             missing = unaccounted if unaccounted != unaccounted_before else Counter()
@@ -186,12 +157,11 @@ class Diagnostics:
         """A warning if time is simulated and there is no clock."""
         if not self._node.get_parameter("use_sim_time").value:
             return ""
-        if not (publishers := self._node.count_publishers(CLOCK)):
-            return f"use_sim_time is true, but nobody publishes {CLOCK}"
-        if self._node.get_clock().now().nanoseconds:
-            return ""
-        return (f"use_sim_time is true and {publishers} {'publish' if publishers > 1 else 'publishes'} {CLOCK}, "
-                "but the clock stands at 0")
+        clock = self._publishers("/clock", "rosgraph_msgs/msg/Clock")
+        if clock.startswith("nobody"):
+            return f"use_sim_time is true, but {clock}"
+        return "" if self._node.get_clock().now().nanoseconds else (
+            f"use_sim_time is true and {clock}, but the clock stands at 0")
 
     def _silence(self, seconds: float) -> str:
         """For how long no frame has come, or who could send one."""
@@ -223,20 +193,18 @@ class Diagnostics:
             if new["message_lost"]:
                 causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            several = "".join(f"; {count} publish {topic}" for topic in self._topics
-                              if (count := self._node.count_publishers(topic)) > 1)
-            return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
+            return level, f"dropped: {', '.join(causes)}, of {sent}"
         if warning := self.find_warning():
             return DiagnosticStatus.WARN, warning
         if no_clock := self._missing_clock():
             return DiagnosticStatus.WARN, no_clock
-        if self._waiting_for:
-            return DiagnosticStatus.WARN, f"waiting for {self._waiting_for}"
+        if self.waiting_for:
+            return DiagnosticStatus.WARN, f"waiting for {self.waiting_for}"
         if self._topics and now - self._silent_since > SILENCE_S:
             return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
         if untimely := self._untimely(new["frames_out"]):
             return DiagnosticStatus.WARN, untimely
-        return (DiagnosticStatus.WARN, self._degraded) if self._degraded else (DiagnosticStatus.OK, "")
+        return (DiagnosticStatus.WARN, self.degraded) if self.degraded else (DiagnosticStatus.OK, "")
 
 
 def all_acknowledged(publisher: Publisher) -> bool:

@@ -1,5 +1,6 @@
 """Frame accounting: every frame and photon is published, dropped for a named cause, or still in progress."""
 
+import threading
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -40,40 +41,49 @@ PHOTONS = Balance("photons", out="photons", dropped="photons_dropped", under_way
 class FrameAccounts:
     """Totals, which count from the start and never fall, drops by cause, and whether they balance.
 
-    `audit` compares the totals with what really waits. What came in and is in no total and in no queue is unaccounted
-    for; a negative number was counted twice.
+    Every method may be called from any thread.
+
+    Args:
+        balances: the equations that the totals keep.
     """
 
     def __init__(self, balances: Iterable[Balance]):
+        self._lock = threading.RLock()
         self._balances = tuple(balances)
-        self.totals: Counter[str] = Counter()
-        self.unaccounted: Counter[str] = Counter()
+        self._totals: Counter[str] = Counter()
+        self._unaccounted: Counter[str] = Counter()
         self._drops: dict[str, Counter[str]] = {balance.what: Counter() for balance in self._balances}
 
-    @property
-    def drops(self) -> Counter[str]:
-        """Dropped frames by cause."""
-        return self._drops["frames"]
+    def count(self, **amounts: int) -> None:
+        """Add to totals of these names."""
+        with self._lock:
+            self._totals.update(amounts)
 
-    def drop(self, cause: str, **amounts: int) -> None:
-        """Count what is dropped for a cause: frames=1, photons=300; what is not balanced is not counted."""
-        for what, amount in amounts.items():
-            if amount and what in self._drops:
-                self._drops[what][cause] += amount
+    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
+        """Count frames that were dropped for `cause`, and their photons where photons are balanced."""
+        with self._lock:
+            for what, amount in (("frames", frames), ("photons", photons)):
+                if amount and what in self._drops:
+                    self._drops[what][cause] += amount
 
-    def audit(self, **waiting: int) -> None:
-        """Compare the totals with what waits in queues and in the open frame, while nothing is being processed."""
-        for balance in self._balances:
-            self.unaccounted[balance.unaccounted] = self._not_done(balance) - waiting[balance.what]
+    def audit(self, frames: int, photons: int) -> None:
+        """Compare the totals with the frames and photons that wait in queues, while nothing is being processed.
 
-    def values(self) -> dict[str, int]:
-        """All reported values but the totals."""
+        What came in and is in no total and in no queue is unaccounted for; a negative number was counted twice.
+        """
+        waiting = {"frames": frames, "photons": photons}
+        with self._lock:
+            for balance in self._balances:
+                self._unaccounted[balance.unaccounted] = self._not_done(balance) - waiting[balance.what]
+
+    def _balanced(self) -> dict[str, int]:
+        """All values of the balances but the totals."""
         out: dict[str, int] = {}
         for balance in self._balances:
-            drops, missing = self._drops[balance.what], self.unaccounted[balance.unaccounted]
+            drops, missing = self._drops[balance.what], self._unaccounted[balance.unaccounted]
             out |= {balance.dropped: drops.total(), **{f"{balance.dropped}.{cause}": n for cause, n in drops.items()},
                     balance.under_way: self._not_done(balance) - missing, balance.unaccounted: missing}
         return out
 
     def _not_done(self, balance: Balance) -> int:
-        return self.totals[balance.came_in] - self.totals[balance.out] - self._drops[balance.what].total()
+        return self._totals[balance.came_in] - self._totals[balance.out] - self._drops[balance.what].total()

@@ -42,7 +42,10 @@ class FrameIndex:
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, which may be new."""
         if stamp_ns not in self._frames:
-            self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen, self._keeps(stamp_ns))
+            last_ns = self._last_kept_ns
+            kept = last_ns is None or stamp_ns < last_ns or stamp_ns - last_ns >= self._period_ns
+            self._last_kept_ns = stamp_ns if kept else last_ns
+            self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen, kept)
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]
@@ -55,10 +58,3 @@ class FrameIndex:
         self._clouds.append(frame.stamp_ns)
         seconds = (self._clouds[-1] - self._clouds[0]) * 1e-9
         return (len(self._clouds) - 1) / seconds if seconds > 0 else None
-
-    def _keeps(self, stamp_ns: int) -> bool:
-        last_ns = self._last_kept_ns
-        kept = last_ns is None or stamp_ns < last_ns or stamp_ns - last_ns >= self._period_ns
-        if kept:
-            self._last_kept_ns = stamp_ns
-        return kept

@@ -1,5 +1,6 @@
 """What a node learns of the other nodes in its namespace: drops, parameters, log lines."""
 
+from collections import Counter
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -58,7 +59,7 @@ class ParameterWatch:
     def __init__(self, node: Node, on_values: Callable[[dict[str, Value]], None]):
         self._node, self._on_values = node, on_values
         self._clients: dict[str, tuple] = {}
-        self._calls_left: dict[str, int] = {}       # calls of `ask` until the next request
+        self._calls: Counter[str] = Counter()
         self._answered: set[str] = set()
 
     def ask(self, name: str) -> None:
@@ -68,11 +69,10 @@ class ParameterWatch:
         if name not in self._clients:
             self._clients[name] = (self._node.create_client(ListParameters, f"{name}/list_parameters"),
                                    self._node.create_client(GetParameters, f"{name}/get_parameters"))
-            self._calls_left[name] = FIRST_CALL
         lister, getter = self._clients[name]
-        self._calls_left[name] -= 1
-        if self._calls_left[name] <= 0 and lister.service_is_ready() and getter.service_is_ready():
-            self._calls_left[name] = CALLS_APART
+        self._calls[name] += 1
+        if self._calls[name] >= FIRST_CALL and lister.service_is_ready() and getter.service_is_ready():
+            self._calls[name] = FIRST_CALL - CALLS_APART
             lister.call_async(ListParameters.Request()).add_done_callback(
                 lambda answer: self._get(name, getter, answer.result().result.names))
 

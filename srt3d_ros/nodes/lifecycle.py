@@ -55,8 +55,8 @@ class ManagedNode(LifecycleNode):
         self.publishers_made.clear()
         self.services_made.clear()
 
-    def refused(self, problem: Exception) -> None:
-        """Called when a transition that a manager asked for has failed."""
+    def failed(self, error: Exception) -> None:
+        """Log why a transition that a manager asked for failed. The service reply has no field for it."""
 
     # ---- Topics of the spec
 
@@ -89,7 +89,7 @@ class ManagedNode(LifecycleNode):
             return create(topic.load(), topic.name, *args, qos_overriding_options=OVERRIDABLE, **options)
         except rclpy_implementation.RCLError:
             raise InvalidInput(f"topic of {topic.name}", self.resolve_topic_name(topic.name),
-                               f"one without another type than {topic.type_name} in this process") from None
+                               f"one without another type than {topic.type} in this process") from None
 
     # ---- Transitions, as `ros2 lifecycle set` asks for them
 
@@ -143,7 +143,7 @@ class ManagedNode(LifecycleNode):
             self.problem = problem
             undo()
             if not self._starting:
-                self.refused(problem)
+                self.failed(problem)
             return TransitionCallbackReturn.FAILURE
         self.state = state
         if not self._starting:

@@ -12,13 +12,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from srt3d_ros.errors import InvalidInput, quoted, require
-from srt3d_ros.node_names import NODES
 
 Value = bool | int | float | str
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
           "qos_overrides./parameter_events.", "qos_overrides./rosout.")
 ALIKE = 0.75            # similarity of names from which one may be the other, mistyped
-SECTIONS_SHOWN = 5      # of a parameter file that has none for the node
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
 
@@ -164,7 +162,7 @@ def file_warnings(arguments: Sequence[str], node: str) -> list[str]:
     """A line for each parameter file on a command line that by mistake has nothing for a node, such as "/a/sketcher".
 
     rcl ignores sections for other nodes silently, since one file may serve many. A mistake is a section that nearly has
-    the node's name, where none has it, and a file that names no node of this package.
+    the node's name, where none has it.
     """
     paths = [Path(value) for flag, value in zip(arguments, arguments[1:]) if flag == "--params-file"]
     return [f"{path}: {problem}" for path in paths if (problem := _section_problem(path, node))]
@@ -184,10 +182,7 @@ def _section_problem(path: Path, node: str) -> str:
     for section in sections:
         if _last(section) in meant:
             return f"parameters of {section} are for no node here: did you mean {node}?"
-    if any(_last(section) in NODES for section in sections):
-        return ""
-    found = ", ".join(sections[:SECTIONS_SHOWN]) + ", …" * (len(sections) > SECTIONS_SHOWN)
-    return f"no parameters for {node}: expected a section of this name, found {found or 'none'}"
+    return ""
 
 
 def _sections(tree, above: str = "") -> Iterator[str]:

@@ -1,9 +1,9 @@
 """player: a photon file, the simulator or a bag → `photons`, `gates`, `histograms` or `sketch`, and their sensor."""
 
-import sys
 import time
 from collections import deque
 from dataclasses import replace
+from functools import partial
 
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
@@ -29,7 +29,6 @@ from srt3d_ros.nodes.worker import Dropped
 ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: the node that had them is gone
 ACKNOWLEDGE_S = 5.0
 CLOCK_PERIOD_S = 0.01
-LONG_AGO_S = 60.0           # older stamps are of an old recording
 
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), bag (its folder, .mcap or .db3 file), or "
@@ -85,7 +84,7 @@ SPEC = NodeSpec(
                for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
              replace(topics.ODOM, when="`motion`, or the bag has one topic of its type, beside photons"),
              replace(topics.IMU, when="the bag has one topic of its type, beside photons"),
-             Topic("/clock", ClockMessage, "the time of the recording", when="`clock`")),
+             Topic("/clock", "rosgraph_msgs/msg/Clock", "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
 )
 
@@ -96,7 +95,6 @@ class PlayerNode(PipelineNode):
     spec = SPEC
 
     def configure(self) -> None:
-        """Open the input."""
         moves = self.parameters["motion"] != "off"
         self._source = (MovingSource if moves else open_source)(self.parameters.as_dict())
         self._replays = bool(self._source.start_ns) and self.parameters["bag_stamps"] == "original"
@@ -114,7 +112,6 @@ class PlayerNode(PipelineNode):
             self._clock_publisher = self.advertise("/clock")
 
     def activate(self) -> None:
-        """Describe the sensor, begin to play."""
         self._recorded = (self._source.start_ns, time.monotonic())
         if self._sensors is not None:
             self._sensors.publish(self._source.sensor)
@@ -133,7 +130,6 @@ class PlayerNode(PipelineNode):
         self._unanswered.clear()
 
     def cleanup(self) -> None:
-        """Close the input."""
         super().cleanup()
         self._source.close()
 
@@ -191,7 +187,7 @@ class PlayerNode(PipelineNode):
             self._wait_for_answers(self.parameters["in_flight"] - 1)
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
             if before_ns is None:
-                self._begin(stamp_ns)
+                self.diagnostics.show(first_stamp_ns=stamp_ns)
             elif stamp_ns < before_ns:      # a bag begins again: answers are matched by rising stamps
                 self._wait_for_answers(0)
             data = _stamped(item, stamp_ns)
@@ -209,15 +205,6 @@ class PlayerNode(PipelineNode):
             sent += 1
             if sent == total or self.halted.is_set():
                 return
-
-    def _begin(self, stamp_ns: int) -> None:
-        """Report the first frame's stamp."""
-        self.diagnostics.show(first_stamp_ns=stamp_ns)
-        age_s = (super().now_ns() - stamp_ns) * 1e-9
-        if age_s > LONG_AGO_S and not self.parameters["clock"]:
-            self.get_logger().info(
-                f"the stamps are the recording's, {age_s:.0f} s old, and latencies count from them: clock:=true here "
-                "and use_sim_time:=true elsewhere, or bag_stamps:=now, make them mean something")
 
     def _stamp(self, item: Item, before_ns: int | None) -> int:
         """The stamp of a frame that follows one of `before_ns`: as recorded, as due, or now."""
@@ -263,10 +250,4 @@ def _stamped(item: Item, stamp_ns: int) -> bytes:
     return item.raw if stamp_ns == item.stamp_ns else cdr.restamp(item.raw, stamp_ns)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(PlayerNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, PlayerNode)

@@ -1,10 +1,9 @@
 """reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while somebody subscribes."""
 
-import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -41,29 +40,24 @@ SPEC = NodeSpec(
 
 
 @dataclass(frozen=True, eq=False)
-class ReconstructedFrame:
-    """A frame in flight: a function that waits for its cloud, and what is needed to publish it."""
-
-    wait: Callable[[], PointCloud]
-    reconstructor: TileReconstruction
-    frequencies: tuple[int, ...]
-    frame_id: str
-    photons: int
-    settings: dict[str, Value]
-
-
-@dataclass(frozen=True, eq=False)
-class FormerDescription:
-    """What sketches were until another description came, and what reconstructs those that are still on their way.
-
-    Args:
-        valid_from_ns: when it was sent, by the sender's clock.
-    """
+class Description:
+    """What sketches are, and what reconstructs them. `valid_from_ns`: when it was sent, by the sender's clock."""
 
     sensor: SensorModel
     frequencies: tuple[int, ...]
     reconstructor: TileReconstruction
     valid_from_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class ReconstructedFrame:
+    """A frame in flight: a function that waits for its cloud, and what is needed to publish it."""
+
+    wait: Callable[[], PointCloud]
+    description: Description
+    frame_id: str
+    photons: int
+    settings: dict[str, Value]
 
 
 class ReconstructorNode(PipelineNode):
@@ -75,20 +69,17 @@ class ReconstructorNode(PipelineNode):
         super().__init__()
         self._stage = self.add_stage()      # publishes in parallel with the worker, in the pipeline "throughput"
         self._in_flight = threading.Semaphore(IN_FLIGHT)
-        self._described: tuple[SensorModel, tuple[int, ...]] | None = None
-        self._former: FormerDescription | None = None
+        self._described: Description | None = None
+        self._former: Description | None = None     # whose last sketches may still be on their way
         self._refused: String | None = None     # a description that these parameters cannot be used with
         self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
-        self._uneven = False                # whether the log says that an uneven background is taken out
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
     def configure(self) -> None:
-        """Compile and advertise."""
         self._settings = self.parameters.as_dict()      # the worker's copy, which changes between frames
         check_together(self._settings)
-        self._reconstructor = build(None, self._settings)
-        self._reconstructor.warm_up()
+        build(None, self._settings).warm_up()
         self._points = self.advertise("points")
         self._images = {topic.name: self.advertise(topic.name) for topic in topics.IMAGES}
         self._camera_info = self.advertise("camera_info")
@@ -96,7 +87,6 @@ class ReconstructorNode(PipelineNode):
         self.serve("save_cloud", self._save_cloud)
 
     def activate(self) -> None:
-        """Follow the sketches and their description."""
         self._described = self._former = self._refused = None
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
@@ -106,7 +96,8 @@ class ReconstructorNode(PipelineNode):
         """Forget the last frame's surfaces and background, and the newest cloud."""
         self._stage.finish(self.finish_s)
         self._newest = None
-        self._reconstructor.forget()
+        if self._described is not None:
+            self._described.reconstructor.forget()
 
     def _reset(self) -> str:
         self.forget()
@@ -118,46 +109,49 @@ class ReconstructorNode(PipelineNode):
         cloud, frame = self._newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
         path = free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
-        sensor = frame.reconstructor.sensor.replace(frame_id=frame.frame_id)
-        cloud_files.save(cloud, path, frequencies=frame.frequencies, sensor=sensor)
+        sensor = frame.description.reconstructor.sensor.replace(frame_id=frame.frame_id)
+        cloud_files.save(cloud, path, frequencies=frame.description.frequencies, sensor=sensor)
         return f"{len(cloud)} points saved as {path}"
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters that could not be applied."""
         check_together(values)
         if options(values) != options(self.parameters.as_dict()):
-            build(self._described, values)
+            build(self._described and (self._described.sensor, self._described.frequencies), values)
 
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""
         settings = self.parameters.as_dict()
         self._stage.finish(self.finish_s)
-        if self._described is not None and options(settings) != options(self._settings):
-            self._rebuild(self._described, settings)
+        described = self._described
+        if described is not None and options(settings) != options(self._settings):
+            reconstructor = self._build(described.sensor, described.frequencies, settings)
+            self._described, self._former = replace(described, reconstructor=reconstructor), None
         self._settings = settings
         if self._refused is not None:
             self._on_sensor(self._refused)
 
-    def _rebuild(self, described: tuple[SensorModel, tuple[int, ...]], settings: dict[str, Value]) -> None:
-        reconstructor = build(described, settings)
+    def _build(self, sensor: SensorModel, frequencies: tuple[int, ...],
+               settings: dict[str, Value]) -> TileReconstruction:
+        reconstructor = build((sensor, frequencies), settings)
         reconstructor.warm_up()
-        self._reconstructor, self._former = reconstructor, None
         self.diagnostics.show(device=reconstructor.device)
         if settings["tile"]:
             rows, cols = (f"{first} to {first + pixels - 1}" for first, pixels in zip(
                 reconstructor.first_pixel, (reconstructor.sensor.rows, reconstructor.sensor.cols)))
             self.get_logger().info(f"tile {settings['tile']}: rows {rows}, columns {cols}")
+        return reconstructor
 
     def _on_sensor(self, message: String) -> None:
         self._refused = message
         sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
-        if self._described is None or frequencies != self._described[1] or not sensor.same_as(self._described[0]):
-            before, reconstructor, valid_from_ns = self._described, self._reconstructor, self.valid_from_ns
-            self._rebuild((sensor, frequencies), self._settings)
-            self._described = sensor, frequencies
+        before = self._described
+        if before is None or frequencies != before.frequencies or not sensor.same_as(before.sensor):
+            reconstructor = self._build(sensor, frequencies, self._settings)
             if before is not None:
                 self.drop_older()
-                self._former = FormerDescription(*before, reconstructor, valid_from_ns)
+            self._described = Description(sensor, frequencies, reconstructor, self.valid_from_ns)
+            self._former = before
             self.get_logger().info(f"sketches: {in_words(sensor)}, {len(frequencies)} frequencies")
         self._refused = None
         self.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=window_frames,
@@ -168,35 +162,30 @@ class ReconstructorNode(PipelineNode):
         if self._described is None:
             raise Dropped("no_sensor", "no description has arrived on sketch/sensor yet")
         self._former = None         # its sketches have all come
-        self._reconstruct(raw, *self._described, self._reconstructor)
+        self._reconstruct(raw, self._described)
 
     def _on_outdated_sketch(self, raw: bytes, sent_ns: int) -> None:
         """Reconstruct a sketch that its successor's description overtook."""
-        former = self._former
-        if former is None or sent_ns < former.valid_from_ns:
+        if self._former is None or sent_ns < self._former.valid_from_ns:
             drop_outdated()
         self.diagnostics.count(overtaken=1)
-        self._reconstruct(raw, former.sensor, former.frequencies, former.reconstructor)
+        self._reconstruct(raw, self._former)
 
-    def _reconstruct(self, raw: bytes, sensor: SensorModel, frequencies: tuple[int, ...],
-                     reconstructor: TileReconstruction) -> None:
-        header, sketch = sketch_message.decode_cdr(raw, frequencies, sensor, reconstructor.window)
-        parallel = self._settings["pipeline"] == "throughput"
-        if parallel:
-            self._in_flight.acquire()
+    def _reconstruct(self, raw: bytes, described: Description) -> None:
+        reconstructor, settings = described.reconstructor, self._settings
+        header, sketch = sketch_message.decode_cdr(raw, described.frequencies, described.sensor, reconstructor.window)
+        self._in_flight.acquire()
         try:
             photons = int(sketch.photons[reconstructor.own].sum())
-            frame = ReconstructedFrame(
-                self._begin(sketch, reconstructor, photons), reconstructor, frequencies,
-                self._settings["frame_id"] or header.frame_id, photons, self._settings)
+            frame = ReconstructedFrame(self._begin(sketch, reconstructor, photons), described,
+                                       settings["frame_id"] or header.frame_id, photons, settings)
         except BaseException:
-            if parallel:
-                self._in_flight.release()
+            self._in_flight.release()
             raise
-        if parallel:
-            self._stage.offer(self._publish_in_flight, frame)
+        if settings["pipeline"] == "throughput":
+            self._stage.offer(self._finish, frame)
         else:
-            self._publish(frame)
+            self._finish(frame)
 
     def _begin(self, sketch: Sketch, reconstructor: TileReconstruction, photons: int) -> Callable[[], PointCloud]:
         """Begin to reconstruct; returns a function that waits for the cloud."""
@@ -205,40 +194,32 @@ class ReconstructorNode(PipelineNode):
 
         def finish() -> PointCloud:
             cloud = wait()
-            self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}")
-            self._show_background(cloud, reconstructor.uneven_background, photons)
+            self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}",
+                                  background_share=f"{float(cloud.background.sum()) / max(photons, 1):.3f}",
+                                  background_unevenness=f"{reconstructor.uneven_background:.4f}")
             return cloud
 
         return finish
 
-    def _show_background(self, cloud: PointCloud, uneven: float, photons: int) -> None:
-        """Show the background's share and unevenness; log when an uneven one begins, and ceases, to be taken out."""
-        share = float(cloud.background.sum()) / max(photons, 1)
-        self.diagnostics.show(background_share=f"{share:.3f}", background_unevenness=f"{uneven:.4f}")
-        if (uneven > 0) != self._uneven:
-            self._uneven = uneven > 0
-            self.get_logger().info(
-                f"the background is uneven (mean |β̂| {uneven:.3f}, {share:.0%} of the photons): taken out from now on"
-                if self._uneven else "the background is even: nothing is taken out any longer")
-
-    def _publish_in_flight(self, frame: ReconstructedFrame) -> None:
+    def _finish(self, frame: ReconstructedFrame) -> None:
         try:
             self._publish(frame)
         finally:
             self._in_flight.release()
 
     def _publish(self, frame: ReconstructedFrame) -> None:
-        settings, sensor, seen = frame.settings, frame.reconstructor.sensor, frame.wait()
+        settings, reconstructor, seen = frame.settings, frame.description.reconstructor, frame.wait()
+        sensor = reconstructor.sensor
         cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
         data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], sensor, settings["organised"],
-                                         frame.reconstructor.first_pixel)
+                                         reconstructor.first_pixel)
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=frame.photons)
         self._newest = cloud, frame
         try:
             self._publish_images(cloud, sensor, frame.frame_id)
         except Exception as problem:    # does not concern the frame: it was published
-            self._failed(problem)
+            self.failed(problem)
 
     def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
         draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),
@@ -252,10 +233,4 @@ class ReconstructorNode(PipelineNode):
                 self._camera_info.publish(info)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(ReconstructorNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, ReconstructorNode)

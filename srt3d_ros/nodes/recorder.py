@@ -2,16 +2,15 @@
 
 import os
 import platform
-import sys
 import time
 from collections import deque
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from srt3d_ros.core.sensor import SensorModel
@@ -38,9 +37,6 @@ QUEUE = 64              # messages that may wait; the writer has its own queue o
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
 COUNTS_KEPT = 16        # frames whose clouds may still come
 QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
-NICENESS = 10           # of the process: it gets a tenth of another node's share of a busy core
-# As the publishers offer it: a node that is discovered late still delivers its last 10 s.
-LOG_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
@@ -60,6 +56,7 @@ class RecorderNode(PipelineNode):
     drains = True           # what has arrived is written
     finish_s = 35.0         # longer than a writer takes to give up
     queue_depth = QUEUE_DEPTH
+    niceness = 10           # it gets a tenth of another node's share of a busy core
 
     def __init__(self):
         super().__init__(QUEUE)
@@ -78,7 +75,6 @@ class RecorderNode(PipelineNode):
         self.serve("stop_recording", self._stop)
 
     def activate(self) -> None:
-        """Record, unless `record` is false."""
         if self.parameters["record"]:
             self._start()
 
@@ -103,7 +99,7 @@ class RecorderNode(PipelineNode):
             if f"/{topic.name}" in self._settings.images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
         self.follow("/diagnostics", self._on_diagnostics)
-        self.follow("/rosout", self._on_line, LOG_QOS)
+        self.follow("/rosout", self._on_line)
         self.follow("/parameter_events", self._watch.on_event)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"
@@ -118,7 +114,6 @@ class RecorderNode(PipelineNode):
         return f"recorded {path}" if begun else f"{path} was not begun: no description arrived on sketch/sensor"
 
     def forget(self) -> None:
-        """Finish the recording."""
         if self._writer is not None:
             self._write_lines()
             self._writer.close()
@@ -262,11 +257,4 @@ class RecorderNode(PipelineNode):
             self._writer.set_properties(schema.PARAMETERS, values)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node at a lower priority than the pipeline; returns the exit code."""
-    os.nice(NICENESS)       # before there are other threads, which inherit it
-    return run(RecorderNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, RecorderNode)

@@ -6,7 +6,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -66,30 +65,27 @@ class _Stop:
             os._exit(0)
 
 
-def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) -> int:
+def run(node_class: type[PipelineNode]) -> int:
     """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
 
     rclpy's own signal handlers invalidate the context at once; these let the node finish its frames, its recording and
     its last diagnostics first. A parent process (srt3d_ros.processes) gets a report when the node has started; the node
     ends when its parent does.
 
-    Args:
-        args: ROS arguments; the process's own unless given.
-
     Returns:
         The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
         parameter, an argument or an input file cannot be used.
     """
-    given = sys.argv if args is None else args
+    os.nice(node_class.niceness)        # before there are other threads, which inherit it
     stop = _Stop()
     transport.prepare_process()
     parent = Parent.of_this_process()
     node = None
     try:
-        _init(given)
-        node = _make(make_node)
+        _init(sys.argv)
+        node = _make(node_class)
         LogForwarding(node.get_logger())
-        for line in file_warnings(given, node.get_fully_qualified_name()):
+        for line in file_warnings(sys.argv, node.get_fully_qualified_name()):
             node.get_logger().warning(line)
         _start(node)
         stop.starting = False
@@ -119,9 +115,9 @@ def run(make_node: Callable[[], PipelineNode], args: list[str] | None = None) ->
     return node.exit_code if node is not None else 0
 
 
-def _make(make_node: Callable[[], PipelineNode]) -> PipelineNode:
+def _make(node_class: type[PipelineNode]) -> PipelineNode:
     try:
-        return make_node()
+        return node_class()
     except rclpy_implementation.RCLError as error:
         if os.environ.get("ROS_SECURITY_ENABLE") != "true":
             raise
@@ -155,17 +151,10 @@ def _init(given: list[str]) -> None:
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:       # what rcl raises for arguments that it cannot parse
         if "Failed to create log" in str(error):
-            raise InvalidInput(*_log_folder(), "a folder that can be written, for ROS 2's log") from None
+            variable = "ROS_HOME" if os.environ.get("ROS_HOME") and not os.environ.get("ROS_LOG_DIR") else "ROS_LOG_DIR"
+            raise InvalidInput(variable, os.environ.get(variable) or os.path.expanduser("~/.ros/log"),
+                               "a folder that can be written, for ROS 2's log") from None
         raise InvalidInput("command line", " ".join(given[1:]), f"ROS arguments ({error})") from None
     unused = remove_ros_args(given)[1:]     # -p, say, without --ros-args before it
     require(not unused, "command line", " ".join(given[1:]), f"nothing but --ros-args and what follows it, such as "
             f"--ros-args -p name:=value; not {' '.join(unused)}")
-
-
-def _log_folder() -> tuple[str, str]:
-    """The variable that says where rcl writes its log, and the folder."""
-    if os.environ.get("ROS_LOG_DIR"):
-        return "ROS_LOG_DIR", os.environ["ROS_LOG_DIR"]
-    if os.environ.get("ROS_HOME"):
-        return "ROS_HOME", os.environ["ROS_HOME"]
-    return "ROS_LOG_DIR", os.path.expanduser("~/.ros/log")

@@ -13,6 +13,7 @@ from srt3d_ros.core.sensor_difference import first_difference
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.camera import decode_camera_info
+from srt3d_ros.nodes.base import PipelineNode
 
 
 class SensorChoice:
@@ -22,9 +23,7 @@ class SensorChoice:
     file, the last description on `sensor` is in force. A lens that fits the pixels replaces the projection of either.
 
     Args:
-        path: sensor_file; empty if there is none.
-        sensor_topic, lens_topic: full names, for the log.
-        log: the node's logger.
+        node: with the parameter `sensor_file`.
         refuse_lens: called with the reason why a lens is not used.
 
     Raises:
@@ -36,10 +35,11 @@ class SensorChoice:
         contradiction: how `sensor` contradicts the file, in a line; empty if it does not.
     """
 
-    def __init__(self, path: str, sensor_topic: str, lens_topic: str, log, refuse_lens: Callable[[str], None]):
+    def __init__(self, node: PipelineNode, refuse_lens: Callable[[str], None]):
+        path, self._log, self._refuse_lens = node.parameters["sensor_file"], node.get_logger(), refuse_lens
         self.file = open_sensor(path) if path else None
         self._file_name = Path(path).name
-        self._sensor_topic, self._lens_topic, self._log, self._refuse_lens = sensor_topic, lens_topic, log, refuse_lens
+        self._sensor_topic, self._lens_topic = map(node.resolve_topic_name, ("sensor", "sensor/camera_info"))
         self.forget()
 
     def forget(self) -> None:

@@ -4,7 +4,6 @@ With `max_mbit_s`, a frame waits while its predecessor is on its way, and goes w
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from srt3d_ros.core.framing import OpenFrame
@@ -35,14 +34,10 @@ class _Unsent:
 
 
 class SketchOutput:
-    """Publishes the sketches of `node`, in the layout of its parameters. All methods are called in the worker's thread.
+    """Publishes the sketches of `node`, in the layout of its parameters; called in the worker's thread."""
 
-    Args:
-        failed: called with what frames were lost to, their packets and their photons.
-    """
-
-    def __init__(self, node: PipelineNode, failed: Callable[[Exception, int, int], None]):
-        self._node, self._failed = node, failed
+    def __init__(self, node: PipelineNode):
+        self._node = node
         self._sketches = node.advertise("sketch")
         self._sketch_sensor = node.advertise("sketch/sensor")
         self._described: WindowSketcher | None = None       # whose sketches sketch/sensor describes
@@ -83,7 +78,7 @@ class SketchOutput:
             self._send()
         except Exception as error:      # whoever called this counts the last frame
             if before.packets:
-                self._failed(error, *before)
+                self._node.failed(error, *before)
             raise
 
     def flush(self) -> None:
@@ -92,7 +87,7 @@ class SketchOutput:
             try:
                 self._send()
             except Exception as error:
-                self._failed(error, *unsent.content)
+                self._node.failed(error, *unsent.content)
 
     def _send(self) -> None:
         unsent, self._unsent = self._unsent, None
@@ -114,7 +109,7 @@ class SketchOutput:
         settings = values["max_mbit_s"], values["coding_step"] if values["layout"] == "coded" else 0.0
         if not settings[0] and self._budget:
             self._budget = None
-            self._node.diagnostics.degraded("")
+            self._node.diagnostics.degraded = ""
         elif settings[0] and (self._budget is None or self._budget.settings != settings):
             self._budget = LinkBudget(*settings)
 
@@ -142,7 +137,7 @@ class SketchOutput:
             del now["coding_step_now"]
         diagnostics.show(**now)
         words = f"degraded, {budget.why}: " + ", ".join(f"{name} {value}" for name, value in now.items())
-        diagnostics.degraded(words if budget.why else "")
+        diagnostics.degraded = words if budget.why else ""
         if budget.why and not before:
             log.warning(words)
         elif before and not budget.why:

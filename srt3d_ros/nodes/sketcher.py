@@ -1,6 +1,5 @@
 """sketcher: `photons`, `gates` or `histograms` → `sketch`. Keeps m complex numbers a pixel instead of the photons."""
 
-import sys
 from functools import partial
 
 from rclpy.timer import Timer
@@ -45,9 +44,7 @@ class SketcherNode(PipelineNode):
     _silence: Timer | None = None
 
     def configure(self) -> None:
-        """Compile and advertise."""
-        self._choice = SensorChoice(self.parameters["sensor_file"], self.resolve_topic_name("sensor"),
-                                    self.resolve_topic_name("sensor/camera_info"), self.get_logger(), self._refuse_lens)
+        self._choice = SensorChoice(self, self._refuse_lens)
         self._check(self.parameters.as_dict())
         precompile.sketching()
         if self.parameters["motion"] != OFF:
@@ -55,20 +52,19 @@ class SketcherNode(PipelineNode):
         if self._choice.file is not None:
             self._file_publisher = self.advertise("sensor")
             self.diagnostics.find_contradiction = self._contradiction
-        self._output = SketchOutput(self, self._failed)
+        self._output = SketchOutput(self)
         self.serve("reset", self._reset)
         self.parameters.on_check = self._check
         self.parameters.on_change = self._on_change
 
     def activate(self) -> None:
-        """Follow the sensor and its photons."""
         self._framing = self._make_framing()
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
         self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
         self._own_description = ""      # as published on `sensor`, from where it comes back
         if self.parameters["motion"] != OFF:
-            self._waiting = WaitingFrames(self, self._failed)
+            self._waiting = WaitingFrames(self, self.failed)
         self._choice.begin()
         if self._choice.file is None:
             self.hold_frames_for("a sensor description on sensor")
@@ -85,7 +81,6 @@ class SketcherNode(PipelineNode):
         self._start_silence_timer()
 
     def deactivate(self) -> None:
-        """Stop, and forget the sensor."""
         super().deactivate()
         self.destroy_timer(self._silence)
         self._silence = None
@@ -250,7 +245,7 @@ class SketcherNode(PipelineNode):
             else:
                 self._waiting.add(frame, ended, sketcher, self.parameters["frame_id"] or self._frame_id, publish)
         except Exception as error:
-            self._failed(error, *frame)
+            self.failed(error, *frame)
             self._sketcher.reset()
             self._design.forget()
         else:
@@ -271,7 +266,7 @@ class SketcherNode(PipelineNode):
             if self._design.end_frame(stamp_ns):
                 self._sketch_by_design()
         except InvalidInput as problem:
-            self._failed(problem)       # a window that is too large with a gate: go on as before
+            self.failed(problem)       # a window that is too large with a gate: go on as before
         self.diagnostics.show(**self._design.light_in_words)
 
     def _drop_incomplete(self, frame: OpenFrame | None) -> None:
@@ -290,10 +285,4 @@ class SketcherNode(PipelineNode):
         self.diagnostics.show(packets_open=self._framing.open.packets)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(SketcherNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, SketcherNode)

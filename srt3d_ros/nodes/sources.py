@@ -140,13 +140,14 @@ class BagSource:
         self._loop = parameters["bag_loop"]
         self._bag = Bag(parameters["input"])
         found = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
-        self.output, self._frames = found.output, found.frames
+        self.output = found.output
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
-        self._reports = {} if self.output == "sketch" else self._of_motion()
-        self.others = tuple(self._reports.values())
-        self._played = tuple(topic for topic in self._bag.topics
-                             if topic in (found.frames, found.sensor) or topic.name in self._reports)
-        self.start_ns = next(self._bag.messages(self._played)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
+        reports = {} if self.output == "sketch" else self._of_motion()
+        self.others = tuple(reports.values())
+        self._played_on = reports | {found.frames.name: self.output}        # by topic in the bag
+        self._topics = tuple(topic for topic in self._bag.topics
+                             if topic == found.sensor or topic.name in self._played_on)
+        self.start_ns = next(self._bag.messages(self._topics)).time_ns + round(parameters["bag_start_s"] * NS_PER_S)
         self._duration_ns = round(parameters["duration_s"] * NS_PER_S)
         first = next(self._bag.messages((found.frames,), self.start_ns), None)
         require(first is not None and not self._is_late(first.time_ns), "bag_start_s", parameters["bag_start_s"],
@@ -162,19 +163,15 @@ class BagSource:
             if described != self.sensor:
                 described = self.sensor
                 yield Item(self.describes, described, self._paced(begun_ns), time_ns=self.start_ns)
-            for k, message in enumerate(self._bag.messages(self._played, self.start_ns)):
+            for k, message in enumerate(self._bag.messages(self._topics, self.start_ns)):
                 passed_ns = message.time_ns - self.start_ns
                 if self._is_late(message.time_ns):
                     break
                 due_ns, longest_ns = self._paced(begun_ns + passed_ns), passed_ns + passed_ns // max(k, 1)
-                if message.topic == self._frames.name:
+                if topic := self._played_on.get(message.topic):
                     stamp_ns = _stamp(message.raw, message.time_ns)
                     acquired_ns = self._paced(begun_ns + stamp_ns - self.start_ns)
-                    yield Item(self.output, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
-                elif message.topic in self._reports:
-                    stamp_ns = _stamp(message.raw, message.time_ns)
-                    yield Item(self._reports[message.topic], message.raw, due_ns,
-                               self._paced(begun_ns + stamp_ns - self.start_ns), stamp_ns, message.time_ns)
+                    yield Item(topic, message.raw, due_ns, acquired_ns, stamp_ns, message.time_ns)
                 elif message.raw != described:
                     described = message.raw
                     yield Item(self.describes, described, due_ns, time_ns=message.time_ns)
@@ -190,7 +187,7 @@ class BagSource:
         """The topics in the bag that report a motion, and on which they are played: where there is one of a type."""
         found = {}
         for report in (topics.ODOM, topics.IMU):
-            names = [topic.name for topic in self._bag.topics if topic.type == report.type_name and topic.messages]
+            names = [topic.name for topic in self._bag.topics if topic.type == report.type and topic.messages]
             if len(names) == 1:
                 found[names[0]] = report.name
         return found

@@ -4,13 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
-from std_msgs.msg import String
 
 from srt3d_ros.nodes.parameters import Parameter
 
@@ -18,6 +13,8 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 MAX_DEPTH = 100_000
+TEXT, CAMERA = "std_msgs/msg/String", "sensor_msgs/msg/CameraInfo"
+CLOUD, IMAGE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image"
 POLICIES = {"history": HistoryPolicy, "reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
 
 
@@ -27,59 +24,51 @@ class Topic:
 
     Args:
         name: relative, so that namespaces and remappings apply.
-        type: its name if its package need not be installed.
+        type: of its messages, as `ros2 topic list -t` writes it.
         about: what is in it, in a few words.
         latched: reliable and transient local: a late subscriber still gets the last message.
         when: the condition under which it exists; always if empty.
     """
 
     name: str
-    type: type | str
+    type: str
     about: str
     latched: bool = False
     when: str = ""
 
-    @property
-    def type_name(self) -> str:
-        """As `ros2 topic list -t` writes it."""
-        if isinstance(self.type, str):
-            return self.type
-        return f"{self.type.__module__.split('.')[0]}/msg/{self.type.__name__}"
-
     def load(self) -> type:
         """The class of its messages; ModuleNotFoundError if their package is not installed."""
-        if not isinstance(self.type, str):
-            return self.type
         package, _, name = self.type.split("/")
         return getattr(import_module(f"{package}.msg"), name)
 
 
-SENSOR = Topic("sensor", String, "the sensor's description (JSON)", latched=True)
-LENS = Topic("sensor/camera_info", CameraInfo, "the sensor's pinhole and lens, instead of the description's projection",
+SENSOR = Topic("sensor", TEXT, "the sensor's description (JSON)", latched=True)
+LENS = Topic("sensor/camera_info", CAMERA, "the sensor's pinhole and lens, instead of the description's projection",
              when="a calibrated camera publishes it")
-PHOTONS = Topic("photons", PointCloud2, "photons as events: row, col, time of arrival (ToA)")
-GATES = Topic("gates", Image, "photons as the ToA words of a gated SPAD array")
-HISTOGRAMS = Topic("histograms", Image, "photons as counts in bins, from a histogramming sensor")
+PHOTONS = Topic("photons", CLOUD, "photons as events: row, col, time of arrival (ToA)")
+GATES = Topic("gates", IMAGE, "photons as the ToA words of a gated SPAD array")
+HISTOGRAMS = Topic("histograms", IMAGE, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
-ODOM = Topic("odom", Odometry, "where the robot is", when="`motion` is odom")
-IMU = Topic("imu", Imu, "how fast the robot turns", when="`motion` is imu")
+ODOM = Topic("odom", "nav_msgs/msg/Odometry", "where the robot is", when="`motion` is odom")
+IMU = Topic("imu", "sensor_msgs/msg/Imu", "how fast the robot turns", when="`motion` is imu")
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "where the sensor is on the robot", latched=True,
                   when="there is `motion`, and `extrinsics` is empty")
 MOTION = (ODOM, IMU, TF_STATIC)
-SKETCH_SENSOR = Topic("sketch/sensor", String, "sensor, frequencies and window of the sketches (JSON)", latched=True)
-SKETCH = Topic("sketch", PointCloud2, "of each pixel, the number of photons and m complex numbers")
-POINTS = Topic("points", PointCloud2, "the surfaces' points, metres, in the sensor's frame")
+SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "sensor, frequencies and window of the sketches (JSON)", latched=True)
+SKETCH = Topic("sketch", CLOUD, "of each pixel, the number of photons and m complex numbers")
+POINTS = Topic("points", CLOUD, "the surfaces' points, metres, in the sensor's frame")
 WATCHED = "while somebody subscribes"
 IMAGES = (
-    Topic("depth", Image, "metres to the first point (`surface_order`) of each pixel: z of a pinhole sensor, range of "
+    Topic("depth", IMAGE, "metres to the first point (`surface_order`) of each pixel: z of a pinhole sensor, range of "
           "a scanner", when=WATCHED),
-    Topic("intensity", Image, "signal photons of the first point of each pixel", when=WATCHED),
-    Topic("background", Image, "background photons of each pixel", when=WATCHED),
+    Topic("intensity", IMAGE, "signal photons of the first point of each pixel", when=WATCHED),
+    Topic("background", IMAGE, "background photons of each pixel", when=WATCHED),
 )
-CAMERA_INFO = Topic("camera_info", CameraInfo, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")
-DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, "rates, latency, photons, points, drops by cause, last error")
-ROSOUT = Topic("/rosout", Log, "what the nodes log")
-PARAMETER_EVENTS = Topic("/parameter_events", ParameterEvent, "changes of the nodes' parameters")
+CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{WATCHED}, of a pinhole sensor")
+DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
+                    "rates, latency, photons, points, drops by cause, last error")
+ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept for 10 s", latched=True)
+PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", "changes of the nodes' parameters")
 
 
 def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:

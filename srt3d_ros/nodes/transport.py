@@ -9,11 +9,16 @@ import ctypes
 import fcntl
 import os
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 from srt3d_ros import shared_files
-from srt3d_ros.nodes.distribution import PROFILE_VARIABLE, PROFILES, SEGMENT
 
+# Jazzy has rclpy 7.1 and Fast DDS 2, Kilted rclpy 9.1 and Fast DDS 3, for which a profile of the other is an error.
+FAST_DDS_3 = int(version("rclpy").split(".")[0]) >= 9
+PROFILE_VARIABLE = "FASTDDS_DEFAULT_PROFILES_FILE" if FAST_DDS_3 else "FASTRTPS_DEFAULT_PROFILES_FILE"
+PROFILES = "config/kilted" if FAST_DDS_3 else "config"
+SEGMENT = "fastdds_" if FAST_DDS_3 else "fastrtps_"         # how files in /dev/shm are named
 SHARED_MEMORY = Path("/dev/shm")
 SEGMENTS_MB = (64, 32, 16, 4)
 PROCESSES = 4           # that must find room: each allocates its whole segment when it starts

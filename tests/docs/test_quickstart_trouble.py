@@ -14,8 +14,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from srt3d_ros.nodes.distribution import PROFILE_VARIABLE
 from srt3d_ros.nodes.topics import LATCHED
+from srt3d_ros.nodes.transport import PROFILE_VARIABLE
 from srt3d_ros.processes import Process
 from tests.docs import pages
 from tests.nodes.conftest import Graph

@@ -4,7 +4,7 @@ import socket
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from srt3d_ros.devices import tmf8829
@@ -24,73 +24,51 @@ class Publisher:
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
         self._socket.bind(f"tcp://127.0.0.1:{port}")
-
-    def send(self, message: bytes) -> None:
-        self._socket.send(message)
+        self.send = self._socket.send
 
     def close(self) -> None:
         self._socket.close(0)
         self._context.term()
 
 
-@pytest.fixture
-def port() -> int:
-    """A port that nobody uses."""
+def test_a_device_that_goes_away_and_comes_back_is_followed_and_bad_messages_are_counted(graph):
+    pytest.importorskip("zmq")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
-
-
-def test_a_device_that_goes_away_and_comes_back_is_followed(graph, port):
-    pytest.importorskip("zmq")
+        port = free.getsockname()[1]
     sensors, frames = graph.collect_latched(String, "sensor"), graph.collect(Image, "histograms", raw=True)
     process = graph.start("device", connect=f"tcp://127.0.0.1:{port}").ready()
     graph.wait(lambda: f"waiting for tcp://127.0.0.1:{port}" in graph.report("device").get("message", ""), "a warning")
+
+    def send_until(condition, message: bytes, what: str) -> None:
+        """Send again and again: a subscription takes a moment to reach its publisher."""
+        graph.wait(lambda: publisher.send(message) or condition(), what)
+
     for time in (1, 2):
         publisher = Publisher(port)
         try:
             graph.reports("device", "connections", time)
             before = len(frames)
-
-            def arrives() -> bool:       # a subscription takes a moment to reach its publisher
-                publisher.send(made.message(ZONES))
-                return len(frames) > before
-
-            graph.wait(arrives, "a frame")
+            send_until(lambda: len(frames) > before, made.message(ZONES), "a frame")
+            if time == 2:
+                for cause, bad in (("malformed", b"nonsense"), ("no_histograms", made.message(ZONES, parts=()))):
+                    send_until(lambda: graph.total("device", f"dropped.{cause}"), bad, f"a frame dropped as {cause}")
+                assert graph.change("device", "deactivate") and graph.change("device", "activate")
+                graph.reports("device", "connections", 3)
+                before = len(frames)
+                send_until(lambda: len(frames) > before, made.message(ZONES), "a frame of a node that is active again")
         finally:
             publisher.close()
         graph.reports("device", "disconnections", time)
         assert "which is gone" in graph.report("device")["message"]
-    assert process.text.count("is connected") == process.text.count("is gone: waiting for it") == 2
-    sensor, = map(sensor_message.decode, sensors)
+    assert process.text.count("is connected") == 3 and process.text.count("is gone: waiting for it") == 2
+    assert "message is 8 bytes: expected a container of the TMF8829 publisher" in process.text
+    assert "set histograms to 1" in process.text and "Traceback" not in process.text
+    sensor = sensor_message.decode(sensors[0])
     expected = tmf8829.decode(made.message(ZONES), 0)
     assert sensor.same_as(expected.sensor)
     header, received = histograms_message.decode_cdr(frames[0], sensor)
     assert header.frame_id == "tmf8829" and (received.counts == expected.frame.counts).all()
-
-
-def test_bad_messages_are_one_line_and_counted(graph, port):
-    publisher = Publisher(port)
-    try:
-        frames = graph.collect(Image, "histograms", raw=True)
-        process = graph.start("device", connect=f"tcp://127.0.0.1:{port}").ready()
-        bad = {"malformed": b"nonsense", "no_histograms": made.message(ZONES, parts=())}
-        for cause, message in bad.items():
-            def counted(cause=cause, message=message) -> bool:
-                publisher.send(message)
-                return graph.total("device", f"dropped.{cause}") > 0
-
-            graph.wait(counted, f"a frame dropped as {cause}")
-
-        def arrives() -> bool:
-            publisher.send(made.message(ZONES))
-            return bool(frames)
-
-        graph.wait(arrives, "a frame after these")
-    finally:
-        publisher.close()
-    assert "message is 8 bytes: expected a container of the TMF8829 publisher" in process.text
-    assert "set histograms to 1" in process.text and "Traceback" not in process.text
 
 
 def test_a_log_is_played_once(graph, tmp_path):
@@ -115,14 +93,3 @@ def test_the_middle_of_a_log_is_broken(graph, tmp_path):
     process = graph.start("device", log=path)
     assert process.code() == 1
     assert "log.json frame 1 is" in process.text and "Traceback" not in process.text
-
-
-def test_a_log_becomes_clouds(graph, tmp_path):
-    path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(RANGES)] * 3)
-    clouds = graph.collect(PointCloud2, "points")
-    graph.start("reconstructor").ready()
-    graph.start("sketcher").ready()
-    graph.start("device", log=path, rate_hz=5.0).ready()
-    graph.wait(lambda: clouds, "a cloud")
-    x, y, z = (np.frombuffer(bytes(clouds[-1].data), "<f4").reshape(-1, 4)[:, axis] for axis in range(3))
-    assert np.median(np.abs(np.sqrt(x**2 + y**2 + z**2).reshape(16, 16) - RANGES)) < 0.02

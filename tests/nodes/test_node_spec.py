@@ -43,7 +43,7 @@ def test_topics_services_and_parameters_are_those_of_the_spec_and_allowed(graph,
                 and topic.removeprefix(f"{name}/") not in OF_MANAGED_NODES}
 
     def declared(topics) -> dict[str, str]:
-        return {topic.name: topic.type_name for topic in topics
+        return {topic.name: topic.type for topic in topics
                 if topic.name not in (never | set(OF_EVERY_NODE))}
 
     node, namespace = graph.node, graph.namespace

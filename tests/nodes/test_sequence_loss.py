@@ -18,11 +18,6 @@ def test_gaps_between_numbers_are_misses(numbers, missed):
     assert gaps.numbered == (numbers[0] is not None)
 
 
-def test_two_publishers_are_not_mistaken_for_gaps():
-    gaps = SequenceLoss(lambda: 2)
-    assert [gaps.after(number) for number in (100, 5, 101, 6)] == [0, 0, 0, 0]
-
-
 def test_misses_are_counted_again_once_only_the_successor_of_a_killed_publisher_speaks():
     gaps = SequenceLoss(lambda: 2)                  # the killed one stays in the graph for its lease
     numbers = [500, 501, 1, 3, *range(4, ONE_ACTIVE + 4), 40, 43, 44, 900]

@@ -6,8 +6,6 @@ import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
@@ -55,12 +53,18 @@ def test_above_max_mbit_s_frames_are_merged_and_rounded_more_coarsely_and_all_ph
     assert variances == sorted(variances) and max(variances) == pytest.approx(1.6**2 / 12)
     assert report["packets"] == "60" and report["coding_step_now"] == "1.6"
 
-    request = SetParameters.Request(parameters=[Parameter("max_mbit_s", value=0.0).to_parameter_msg()])
-    assert graph.call(SetParameters, "sketcher/set_parameters", request).results[0].successful
+    assert graph.set("sketcher", max_mbit_s=0.0) == ""
     before = len(sketches)
     send(5)
     graph.wait(lambda: len(sketches) == before + 5, "a sketch for each frame again")
     assert sum_of(sketches[before:], sensor)[1] == [pytest.approx(0.4**2 / 12)] * 5
+
+    assert graph.set("sketcher", max_mbit_s=0.001) == ""        # 8 s for a sketch
+    send(3)
+    graph.reports("sketcher", "under_way", 2)
+    graph.processes[0].stop()
+    graph.wait(lambda: len(sketches) == before + 7, "the sketch of the frames that waited")
+    assert sum_of(sketches[before + 5:], sensor)[0] == 3 * events.photons
 
 
 def test_for_a_reader_that_halts_frames_are_merged_until_it_goes_on(graph, sensor, events, start):
@@ -88,18 +92,3 @@ def test_for_a_reader_that_halts_frames_are_merged_until_it_goes_on(graph, senso
     report = graph.reports("sketcher", "packets", len(sent))
     graph.wait(lambda: len(sketches) == int(report["frames_out"]), "the sketches")
     assert sum_of(sketches, sensor)[0] == len(sent) * events.photons and report["dropped"] == "0"
-
-
-def test_what_waits_is_sent_before_the_node_ends(graph, sensor, events, start):
-    sketches, send = start(layout="coded", max_mbit_s=0.001)        # 8 s for a sketch
-    send(3)
-    graph.reports("sketcher", "under_way", 2)
-    for process in graph.processes:
-        process.stop()
-    graph.wait(lambda: len(sketches) == 2, "the sketch of the frames that waited")
-    assert sum_of(sketches, sensor)[0] == 3 * events.photons
-
-
-def test_lossless_and_a_limit_are_refused(graph):
-    graph.start("sketcher", lossless=True, max_mbit_s=10.0).says(
-        "max_mbit_s is 10.0: expected 0 with lossless, which sends every frame")

@@ -1,4 +1,4 @@
-"""The sketcher's frequencies follow the light: announced, seldom, and no frame is lost or misread through a change."""
+"""The sketcher's frequencies follow the light and its gate the scene: announced, seldom, and no frame is misread."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,6 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.topics import LATCHED
 
 STAMP_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -26,78 +25,76 @@ DEPTH = 200.0
 BRIGHT, DARK = 200, 4       # photons per pixel, at SBR 2
 
 
-def photons_at(ppp: float, stamp_ns: int) -> tuple[PhotonEvents, bytes]:
-    """The photons of a plane, and their message."""
-    depth = np.full((1, EDGE.rows, EDGE.cols), DEPTH)
-    events, _ = Simulator(StaticScene(EDGE.range_m(depth)), EDGE, sbr=2, ppp=ppp, seed=stamp_ns % 1000).frame(0)
+def plane(sensor: SensorModel, depth: float, sbr: float, ppp: float, stamp_ns: int) -> tuple[PhotonEvents, bytes]:
+    """The photons of a plane at a depth bin, and their message."""
+    range_m = sensor.range_m(np.full((1, sensor.rows, sensor.cols), depth))
+    events, _ = Simulator(StaticScene(range_m), sensor, sbr=sbr, ppp=ppp, seed=stamp_ns % 1000).frame(0)
     events = PhotonEvents(events.pixel, events.toa, stamp_ns)
-    return events, photons_message.encode_cdr(events, EDGE, "spad")
+    return events, photons_message.encode_cdr(events, sensor, "spad")
 
 
 @pytest.fixture
 def start(graph):
-    """Starts a sketcher that knows the sensor: (process, its descriptions, publisher of its photons)."""
-    def start(**parameters) -> tuple:
+    """Starts a pipeline that knows a sensor: (sketcher, its descriptions, sketches, clouds, publisher of photons)."""
+    def start(sensor: SensorModel, **parameters) -> tuple:
         descriptions = graph.collect_latched(String, "sketch/sensor")
-        process = graph.start("sketcher", lossless=True, **parameters).ready()
-        photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-        graph.node.create_publisher(String, "sensor", LATCHED).publish(sensor_message.encode(EDGE))
+        sketches, clouds = (graph.collect(PointCloud2, topic) for topic in ("sketch", "points"))
+        graph.start("reconstructor", lossless=True)
+        sketcher = graph.start("sketcher", lossless=True, **parameters)
+        for process in graph.processes:
+            process.ready()
+        graph.latched("sensor").publish(sensor_message.encode(sensor))
         graph.wait(lambda: descriptions, "sketch/sensor")
-        return process, descriptions, photons
+        return sketcher, descriptions, sketches, clouds, graph.matched(graph.publisher(PointCloud2, "photons"))
 
     return start
 
 
-def frequencies_in(descriptions) -> list[tuple[int, ...]]:
-    return [sketch_message.decode_sensor(description)[1] for description in descriptions]
-
-
-def test_frequencies_rise_after_the_first_bright_frame_and_are_announced_once(graph, start):
-    sketches = graph.collect(PointCloud2, "sketch")
-    process, descriptions, photons = start()
-    sent = [photons_at(BRIGHT, STAMP_NS + k * SECOND // 2) for k in range(6)]
-    for k, (_, data) in enumerate(sent):
-        photons.publish(data)
-        graph.wait(lambda: len(sketches) == k + 1, f"sketch {k}")
-    graph.wait(lambda: len(descriptions) == 2, "the description of other frequencies")
-    few, many = frequencies_in(descriptions)
-    assert few == choose("auto", EDGE) and many[-1] > 1.3 * few[-1] and len(many) == len(few)
-    for k, (events, _) in enumerate(sent):
-        frequencies = few if k == 0 else many
-        _, sketch = sketch_message.decode_cdr(serialize_message(sketches[k]), frequencies, EDGE)
-        np.testing.assert_allclose(sketch.sums, sketch_photons(events, EDGE, frequencies).sums, atol=1e-2)
-    report = graph.reports("sketcher", "frequencies", " ".join(map(str, many)))
-    assert float(report["photons_per_pixel"]) == pytest.approx(BRIGHT, rel=0.05)
-    assert float(report["sbr"]) == pytest.approx(2, rel=0.3)
-    assert process.text.count(f" 10 frequencies up to {many[-1]} for 200 photons per pixel at SBR 2") == 1
-    assert len(descriptions) == 2
-
-
-def test_frequencies_that_the_user_chose_stay(graph, start):
-    sketches = graph.collect(PointCloud2, "sketch")
-    _, descriptions, photons = start(frequencies="1,4,9")
-    for k in range(2):
-        photons.publish(photons_at(BRIGHT, STAMP_NS + k * SECOND)[1])
-        graph.wait(lambda: len(sketches) == k + 1, f"sketch {k}")
-    report = graph.reports("sketcher", "frames_out", 2)
-    assert frequencies_in(descriptions) == [(1, 4, 9)] and "sbr" not in report
+def ranges_m(cloud: PointCloud2) -> np.ndarray:
+    return np.linalg.norm(points_message.decode_cdr(serialize_message(cloud))[1]["xyz"], axis=-1)
 
 
 def test_no_frame_is_lost_or_misread_while_the_light_comes_and_goes(graph, start):
-    clouds = graph.collect(PointCloud2, "points")
-    graph.start("reconstructor", lossless=True).ready()
-    _, descriptions, photons = start()
-    light = [BRIGHT if k // 10 % 2 == 0 else DARK for k in range(40)]
-    for k, ppp in enumerate(light):         # as fast as they come, at 4 Hz by their stamps
-        photons.publish(photons_at(ppp, STAMP_NS + k * SECOND // 4)[1])
+    sketcher, descriptions, sketches, clouds, photons = start(EDGE)
+    light = [BRIGHT if k // 10 % 2 == 0 else DARK for k in range(30)]
+    sent = [plane(EDGE, DEPTH, 2, ppp, STAMP_NS + k * SECOND // 4) for k, ppp in enumerate(light)]
+    for _, data in sent:                    # as fast as they come, at 4 Hz by their stamps
+        photons.publish(data)
     graph.wait(lambda: len(clouds) == len(light), "a cloud of every frame")
     for k, cloud in enumerate(clouds):
-        header, points = points_message.decode_cdr(serialize_message(cloud))
-        ranges = np.linalg.norm(points["xyz"], axis=-1)
-        assert header.stamp_ns == STAMP_NS + k * SECOND // 4 and len(ranges) > 0.9 * EDGE.pixels
-        assert np.median(np.abs(ranges - EDGE.range_m(DEPTH))) < EDGE.bin_width_m * (1 if light[k] == BRIGHT else 4), k
-    few, many, *others = frequencies_in(descriptions)
-    assert few[-1] < many[-1] and others[:1] == [few] and len(others) <= 4
+        error_m = np.abs(ranges_m(cloud) - EDGE.range_m(DEPTH))
+        assert len(error_m) > 0.9 * EDGE.pixels
+        assert np.median(error_m) < EDGE.bin_width_m * (1 if light[k] == BRIGHT else 4), k
+    few, many, *others = (sketch_message.decode_sensor(description)[1] for description in descriptions)
+    assert few == choose("auto", EDGE) and many[-1] > 1.3 * few[-1] and len(many) == len(few)
+    assert others[:1] == [few] and len(others) <= 3
+    for k in range(6):                      # after the first bright frame, all at once
+        frequencies = few if k == 0 else many
+        header, sketch = sketch_message.decode_cdr(serialize_message(sketches[k]), frequencies, EDGE)
+        assert header.stamp_ns == STAMP_NS + k * SECOND // 4
+        np.testing.assert_allclose(sketch.sums, sketch_photons(sent[k][0], EDGE, frequencies).sums, atol=1e-2)
+    assert sketcher.text.count(f" 10 frequencies up to {many[-1]} for 200 photons per pixel at SBR 2") >= 1
     for name in ("sketcher", "reconstructor"):
         report = graph.reports(name, "frames_out", len(light))
         assert (report["dropped"], report["errors"]) == ("0", "0"), report
+    assert float(graph.report("sketcher")["photons_per_pixel"]) > 0 and "sbr" in graph.report("sketcher")
+
+
+def test_an_automatic_gate_follows_the_scene_and_points_keep_their_places(graph, sensor, start):
+    sketcher, descriptions, _, clouds, photons = start(sensor, gate="auto")
+    depths = [30] * 8 + [75] * 12
+    for k, depth in enumerate(depths):
+        photons.publish(plane(sensor, depth, 0.5, 120, STAMP_NS + k * SECOND // 2)[1])
+        graph.wait(lambda: len(clouds) == k + 1, f"cloud {k}")
+        if k not in (8, 9, 10, 11):             # until the gate has followed
+            seen = ranges_m(clouds[k])
+            assert len(seen) > 150 and abs(np.median(seen) - sensor.range_m(depth)) < sensor.bin_width_m, k
+    gated = [sketch_message.decode_sensor(text)[0] for text in descriptions]
+    gates = [(described.toa_offset_bins, described.toa_offset_bins + described.num_bins) for described in gated]
+    assert gates[0] == (0.0, 100.0) and 3 <= len(gates) <= 4
+    assert gates[1][0] <= 25 and 35 <= gates[1][1] <= 60
+    assert gates[-1][0] <= 70 and gates[-1][1] >= 80
+    report = graph.reports("sketcher", "frames_out", len(depths))
+    assert report["gate"].startswith(f"{gates[-1][0]:.0f}:{gates[-1][1] - 1:.0f}, ")
+    assert sketcher.text.count(": gate ") == len(gates) - 1
+    assert int(report["photons_dropped.gate"]) > 0 and report["dropped"] == "0"

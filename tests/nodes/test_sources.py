@@ -13,7 +13,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, photons
+from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
@@ -52,19 +52,27 @@ def frames(sensor) -> list[bytes]:
     return [photons.encode_cdr(each, sensor, "spad") for each in events]
 
 
+def write(path: Path, types: dict[str, str], messages: list[tuple[float, str, bytes]]) -> Path:
+    """A bag of topics of these types, with messages recorded at so many milliseconds."""
+    writer = BagWriter(path)
+    for topic, type_name in types.items():
+        writer.add_topic(topic, type_name, [Offer()])
+    for at_ms, topic, raw in messages:
+        writer.write(topic, START_NS + round(at_ms * MS), raw)
+    writer.close()
+    return path
+
+
+TYPES = {"/spad/info": "std_msgs/msg/String", "/spad/raw": "sensor_msgs/msg/PointCloud2"}
+
+
 @pytest.fixture(scope="module")
 def bag(described, frames, tmp_path_factory) -> Path:
     """Recorded in ms: sensor 0 and again 22, another 25, frames 10, 20, 30, 40."""
-    path = tmp_path_factory.mktemp("bags") / "bag"
-    writer = BagWriter(path)
-    writer.add_topic("/spad/info", "std_msgs/msg/String", [Offer()])
-    writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
-    for at_ms, topic, raw in ((0, "info", described[0]), (10, "raw", frames[0]), (20, "raw", frames[1]),
-                              (22, "info", described[0]), (25, "info", described[1]), (30, "raw", frames[2]),
-                              (40, "raw", frames[3])):
-        writer.write(f"/spad/{topic}", START_NS + at_ms * MS, raw)
-    writer.close()
-    return path
+    return write(tmp_path_factory.mktemp("bags") / "bag", TYPES, [
+        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (20, "/spad/raw", frames[1]),
+        (22, "/spad/info", described[0]), (25, "/spad/info", described[1]), (30, "/spad/raw", frames[2]),
+        (40, "/spad/raw", frames[3])])
 
 
 def test_frames_of_a_file_are_due_at_its_rate_until_the_time_is_over(source, photon_file, events):
@@ -112,16 +120,9 @@ def test_a_bag_is_played_as_it_was_recorded(source, bag, described, frames):
 def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, frames, tmp_path, names, played):
     message = Odometry(child_frame_id="base")
     message.header.stamp = Time(nanoseconds=START_NS + 5 * MS).to_msg()
-    raw, writer = serialize_message(message), BagWriter(tmp_path / "bag")
-    writer.add_topic("/spad/info", "std_msgs/msg/String", [Offer()])
-    writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
-    for name in names:
-        writer.add_topic(name, "nav_msgs/msg/Odometry", [Offer()])
-    writer.write("/spad/info", START_NS, described[0])
-    writer.write("/spad/raw", START_NS + 10 * MS, frames[0])
-    for name in names:
-        writer.write(name, START_NS + 11 * MS, raw)
-    writer.close()
+    raw = serialize_message(message)
+    write(tmp_path / "bag", TYPES | dict.fromkeys(names, "nav_msgs/msg/Odometry"), [
+        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), *((11, name, raw) for name in names)])
     opened = source(input=tmp_path / "bag")
     items = list(opened.items())
     assert opened.others == ((played,) if played else ())
@@ -153,15 +154,11 @@ def test_a_bag_in_a_loop_goes_on_a_mean_interval_after_its_end_with_its_first_se
 
 
 def test_a_message_without_a_stamp_is_played_for_others_to_count(source, tmp_path, described, frames):
-    writer = BagWriter(tmp_path / "bag")
-    writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
-    for k, raw in enumerate((frames[0], b"\0\1\0\0", frames[1])):
-        writer.write("/photons", START_NS + k, raw)
-    writer.close()
+    write(tmp_path / "bag", {"/photons": TYPES["/spad/raw"]}, [
+        (k, "/photons", raw) for k, raw in enumerate((frames[0], b"\0\1\0\0", frames[1]))])
     played = source(input=tmp_path / "bag")
-    assert [(item.raw, item.stamp_ns) for item in played.items()][1] == (b"\0\1\0\0", START_NS + 1)
+    assert [(item.raw, item.stamp_ns) for item in played.items()][1] == (b"\0\1\0\0", START_NS + MS)
     assert played.sensor is None and "no sensor is described beside /photons" in played.notes[0]
-    assert cdr.stamp_ns(frames[0])
 
 
 @pytest.mark.parametrize("given, line", [

@@ -1,4 +1,4 @@
-"""What a process is prepared with before rclpy.init, and that importing the nodes prepares nothing."""
+"""What a process is prepared with before rclpy.init, as its distribution's middleware has it."""
 
 import fcntl
 import os
@@ -8,24 +8,11 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from srt3d_ros.nodes import distribution, transport
-
-IMPORT_ALL = """
-import importlib, os, pkgutil, sys
-import rclpy, rerun, torch         # which may set variables of their own
-from srt3d_ros import nodes
-events, before = [], dict(os.environ)
-sys.addaudithook(lambda event, args: events.append((event, *map(str, args))))
-modules = [module.name for module in pkgutil.iter_modules(nodes.__path__)]
-for name in modules:
-    importlib.import_module("srt3d_ros.nodes." + name)
-seen = [event for event in events if event[0] == "ctypes.dlsym" and event[2] == "mallopt" or "/dev/shm" in event[1:]]
-print(len(modules), seen, dict(os.environ) == before)
-"""
+from srt3d_ros.nodes import transport
 
 
 @pytest.mark.parametrize("free_mb, segment_mb", [
-    (4000, 64), (256, 64), (255, 32), (128, 32), (64, 16), (63, 4), (15, None)])
+    (256, 64), (255, 32), (63, 4), (15, None)])
 def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_mb, segment_mb):
     room = os.statvfs_result((4096, 4096, 0, 0, free_mb * 256, 0, 0, 0, 0, 255))
     monkeypatch.setattr(os, "statvfs", lambda path: room)
@@ -52,16 +39,9 @@ def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkey
     assert prepared == ["segments", "memory"]
 
 
-def test_importing_every_module_of_the_nodes_changes_nothing(repository):
-    """Not /dev/shm, the environment, or malloc's options."""
-    done = subprocess.run([sys.executable, "-c", IMPORT_ALL], cwd=repository, capture_output=True, text=True)
-    modules = len(list((repository / "srt3d_ros" / "nodes").glob("[!_]*.py")))
-    assert done.stdout == f"{modules} [] True\n", done.stderr
-
-
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
     def segment(name: str, age_s: float):
-        for path in (tmp_path / f"{distribution.SEGMENT}{name}", tmp_path / f"{distribution.SEGMENT}{name}_el"):
+        for path in (tmp_path / f"{transport.SEGMENT}{name}", tmp_path / f"{transport.SEGMENT}{name}_el"):
             path.write_bytes(b"x")
             os.utime(path, (0, path.stat().st_mtime - age_s))
         return path
@@ -95,3 +75,33 @@ print(max(after - before for before, after in zip(faults[1:], faults[2:])))
 def test_freed_buffers_of_large_messages_are_used_again_in_every_thread(repository):
     done = subprocess.run([sys.executable, "-c", LARGE_BUFFERS], cwd=repository, capture_output=True, text=True)
     assert int(done.stdout) < 1_000, done.stderr        # page faults; each such message would take 48,000
+
+
+NODE = """
+import re
+import rclpy
+from srt3d_ros.nodes import transport
+transport.prepare_process()
+rclpy.init()
+node = rclpy.create_node("any")
+for line in open("/proc/self/maps"):
+    if re.search(rf"/dev/shm/{transport.SEGMENT}[0-9a-f]{{16}}$", line):
+        begin, end = (int(address, 16) for address in line.split()[0].split("-"))
+        print(end - begin)
+rclpy.shutdown()
+"""
+
+
+def test_the_middleware_takes_the_profile_without_a_word_and_names_its_segment_as_expected(repository):
+    profile = transport.choose_profile()
+    if profile is None:
+        pytest.skip("no room in /dev/shm")
+    (size,) = (int(node.text) for node in ElementTree.parse(profile).iter() if node.tag.endswith("segment_size"))
+    done = subprocess.run([sys.executable, "-c", NODE], cwd=repository, capture_output=True, text=True)
+    assert done.stderr == "" and any(size <= int(mapped) < 1.1 * size for mapped in done.stdout.split())
+
+
+def test_a_profile_for_kilted_has_nothing_of_the_other_version(repository):
+    for path in (repository / "config" / "kilted").iterdir():
+        text = path.read_text(encoding="utf-8")
+        assert "<heartbeat_period>" in text and "FASTRTPS_" not in text

@@ -2,7 +2,6 @@
 
 import re
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,16 +72,6 @@ def test_raw_photons_of_the_same_scene_do_not_pass(machines, tmp_path):
     machines.wait(lambda: due() > 30, "frames to be due")
     assert watch.total("sketcher", "frames_in") < due() / 5
     assert player.running and sketcher.running
-
-
-def test_a_link_leaves_nothing_behind(machines):
-    names, folder = list(machines.link.names.values()), machines.link.shared_memory
-    assert folder.is_dir() and all(Path("/run/netns", name).exists() for name in names)
-    with pytest.raises(TimeoutError), machines:
-        machines.start_on(ROBOT, "reconstructor")
-        machines.wait(lambda: False, "what never comes", timeout_s=0)
-    machines.link.__exit__()
-    assert not folder.exists() and not any(Path("/run/netns", name).exists() for name in names)
 
 
 def test_the_profile_for_networks_is_another_one_with_small_messages(repository):
