@@ -5,12 +5,14 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import BIRTH, FEWER_PENALTY, LIKENESS, MAX_VOTE, VOTE_SIGMA
 
 from .frames import (
+    CPU,
     FAINT,
     GATE,
+    REFERENCE,
     STATES,
     T,
     assert_states_agree,
@@ -36,7 +38,7 @@ def check(backend, shape, surfaces, seed, light):
     given = backend.on(state)
     found = backend.off(backend.kernels.birth_death(*map(backend.on, (frame.padded, given, terms, GATE))))
     assert np.array_equal(backend.off(given), state) and found.dtype == np.float32
-    assert_states_agree(found, reference.birth_death(frame.padded, state, terms, GATE), shape)
+    assert_states_agree(found, REFERENCE.birth_death(frame.padded, state, terms, GATE), shape)
     assert (found[:, :, maps.INTENSITY][frame.padded.exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
 
 
@@ -62,7 +64,7 @@ MIDDLE = (3, slice(None), slice(None), 4)       # K surfaces and their fields, o
 ALL = np.ones((1, *SHAPE))
 
 
-def chosen(frame, state, kernels=cpu) -> np.ndarray:
+def chosen(frame, state, kernels=CPU) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
     after = kernels.birth_death(frame.padded, state, make_terms(frame, state), GATE)
     return maps.crop(after, *SHAPE)[MIDDLE][:, [maps.DEPTH, maps.INTENSITY]].T
@@ -89,7 +91,7 @@ def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
     np.testing.assert_allclose(found, [100, shown], atol=0.01)
 
 
-@pytest.mark.parametrize("kernels", [cpu, reference])
+@pytest.mark.parametrize("kernels", [CPU, REFERENCE])
 def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
     lit = 2 * ALL
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons
@@ -102,7 +104,7 @@ def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
 def test_what_is_settled_stays(backend, large_programs):
     depth, lit = np.full((1, 3, 5), 100.0), np.full((1, 3, 5), 20.0)
     frame, state = exact_frame(depth, lit, 2), exact_state(depth, lit)
-    assert np.array_equal(backend.call("birth_death", frame.padded, state, make_terms(frame, state), GATE), state)
+    assert np.array_equal(backend.birth_death(frame.padded, state, make_terms(frame, state), GATE), state)
 
 
 def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():

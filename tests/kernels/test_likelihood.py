@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 
-from .frames import FAINT, T, cases, make_frame, make_state, make_terms
+from .frames import FAINT, REFERENCE, T, make_frame, make_state, make_terms
 
 FRAME = make_frame((6, 40), seed=0)
 
@@ -88,14 +88,12 @@ def test_intensities_within_a_factor_of_two_are_one_surfaces():
     assert llr(response, photons, seen * 3) < free and llr(response, photons, seen / 3) < free
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces", "light"), cases(
-    [((3, 40), 1, 1), ((4, 33), 1, FAINT), ((3, 33), 2, FAINT)],
-    [((9, 33), 2, 1), ((6, 40), 1, FAINT), ((6, 40), 4, 1), ((6, 40), 4, FAINT)]), indirect=["backend"])
+@pytest.mark.parametrize(("shape", "surfaces", "light"), [((6, 40), 1, FAINT), ((9, 33), 2, 1), ((6, 40), 4, FAINT)])
 def test_log_likelihood_ratio(backend, shape, surfaces, light):
     frame = make_frame(shape, 1, light)
     state = make_state(frame, surfaces, 1, light)
     arguments = frame.padded, state, make_terms(frame, state)
-    fast, slow = backend.call("log_likelihood_ratio", *arguments), reference.log_likelihood_ratio(*arguments)
+    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, REFERENCE))
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).any() and (fast < -0.5).any()
     assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()

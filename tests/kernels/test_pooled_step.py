@@ -3,21 +3,32 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import CELL, FINE
 
-from .frames import GATE, T, assert_states_agree, cases, exact_frame, exact_state, make_frame, make_state, make_terms
+from .frames import (
+    CPU,
+    GATE,
+    REFERENCE,
+    T,
+    assert_states_agree,
+    cases,
+    exact_frame,
+    exact_state,
+    make_frame,
+    make_state,
+    make_terms,
+)
 
 FAR = 8                     # a radius with cells
-BOTH = pytest.mark.parametrize("kernels", [cpu, reference])
+BOTH = pytest.mark.parametrize("kernels", [CPU, REFERENCE])
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces"), cases(
-    [((6, 40), 1), ((3, 33), 2), ((3, 33), 3)], [((9, 33), 2), ((6, 40), 4)]), indirect=["backend"])
+@pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4)])
 def test_expand(backend, shape, surfaces):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
-    fast, slow = backend.call("expand", frame.padded, state), reference.expand(frame.padded, state)
+    fast, slow = backend.expand(frame.padded, state), REFERENCE.expand(frame.padded, state)
     assert fast.dtype == np.float32 and fast.shape == slow.shape
     for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
@@ -71,7 +82,7 @@ def test_pooled_step(backend, shape, surfaces, sigma, radius):
     arguments = frame.padded, state, terms, sigma, radius, GATE
     _, before, known, *_, after = backend.changed("pooled_step", *arguments, None, np.zeros_like(state))
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
-    assert_states_agree(after, reference.pooled_step(*arguments), shape)
+    assert_states_agree(after, REFERENCE.pooled_step(*arguments), shape)
     assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
 
 

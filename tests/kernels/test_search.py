@@ -10,12 +10,13 @@ from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DOUBTFUL, REST_SCALES, SURE_SCALES
 
 from .frames import (
     DEPTH_TOLERANCE,
     FAINT,
+    REFERENCE,
     SHAPES,
     T,
     assert_states_agree,
@@ -44,8 +45,8 @@ def test_prepare_makes_the_frame_of_the_matcher(backend, shape, each):
     expected = matcher(sketch).padded
     for name, size in (("matched", expected.matched.shape), ("counts", expected.counts.shape)):
         scratch.array(name, size)[:] = np.nan
-    matched, counts = backend.call("prepare", *arguments, scratch)
-    for kernels in (matched, reference.prepare(*arguments)[0]):
+    matched, counts = backend.prepare(*arguments, scratch)
+    for kernels in (matched, REFERENCE.prepare(*arguments)[0]):
         np.testing.assert_allclose(kernels, expected.matched, atol=1e-5 * np.abs(expected.matched).max())
     np.testing.assert_array_equal(counts, expected.counts)
 
@@ -55,7 +56,7 @@ def test_prepare_makes_the_frame_of_the_matcher(backend, shape, each):
 def test_blur(backend, shape, sigma, step):
     values = np.random.default_rng(0).normal(size=(shape[0], 3, shape[1])).astype(np.float32)
     weights = maps.window_weights(sigma)
-    found, expected = backend.call("blur", values, weights, step), reference.blur(values, weights, step)
+    found, expected = backend.blur(values, weights, step), REFERENCE.blur(values, weights, step)
     np.testing.assert_allclose(found, expected, atol=1e-6 * step**2 * weights.sum()**2)
 
 
@@ -63,8 +64,7 @@ def test_blur(backend, shape, sigma, step):
     [(SHAPES[0], 1), (SHAPES[1], 2)], [(SHAPES[0], 4), (SHAPES[1], 4)]), indirect=["backend"])
 def test_match(backend, shape, surfaces):
     frame = make_frame(shape, seed=3)
-    arguments = frame.matched, frame.energy, frame.bin_frequencies, T, surfaces
-    fast, slow = backend.call("match", *arguments), reference.match(*arguments)
+    fast, slow = backend.match(frame, surfaces), REFERENCE.match(frame, surfaces)
     # The second surface is found in what the first leaves, which magnifies its errors.
     assert np.abs(circular_difference(fast[0], slow[0], T)).max() < 10 * DEPTH_TOLERANCE
     np.testing.assert_allclose(fast[1], slow[1], atol=2e-4 * slow[1].max())
@@ -79,7 +79,7 @@ def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     sums = 40 * irf_spectrum(sensor, frequencies) * np.exp(1j * angular_frequencies(frequencies, T) * depth[..., None])
     sketch = Sketch(frequencies, sums.astype(np.complex64), np.full((1, 600), 40, np.uint32))
     frame = Matcher(sensor, frequencies)(sketch)
-    found, intensity = backend.call("match", frame.matched, frame.energy, frame.bin_frequencies, T, 1)
+    found, intensity = backend.match(frame, 1)
     # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.
     assert np.abs(circular_difference(found[:, 0], depth, T)).max() < 0.1 * frame.resolution_bins
     np.testing.assert_allclose(intensity, 40, rtol=0.03)
@@ -87,10 +87,8 @@ def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
 
 def check_search(backend, frame, state, layer, scale, enough, carried=None):
     """The state after a search, which agrees with the reference's and leaves other points as they were."""
-    padded, expected = frame.padded, state.copy()
-    arguments = layer, *scale, enough, None, carried, 2.0
-    found = backend.changed("search", padded, padded.matched, state, *arguments)[2]
-    reference.search(padded, padded.matched, expected, *arguments)
+    arguments = frame.padded, frame.padded.matched, state, layer, *scale, enough, None, carried, 2.0
+    found, expected = (kernels.changed("search", *arguments)[2] for kernels in (backend, REFERENCE))
     if frame.shape != (1, 1):
         assert (found[:, layer, maps.INTENSITY] > 0).sum() > (state[:, layer, maps.INTENSITY] > 0).sum() + 10
         assert_states_agree(found, expected, frame.shape)
@@ -147,10 +145,8 @@ def test_search_with_slopes(backend, shape, scale, origin):
     before[:, 0, maps.INTENSITY, ::3] = 0
     padded, state, replaced = frame.padded, before.copy(), 0
     for slope in ((0.0, 0.0), (1.2, -0.8), (-2.0, 0.0)):
-        last, expected = state.copy(), state.copy()
-        arguments = 0, *scale, 4.0, None, None, 0.0, slope, before
-        state = backend.changed("search", padded, padded.matched, state, *arguments)[2]
-        reference.search(padded, padded.matched, expected, *arguments)
+        last, arguments = state, (padded, padded.matched, state, 0, *scale, 4.0, None, None, 0.0, slope, before)
+        state, expected = (kernels.changed("search", *arguments)[2] for kernels in (backend, REFERENCE))
         assert_states_agree(state, expected, shape)
         changed = (state != last).any(axis=2)[:, 0]
         assert not changed[before[:, 0, maps.INTENSITY] > 0].any()
@@ -186,14 +182,12 @@ def test_residual(backend, surfaces, layer):
     frame = make_frame((4, 33), 1)
     state = make_state(frame, surfaces, 1)
     arguments = frame.padded, state, make_terms(frame, state), layer
-    found, expected = backend.call("residual", *arguments), reference.residual(*arguments)
+    found, expected = backend.residual(*arguments), REFERENCE.residual(*arguments)
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
     assert np.abs(maps.crop(found, 4, 33)).sum() < 0.95 * np.abs(frame.matched).sum()
 
 
 def test_drop_weak_removes_points_with_little_evidence_only(backend):
     state = make_state(make_frame((4, 33), 1), 2, 1)
-    expected = state.copy()
-    reference.drop_weak(expected, 10.0)
-    found, _ = backend.changed("drop_weak", state, 10.0)
+    found, expected = (kernels.changed("drop_weak", state, 10.0)[0] for kernels in (backend, REFERENCE))
     assert np.array_equal(found, expected) and not np.array_equal(expected, state)

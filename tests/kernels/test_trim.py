@@ -5,12 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import SPREAD
 
-from .frames import FAINT, SHAPES, cases, exact_frame, exact_state, make_frame, make_state, make_terms, with_clutter
+from .frames import (
+    CPU,
+    FAINT,
+    REFERENCE,
+    SHAPES,
+    exact_frame,
+    exact_state,
+    make_frame,
+    make_state,
+    make_terms,
+    with_clutter,
+)
 
-BOTH = pytest.mark.parametrize("kernels", [cpu, reference])
+BOTH = pytest.mark.parametrize("kernels", [CPU, REFERENCE])
 ENOUGH = 2.3
 SHAPE = (21, 30)
 WALL = np.zeros(SHAPE, bool)
@@ -20,8 +31,7 @@ DEPTH = np.full((1, *SHAPE), 100.0)
 
 def trimmed(kernels, frame, state) -> np.ndarray:
     """Where there are points afterwards, bool [rows, K, cols]."""
-    after = state.copy()
-    kernels.trim(frame.padded, after, make_terms(frame, state), ENOUGH)
+    after = kernels.changed("trim", frame.padded, state, make_terms(frame, state), ENOUGH)[1]
     return maps.crop(after, *frame.shape)[:, :, maps.INTENSITY] > 0
 
 
@@ -31,18 +41,17 @@ def grown(there: np.ndarray, pixels: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(np.pad(there, pixels), (size, size)).any(axis=(2, 3))
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces", "light", "clutter"), cases(
-    [(SHAPES[1], 1, FAINT, False), ((6, 33), 2, FAINT, True), ((3, 5), 1, 1, False)],
-    [(SHAPES[0], 1, 1, False), (SHAPES[1], 2, FAINT, False), (SHAPES[0], 3, FAINT, True)]), indirect=["backend"])
+@pytest.mark.parametrize(("shape", "surfaces", "light", "clutter"), [
+    (SHAPES[1], 1, FAINT, False), (SHAPES[0], 1, 1, False), (SHAPES[1], 2, FAINT, False), (SHAPES[0], 3, FAINT, True),
+    ((3, 5), 1, 1, False)])
 def test_trim(backend, shape, surfaces, light, clutter):
     frame = make_frame(shape, 1, light)
     frame = with_clutter(frame) if clutter else frame
     state = make_state(frame, surfaces, 1, light)
     maps.crop(state, *shape)[:, :, maps.DEPTH] += 40 * (np.arange(shape[1]) > 20)       # no photons speak for these
     maps.crop(state, *shape)[:, :, maps.DEPTH] %= 300
-    terms, slow = make_terms(frame, state), state.copy()
-    reference.trim(frame.padded, slow, terms, ENOUGH)
-    fast = backend.changed("trim", frame.padded, state, terms, ENOUGH)[1]
+    terms = make_terms(frame, state)
+    fast, slow = (kernels.changed("trim", frame.padded, state, terms, ENOUGH)[1] for kernels in (backend, REFERENCE))
     assert np.array_equal(np.delete(fast, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
     fast, slow = (maps.crop(after, *shape)[:, :, maps.INTENSITY] > 0 for after in (fast, slow))
     assert np.array_equal(fast, slow)

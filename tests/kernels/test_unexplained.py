@@ -5,9 +5,9 @@ import pytest
 
 from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import maps
 
-from .frames import RELATIVE, T, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
+from .frames import REFERENCE, RELATIVE, T, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
 
 
 def photon_maps(shape, seed):
@@ -23,7 +23,7 @@ def test_unexplained(backend, shape, surfaces, each):
     size = (*shape, len(frame.energy)) if each else (1, 1, len(frame.energy))
     passed = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = frame.padded, state, intensity, *photon_maps(shape, 3), passed
-    found, expected = backend.call("unexplained", *arguments), reference.unexplained(*arguments)
+    found, expected = backend.unexplained(*arguments), REFERENCE.unexplained(*arguments)
     assert found.dtype == np.float32 and found.shape == (4 * len(frame.energy) + 4,)
     np.testing.assert_allclose(found, expected, atol=RELATIVE * np.abs(expected[:-1]).max(), rtol=RELATIVE)
 
@@ -34,7 +34,7 @@ def test_points_that_are_right_leave_nothing_but_the_background():
     frame, state = exact_frame(depth, signal, 4), exact_state(depth, signal)
     m, taken = len(frame.energy), np.full(x.shape, 4.0)
     photons = signal[0] + taken
-    found = reference.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
+    found = REFERENCE.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
                                   np.ones((1, 1, m)))
     share = taken / photons
     omega = 2 * np.pi * frame.bin_frequencies
@@ -53,7 +53,7 @@ def test_prepare_takes_the_background_out(backend, shape, each):
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
     shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used, None, taken, shown
-    for matched, counts in (backend.call("prepare", *arguments), reference.prepare(*arguments)):
+    for matched, counts in (backend.prepare(*arguments), REFERENCE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
         expected = sketch.sums * matcher.equaliser - taken[..., None] * shown
         np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)
