@@ -54,9 +54,10 @@ class Backend:
 
     def __getattr__(self, name: str):
         """A kernel."""
-        return partial(self._call, name)
+        return partial(self.call, name)
 
-    def _call(self, name: str, *arguments):
+    def call(self, name: str, *arguments):
+        """What a kernel returns."""
         return self.off(getattr(self.kernels, name)(*map(self.on, arguments)))
 
     def changed(self, name: str, *arguments) -> list:

@@ -72,7 +72,7 @@ def residual(frame, state, terms, layer, scratch=None):
     period away.
     """
     signal = terms[:, :, VALUE].clamp(min=0) / frame.total_energy
-    signal[:, layer] = 0
+    signal[:, layer].zero_()
     shown = (signal[:, :, None] * waves(frame, state[:, :, DEPTH])).sum(dim=1)
     return frame.matched - as_map(frame.energy[:, None] * shown)
 
