@@ -32,6 +32,7 @@ def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfa
     state = make_state(make_frame(shape, 5), surfaces, 5)
     maps.crop(state, *shape)[0, :, maps.DEPTH, 0] = T       # −ε, rounded: the period's end is its beginning
     intensity, std = (rng.choice([0, 1, 2, 3.5], (shape[0], surfaces, shape[1])).astype(np.float32) for _ in range(2))
+    intensity *= shape != (1, 1)                            # a list of none
     arguments = state, intensity, std, rng.normal(size=(*shape, 3)).astype(np.float32), 0.0149, 12.5, T
     found = backend.kernels.unpack(backend.kernels.collect(*map(backend.on, arguments)))
     assert len(found[0]) == (intensity > 0).sum() and (len(found[0]) > 50 or shape == (1, 1))
@@ -40,10 +41,3 @@ def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfa
         assert one.dtype == two.dtype and np.array_equal(one, two)
     np.testing.assert_allclose(found[4], expected[4], rtol=1e-6)
     assert found[4].dtype == np.float32 and (found[3][0] < T).all()
-
-
-def test_a_frame_without_points_gives_empty_lists(backend):
-    none, rays = np.zeros((3, 2, 4), np.float32), np.ones((3, 4, 3), np.float32)
-    arguments = maps.no_surfaces(3, 4, 2), none, none, rays, 1.0, 0.0, T
-    found = backend.kernels.unpack(backend.kernels.collect(*map(backend.on, arguments)))
-    assert [values.shape for values in found] == [(0,), (0,), (0,), (5, 0), (0, 3)]

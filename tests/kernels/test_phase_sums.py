@@ -1,6 +1,5 @@
 """Photons → sketch: sums of exp(i ω x), which are exact, however the work is split."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -8,7 +7,7 @@ from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher, gated_table, histogram_table, phase_table
+from srt3d_ros.core.sketching import Sketcher, histogram_table, phase_table
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.kernels.cpu import phase_sums, rows
 
@@ -97,52 +96,6 @@ def test_a_stray_word_is_found_in_any_pixel(backend, word):
         assert backend.kernels.find_stray(backend.kernels.photon_array(words), 10, 3, T) == word
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
-@pytest.mark.parametrize("where", [0, 99, 4_999, 10_000])
-def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(backend, dtype, where, monkeypatch):
-    monkeypatch.setattr(phase_sums, "PART", 700)
-    pixel, toa = np.full(10_001, 5, np.uint32), np.full(10_001, T - 1, dtype)
-
-    def inspect(pixel, toa):
-        array = backend.kernels.photon_array
-        return backend.kernels.inspect_events(array(pixel), array(toa), 6, T)
-
-    assert inspect(pixel, toa) == (True, True)
-    wrong = toa.copy()
-    for wrong[where] in [T, 2 * T] + ([-0.5, np.nan, np.inf] if dtype == np.float32 else [np.iinfo(dtype).max]):
-        assert inspect(pixel, wrong)[0] is False
-    wrong = pixel.copy()
-    for wrong[where] in (6, 2**32 - 1):
-        assert inspect(wrong, toa)[0] is False
-    wrong[where] = 4
-    assert inspect(wrong, toa) == (True, where == 0)
-
-
-@pytest.mark.parametrize("m", [3, 10])
-@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted", "sketch_continuous"])
-def test_a_column_of_ones_counts_photons_and_rows_of_zeros_add_none(backend, function, m):
-    kernels, frequencies = backend.kernels, tuple(range(1, m + 1))
-    gate = Gate(SensorModel(5, 8, T, 1e-10, [1]), 10, 29)
-    kind = np.float32 if function == "sketch_continuous" else np.uint16
-    pixel, toa = draw(2_000, kind, function != "sketch_unsorted")
-    inside = (toa >= 10) & (toa < 30)
-    sums, photons = kernels.new_sums(PIXELS, 2 * m + 2)
-    if function == "sketch_continuous":
-        pixel, toa, inside = pixel[inside], toa[inside] - np.float32(10), inside[inside]
-        arguments = (*frequencies, 0), gate.num_bins, True
-    else:
-        arguments = kernels.fixed_rows(backend.on(gated_table(frequencies, gate))),
-    getattr(kernels, function)(*map(kernels.photon_array, (pixel, toa)), *arguments, sums, photons)
-    counted = kernels.counted(sums, 2 * m)
-    z, numbers, counted = backend.off((*kernels.read_sums(sums, counted, 2 * m), counted))
-    start = 0 if function == "sketch_continuous" else 10
-    phases = np.exp(2j * np.pi * np.outer(toa.astype(float) - start, frequencies) / gate.num_bins) * inside[:, None]
-    expected = np.zeros((PIXELS, m), complex)
-    np.add.at(expected, pixel, phases)
-    assert np.array_equal(counted, np.bincount(pixel[inside], minlength=PIXELS)) and np.array_equal(numbers, counted)
-    assert (np.abs(z - expected) <= OF_WAVES * np.maximum(counted, 1)[:, None]).all()
-
-
 def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(backend, monkeypatch):
     pixel, toa = draw(3_000)
     order = np.argsort(pixel, kind="stable")
@@ -156,23 +109,6 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(backend, monk
     for other in others:
         for one, two in zip(whole, other, strict=True):
             assert np.array_equal(one, two)
-
-
-@pytest.mark.parametrize("backend", ["cpu"], indirect=True)
-@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted", "sketch_continuous"])
-def test_the_number_of_threads_changes_nothing(backend, function):
-    continuous, ordered = function == "sketch_continuous", function != "sketch_unsorted"
-    pixel, toa = draw(100_000, np.float32 if continuous else np.uint16, ordered)
-    more = ((1, 3), T, True) if continuous else ()
-    before = numba.get_num_threads()
-    try:
-        found = []
-        for threads in (1, before):
-            numba.set_num_threads(threads)
-            found.append(sketch(backend, function, pixel, toa, *more, frequencies=(1, 3), table=not continuous))
-    finally:
-        numba.set_num_threads(before)
-    assert all(np.array_equal(one, two) for one, two in zip(*found, strict=True))
 
 
 def test_unsorted_photons_of_many_more_pixels_add_to_what_is_there(backend, monkeypatch):

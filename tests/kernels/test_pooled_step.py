@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import CELL, FINE
+from srt3d_ros.kernels.constants import FINE
 
 from .frames import (
     CPU,
@@ -35,25 +35,6 @@ def test_expand(backend, shape, surfaces):
         np.testing.assert_allclose(one, other, atol=1e-5 * np.abs(other).max(), err_msg=str(term))
     nowhere = (state[:, :, maps.INTENSITY] == 0)[:, :, None].repeat(maps.TERMS, 2)
     assert (fast[nowhere] == 0).all() and (fast[:, :, maps.CURVATURE] > 0).sum() > 50
-
-
-@BOTH
-def test_terms_are_value_gradient_and_curvature_of_the_response(kernels):
-    frame = make_frame((6, 40), 1)
-    state = make_state(frame, 2, 1)
-    steps = np.array([-0.5, 0, 0.5], np.float32)
-
-    def shifted(step: float) -> np.ndarray:
-        moved = state.copy()
-        moved[:, 0, maps.DEPTH] += step
-        return np.float64(kernels.expand(frame.padded, moved)[:, 0])
-
-    low, here, high = map(shifted, steps)
-    value = [terms[:, maps.VALUE] for terms in (low, here, high)]
-    scale = np.abs(here[:, maps.GRADIENT]).max()
-    np.testing.assert_allclose(here[:, maps.GRADIENT], value[2] - value[0], atol=0.02 * scale)
-    np.testing.assert_allclose(here[:, maps.CURVATURE], (high - low)[:, maps.GRADIENT] * -1,
-                               atol=0.02 * np.abs(here[:, maps.CURVATURE]).max())
 
 
 @BOTH
@@ -117,22 +98,6 @@ def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels
     np.testing.assert_allclose(view[:, maps.SLOPE_COL][inner], 0.6, atol=0.02)
     np.testing.assert_allclose(view[:, maps.SLOPE_ROW][inner], -0.4, atol=0.02)
     np.testing.assert_allclose(view[:, maps.RESIDUAL][inner], 0, atol=0.02)
-
-
-@BOTH
-def test_cells_pool_what_their_pixels_would(kernels):
-    """On a flat surface that all pixels show alike, in a window that is as good as even: intensity and std say so."""
-    depth, lit = np.full((1, 35, 35), 50.0), np.full((1, 35, 35), 20.0)
-    frame, state = exact_frame(depth, lit, 10), exact_state(depth, lit)
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FAR, GATE)
-    found = maps.crop(after, 35, 35)[17, 0, :, 17]
-    dy, dx = np.mgrid[-FAR:FAR + 1, -FAR:FAR + 1]
-    centres = (dx % CELL == 0) & (dy % CELL == 0) & (np.maximum(abs(dx), abs(dy)) > FINE)
-    cells = (centres & (dx**2 + dy**2 <= FAR * (FAR + 1))).sum()
-    pixels = (2 * FINE + 1)**2 + CELL**2 * cells
-    variance = (20 * frame.moments[0] + 10 * frame.moments[1]) / pixels / (20 * frame.curvature)**2
-    assert found[maps.INTENSITY] == pytest.approx(20, rel=1e-3)
-    assert found[maps.STD] == pytest.approx(np.sqrt(variance), rel=1e-2)
 
 
 @BOTH

@@ -70,17 +70,6 @@ def test_points_that_no_photons_pay_for_go_and_those_behind_them_stay(kernels):
 
 
 @BOTH
-def test_a_window_opens_but_for_its_corners(kernels):
-    solid, window = np.ones(SHAPE, bool), np.zeros(SHAPE, bool)
-    window[6:15, 10:20] = True
-    frame = exact_frame(DEPTH, 4.0 * ~window[None], 8)
-    state = exact_state(DEPTH, 3.0 * (solid & ~(window & ~grown(~window, 2)))[None])    # closed but for its middle
-    closed = trimmed(kernels, frame, state)[:, 0] & window
-    assert closed.sum() <= 20 and not closed[9:12].any() and not closed[:, 13:17].any()
-    assert trimmed(kernels, frame, state)[:, 0][~window].all()
-
-
-@BOTH
 def test_a_rim_that_is_darker_than_its_pool_stays_if_its_own_photons_show_it(kernels):
     inside = ~grown(~WALL, 1)
     signal = np.where(inside, 20.0, 4.0) * WALL

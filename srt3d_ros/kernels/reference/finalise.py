@@ -6,10 +6,11 @@ How many points there are only the device knows, so their list has room for all 
 import numpy as np
 import torch
 
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, crop
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, TINY, as_complex, noise_ratio, waves
-from srt3d_ros.kernels.reference.blur import blur, gaussian
+from srt3d_ros.kernels.reference.blur import blur
 
 
 def finalise(frame, photons, state, terms, enough, scratch=None):
@@ -33,7 +34,7 @@ def finalise(frame, photons, state, terms, enough, scratch=None):
     variance = (signal * of_signal + (counts - signal).clamp(min=0) * of_background) / gain**2
     nowhere = pooled <= 0
     both = torch.cat([values.masked_fill(nowhere, 0) for values in (excess**2, variance)], dim=1)
-    around, noise = blur(both, gaussian(SHARE_WINDOW, state), 1).chunk(2, dim=1)
+    around, noise = blur(both, maps.window_weights(SHARE_WINDOW), 1).chunk(2, dim=1)
     differ = (around - noise).clamp(min=0) / around.clamp(min=TINY)
     intensity = torch.maximum(pooled + excess * differ, LEAST_SHARE * pooled)
 

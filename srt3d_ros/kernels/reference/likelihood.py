@@ -2,12 +2,15 @@
 
 import math
 
+import numpy as np
 import torch
 
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS, RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE, crop
 from srt3d_ros.kernels.reference.arithmetic import as_complex, has_depth, noise_ratio, waves
 from srt3d_ros.kernels.reference.blur import blur
+
+NEAREST, AROUND = np.ones(3, np.float32), np.ones(2 * VOTE_RADIUS + 1, np.float32)      # of `trim`
 
 
 def expand(frame, state, scratch=None):
@@ -92,11 +95,11 @@ def trim(frame, state, terms, enough, scratch=None):
     intensity = view[:, :, INTENSITY]
     for _ in range(SPREAD):
         there = has_depth(view.swapaxes(2, 3), frame.num_bins).any(dim=1)
-        blank = blur((used & ~there)[:, None].to(state.dtype), state.new_ones(3), 1)[:, 0]
+        blank = blur((used & ~there)[:, None].to(state.dtype), NEAREST, 1)[:, 0]
         rim = there & (blank > RIM - 0.5)
         own = torch.stack([terms[:, :, VALUE], terms[:, :, COUNTS], terms[:, :, EXPOSURE] * intensity], dim=1)
         own = (own * (rim[:, None] & (intensity > 0))[:, None]).sum(dim=2)
-        response, photons, expected = blur(own, state.new_ones(2 * VOTE_RADIUS + 1), 1).unbind(dim=1)
+        response, photons, expected = blur(own, AROUND, 1).unbind(dim=1)
         some = photons.clamp(min=0.5)
         score = some.sqrt() * surprise(response.clamp(min=0), some, frame)
         unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)

@@ -5,9 +5,9 @@ import math
 import torch
 
 from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, VALUE, crop
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, VALUE, crop, window_weights
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
-from srt3d_ros.kernels.reference.blur import blur, gaussian
+from srt3d_ros.kernels.reference.blur import blur
 from srt3d_ros.kernels.reference.likelihood import surprise
 
 TOGETHER = 2**27        # responses to the matched filter at once
@@ -127,7 +127,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
         matched = as_map(as_complex(matched) * waves(frame, along).conj())
     share, pools = 1.0, (matched, counts, exposure)
     if sigma > 0:
-        weights, share = gaussian(sigma / step, state), 0.5
+        weights, share = window_weights(sigma / step), 0.5
         pools = [blur(values * is_open[:, None], w, step) for values, w in zip(pools, (weights, weights**2, weights))]
     z = as_complex(pools[0])
     depth, signal = _peak(z, frame)
