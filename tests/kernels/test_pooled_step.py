@@ -52,8 +52,8 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
 
 
 @pytest.mark.parametrize(("backend", "shape", "surfaces", "sigma", "radius"), cases(
-    [((6, 40), 1, 2.0, 3), ((3, 32), 1, 3.5, FINE), ((5, 32), 1, 4.0, FINE + 1), ((3, 33), 2, 5.0, FAR),
-     ((3, 33), 3, 1.0, 2)],
+    [((6, 40), 1, 2.0, 3), ((3, 32), 1, 3.5, FINE), ((5, 32), 1, 4.0, FINE + 1), ((4, 32), 2, 5.0, FAR),
+     ((4, 32), 3, 1.0, 2)],
     [(shape, surfaces, sigma, radius) for shape, surfaces in (((6, 40), 1), ((9, 33), 2), ((6, 40), 4))
      for sigma, radius in ((0.5, 1), (3.5, FINE), (5.0, FAR), (1e3, maps.MARGIN))]), indirect=["backend"])
 def test_pooled_step(backend, shape, surfaces, sigma, radius):
