@@ -5,19 +5,19 @@ import logging
 import os
 from functools import lru_cache
 from importlib.util import find_spec
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.kernels.api import Kernels
 
 DEVICES = ("auto", "cpu", "cuda")
 REFERENCE = "reference"         # for tests: it is slow
 DRIVER = "libcuda.so.1"
 
 
-def kernels_for(device: str) -> tuple[str, Kernels]:
+def kernels_for(device: str) -> tuple[str, ModuleType]:
     """The device, "cpu" or "cuda", and its kernels; where "auto" finds no GPU, Python's log says so once.
 
     Raises:
@@ -40,7 +40,7 @@ def kernels_for(device: str) -> tuple[str, Kernels]:
     return device, cuda
 
 
-def on_device(fields: dict, kernels: Kernels) -> dict:
+def on_device(fields: dict, kernels: ModuleType) -> dict:
     """The same fields, NumPy arrays among them on the kernels' device."""
     return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
 

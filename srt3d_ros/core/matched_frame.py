@@ -36,6 +36,7 @@ class MatchedFrame:
         energy: float32 [m], |ĥ_l|².
         bin_frequencies: float32 [m], k_l / T.
         num_bins: T.
+        highest: the largest k_l.
         moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
         intensity_moments: float32 [2], the same for the intensity score.
         max_response: of a photon to a matched filter.
@@ -55,6 +56,7 @@ class MatchedFrame:
     energy: np.ndarray
     bin_frequencies: np.ndarray
     num_bins: int
+    highest: int
     moments: np.ndarray
     intensity_moments: np.ndarray
     max_response: float
@@ -118,9 +120,9 @@ class Matcher:
         self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
             "exposure": self._exposure, "energy": energy, "bin_frequencies": bin_frequencies,
-            "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
-            "max_response": max_response, "background_table": background_table, "total_energy": float(energy.sum()),
-            "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
+            "num_bins": sensor.num_bins, "highest": max(self.frequencies), "moments": self.moments,
+            "intensity_moments": intensity_moments, "max_response": max_response, "background_table": background_table,
+            "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
 
     def __call__(self, sketch: Sketch) -> MatchedFrame:
         """The MatchedFrame of a sketch."""

@@ -77,7 +77,7 @@ class Pooled:
         self._padded = self._matcher.padded_on(self.kernels)
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             self._matcher.equaliser, self._matcher.passed, self._matcher.used, sensor.rays))
-        self._square = array(np.ones(WINDOW, np.float32))
+        self._square = np.ones(WINDOW, np.float32)
         self._near = self._used / self._sums_near(self._used + 1e-6)
         self._scratch = self.kernels.Scratch()
         self._begin_streams()

@@ -1,1 +1,1 @@
-"""The work that is done for every pixel: one contract, `api`, and three backends, `reference`, `cpu` and `cuda`."""
+"""The work that is done for every pixel: one contract, that of `reference`, and two backends, `cpu` and `cuda`."""

@@ -2,15 +2,10 @@
 
 import os
 import sys
-from dataclasses import fields, is_dataclass, replace
-from importlib import import_module
 from importlib.util import find_spec
 
-import numpy as np
 import pytest
 import torch
-
-from srt3d_ros.core.device import on_device
 
 INTERPRET = "TRITON_INTERPRET"          # read when kernels are defined, which is while tests are collected, and run
 interpreted = find_spec("triton") is not None and not torch.cuda.is_available()
@@ -21,6 +16,8 @@ if interpreted:
     import srt3d_ros.kernels.cuda  # noqa: F401
     # Else every sum of integers is made a second time to see whether it overflows, and without `debug` nobody looks.
     interpreter.interpreter_builder.options = interpreter.InterpreterOptions(sanitize_overflow=False)
+
+from .frames import CPU, REFERENCE, Backend  # noqa: E402
 
 
 def pytest_collection_finish():
@@ -44,43 +41,12 @@ def cuda():
     return cuda
 
 
-class Backend:
-    """The kernels of a backend, called with NumPy arrays and frames; their results are NumPy arrays."""
-
-    def __init__(self, name: str, kernels):
-        self.name, self.kernels = name, kernels
-
-    def on(self, value):
-        """The value as the kernels take it, arrays copied: kernels may change them."""
-        if isinstance(value, np.ndarray):
-            return self.kernels.array(value.copy())
-        if is_dataclass(value):
-            return replace(value, **on_device({f.name: getattr(value, f.name) for f in fields(value)}, self.kernels))
-        return value
-
-    def off(self, value):
-        """A result as NumPy arrays."""
-        if isinstance(value, tuple):
-            return tuple(map(self.off, value))
-        return self.kernels.numpy(value) if isinstance(value, torch.Tensor) else value
-
-    def call(self, name: str, *arguments):
-        """What a kernel returns."""
-        return self.off(getattr(self.kernels, name)(*map(self.on, arguments)))
-
-    def changed(self, name: str, *arguments) -> list:
-        """The arguments after a kernel that changes some."""
-        given = [self.on(argument) for argument in arguments]
-        getattr(self.kernels, name)(*given)
-        return [self.off(argument) for argument in given]
-
-
 @pytest.fixture(params=["cpu", "cuda"])
 def backend(request) -> Backend:
     """What is held against the reference."""
     if request.param == "cuda":
         return Backend("cuda", request.getfixturevalue("cuda"))
-    return Backend(request.param, import_module(f"srt3d_ros.kernels.{request.param}"))
+    return {"cpu": CPU, "reference": REFERENCE}[request.param]
 
 
 @pytest.fixture

@@ -6,17 +6,20 @@ hangs on small differences: 5e-4 bins and 5e-4 of the other values leave them te
 comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more.
 """
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from functools import partial
 
 import numpy as np
+import torch
 
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.device import on_device
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import SAME_SURFACE
 
 T = 300
@@ -27,6 +30,44 @@ SHARE_AT_TIES = 1 / 100
 SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
 FAINT = 1 / 20                  # light with which votes matter as much as a pixel's own photons
 STATES = [(shape, surfaces, seed) for shape in SHAPES for surfaces in (1, 2) for seed in (0, 1)]
+
+
+class Backend:
+    """The kernels of a backend, called with NumPy arrays and frames; their results are NumPy arrays."""
+
+    def __init__(self, name: str, kernels):
+        self.name, self.kernels = name, kernels
+
+    def on(self, value):
+        """The value as the kernels take it, arrays copied: kernels may change them."""
+        if isinstance(value, np.ndarray):
+            return self.kernels.array(value.copy())
+        if is_dataclass(value):
+            return replace(value, **on_device({f.name: getattr(value, f.name) for f in fields(value)}, self.kernels))
+        return value
+
+    def off(self, value):
+        """A result as NumPy arrays."""
+        if isinstance(value, tuple):
+            return tuple(map(self.off, value))
+        return self.kernels.numpy(value) if isinstance(value, torch.Tensor) else value
+
+    def __getattr__(self, name: str):
+        """A kernel."""
+        return partial(self.call, name)
+
+    def call(self, name: str, *arguments):
+        """What a kernel returns."""
+        return self.off(getattr(self.kernels, name)(*map(self.on, arguments)))
+
+    def changed(self, name: str, *arguments) -> list:
+        """The arguments after a kernel that changes some."""
+        given = [self.on(argument) for argument in arguments]
+        getattr(self.kernels, name)(*given)
+        return [self.off(argument) for argument in given]
+
+
+CPU, REFERENCE = Backend("cpu", cpu), Backend("reference", reference)
 
 
 def cases(both: list[tuple], cpu: list[tuple] = ()) -> list[tuple]:
@@ -104,7 +145,7 @@ def with_clutter(frame: MatchedFrame) -> MatchedFrame:
 
 def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
     """`expand` of a state as the kernels take it, by the reference."""
-    return reference.expand(frame.padded, state).astype(np.float32)
+    return REFERENCE.expand(frame.padded, state)
 
 
 def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> MatchedFrame:

@@ -5,12 +5,14 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import BIRTH, FEWER_PENALTY, LIKENESS, MAX_VOTE, VOTE_SIGMA
 
 from .frames import (
+    CPU,
     FAINT,
     GATE,
+    REFERENCE,
     STATES,
     T,
     assert_states_agree,
@@ -23,38 +25,25 @@ from .frames import (
 )
 
 
-@pytest.fixture
-def large_programs(cuda, monkeypatch):
-    """A whole list of pixels a program, which the interpreter runs in the time of a few of them."""
-    monkeypatch.setattr(import_module("srt3d_ros.kernels.cuda.birth_death"), "PER_THREAD", 1 << 10)
-
-
-def check(backend, shape, surfaces, seed, light):
+@pytest.mark.parametrize(("backend", "shape", "surfaces", "seed", "light", "spread", "per_thread", "longest"), cases(
+    [((5, 33), 1, 1, FAINT, 4, 1 << 10, 256), ((3, 33), 2, 1, 1, 2, 1 << 10, 256), ((2, 33), 3, 1, 1, 0, 1 << 10, 256),
+     ((2, 45), 1, 1, FAINT, 1, 16, 32)],
+    [(*case, light, spread, 0, 0) for case in STATES[::2] for light, spread in ((1, 0), (FAINT, 3))]
+    + [((9, 33), surfaces, 2, light, 1, 0, 0) for surfaces, light in ((3, FAINT), (4, 1))]), indirect=["backend"])
+def test_birth_death(backend, monkeypatch, spreading, shape, surfaces, seed, light, spread, per_thread, longest):
+    """The interpreter runs a program of a whole list of pixels in the time of a few: most cases have such."""
+    spreading(spread)
+    if per_thread:
+        module = import_module("srt3d_ros.kernels.cuda.birth_death")
+        monkeypatch.setattr(module, "PER_THREAD", per_thread)
+        monkeypatch.setattr(module, "LONGEST_LIST", longest)
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
     terms = make_terms(frame, state)
-    given = backend.on(state)
-    found = backend.off(backend.kernels.birth_death(*map(backend.on, (frame.padded, given, terms, GATE))))
-    assert np.array_equal(backend.off(given), state) and found.dtype == np.float32
-    assert_states_agree(found, reference.birth_death(frame.padded, state, terms, GATE), shape)
+    found = backend.birth_death(frame.padded, state, terms, GATE)
+    assert found.dtype == np.float32
+    assert_states_agree(found, REFERENCE.birth_death(frame.padded, state, terms, GATE), shape)
     assert (found[:, :, maps.INTENSITY][frame.padded.exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
-
-
-@pytest.mark.parametrize(("backend", "shape", "surfaces", "seed", "light", "spread"), cases(
-    [((5, 33), 1, 1, FAINT, 4), ((3, 33), 2, 1, 1, 2), ((3, 33), 3, 1, 1, 0)],
-    [(*case, light, spread) for case in STATES[::2] for light in (1, FAINT) for spread in (0, 3)]
-    + [((9, 33), surfaces, 2, light, 1) for surfaces in (3, 4) for light in (1, FAINT)]), indirect=["backend"])
-def test_birth_death(backend, large_programs, spreading, shape, surfaces, seed, light, spread):
-    spreading(spread)
-    check(backend, shape, surfaces, seed, light)
-
-
-@pytest.mark.parametrize("backend", ["cuda"], indirect=True)
-@pytest.mark.parametrize(("longest", "shape", "light", "spread"), [(256, (3, 45), 1, 0), (32, (2, 45), FAINT, 1)])
-def test_rows_in_lists_of_any_length_and_small_programs(backend, spreading, monkeypatch, longest, shape, light, spread):
-    spreading(spread)
-    monkeypatch.setattr(import_module("srt3d_ros.kernels.cuda.birth_death"), "LONGEST_LIST", longest)
-    check(backend, shape, 1, 1, light)
 
 
 SHAPE = (7, 9)
@@ -62,7 +51,7 @@ MIDDLE = (3, slice(None), slice(None), 4)       # K surfaces and their fields, o
 ALL = np.ones((1, *SHAPE))
 
 
-def chosen(frame, state, kernels=cpu) -> np.ndarray:
+def chosen(frame, state, kernels=CPU) -> np.ndarray:
     """Of the pixel in the middle: depth and intensity, each [K]."""
     after = kernels.birth_death(frame.padded, state, make_terms(frame, state), GATE)
     return maps.crop(after, *SHAPE)[MIDDLE][:, [maps.DEPTH, maps.INTENSITY]].T
@@ -89,7 +78,7 @@ def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
     np.testing.assert_allclose(found, [100, shown], atol=0.01)
 
 
-@pytest.mark.parametrize("kernels", [cpu, reference])
+@pytest.mark.parametrize("kernels", [CPU, REFERENCE])
 def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
     lit = 2 * ALL
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons
@@ -97,12 +86,6 @@ def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
     for spread, filled in ((0, False), (1, True), (4, True)):
         spreading(spread)
         assert (chosen(frame, state, kernels)[1, 0] > 0) == filled, spread
-
-
-def test_what_is_settled_stays(backend, large_programs):
-    depth, lit = np.full((1, 3, 5), 100.0), np.full((1, 3, 5), 20.0)
-    frame, state = exact_frame(depth, lit, 2), exact_state(depth, lit)
-    assert np.array_equal(backend.call("birth_death", frame.padded, state, make_terms(frame, state), GATE), state)
 
 
 def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 
-from .frames import FAINT, T, cases, make_frame, make_state, make_terms
+from .frames import FAINT, REFERENCE, T, make_frame, make_state, make_terms
 
 FRAME = make_frame((6, 40), seed=0)
 
@@ -37,15 +37,6 @@ def test_a_pixel_without_photons_speaks_against_a_surface_but_may_be_dead():
     assert llr(0, 1, 1000) == pytest.approx(-500, rel=1e-5)
 
 
-def test_photons_at_the_depth_are_as_rare_as_the_background_makes_them():
-    peak = FRAME.max_response
-    for photons in (1, 3, 10):
-        seen = photons * peak / FRAME.total_energy
-        certain = llr(photons * peak, photons, seen)              # nothing improbable for the surface
-        assert certain == pytest.approx(photons * FRAME.background_table[-1]**2 / 2, rel=1e-5)
-        assert certain == pytest.approx(photons * llr(peak, 1, peak / FRAME.total_energy), rel=1e-5)
-
-
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.6])
 def test_rarity_is_chernoffs_bound(share):
     photons, u = 20, share * FRAME.max_response
@@ -53,21 +44,7 @@ def test_rarity_is_chernoffs_bound(share):
     assert certain == pytest.approx(photons * chernoff(u), rel=0.05)
 
 
-def test_many_photons_of_background_are_judged_as_noise_is():
-    # Their response has a variance of n Σ|ĥ|² / 2; a surface of 0 … is as likely as its share of it.
-    photons, standard = 1e5, np.sqrt(1e5 * FRAME.total_energy / 2)
-    for score in (0.5, 2, 5):
-        expected = score * standard / FRAME.total_energy
-        assert llr(score * standard, photons, expected) == pytest.approx(score**2 / 2, rel=0.02)
-    # Without any response: half the squared distance from a surface at half the expected photons.
-    gives = 1_000 / 2
-    variance = (gives * FRAME.intensity_moments[0] + (photons - gives) * FRAME.intensity_moments[1])
-    against = -gives * gives * FRAME.intensity_moments[0] / variance
-    assert llr(0, photons, 2 * gives) == pytest.approx(against, rel=1e-4)
-
-
-@pytest.mark.parametrize("expected", [0.3, 5, 200])
-@pytest.mark.parametrize("photons", [1, 4, 30, 1_000])
+@pytest.mark.parametrize(("photons", "expected"), [(1, 0.3), (1, 200), (30, 5), (1_000, 200)])
 def test_more_response_is_more_evidence(photons, expected):
     # Up to where the table of rarity ends; signal responds with total_energy / greatest_response of the most at best.
     response = np.linspace(0, 0.98 * photons * FRAME.max_response, 300)
@@ -88,14 +65,12 @@ def test_intensities_within_a_factor_of_two_are_one_surfaces():
     assert llr(response, photons, seen * 3) < free and llr(response, photons, seen / 3) < free
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces", "light"), cases(
-    [((3, 40), 1, 1), ((4, 33), 1, FAINT), ((3, 33), 2, FAINT)],
-    [((9, 33), 2, 1), ((6, 40), 1, FAINT), ((6, 40), 4, 1), ((6, 40), 4, FAINT)]), indirect=["backend"])
+@pytest.mark.parametrize(("shape", "surfaces", "light"), [((6, 40), 1, FAINT), ((9, 33), 2, 1), ((6, 40), 4, FAINT)])
 def test_log_likelihood_ratio(backend, shape, surfaces, light):
     frame = make_frame(shape, 1, light)
     state = make_state(frame, surfaces, 1, light)
     arguments = frame.padded, state, make_terms(frame, state)
-    fast, slow = backend.call("log_likelihood_ratio", *arguments), reference.log_likelihood_ratio(*arguments)
+    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, REFERENCE))
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).any() and (fast < -0.5).any()
     assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()

@@ -6,8 +6,9 @@ import pytest
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.motion import Pose
 from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.kernels import reference
 from srt3d_ros.kernels.constants import MAX_PHOTONS
+
+from .frames import REFERENCE
 
 M, METRES_PER_BIN, STEEPEST = 5, 0.02, 0.1
 LENSES = {"pinhole": Pinhole(40, 42, 10, 6),
@@ -36,9 +37,7 @@ def nothing(shape) -> tuple[np.ndarray, np.ndarray]:
 
 
 def by_reference(given: dict) -> tuple[np.ndarray, np.ndarray]:
-    moved, numbers = (reference.array(values) for values in nothing(given["photons"].shape))
-    reference.move_sketch(*given.values(), moved, numbers)
-    return moved, numbers
+    return REFERENCE.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))[-2:]
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -55,8 +54,7 @@ def test_move_sketch(backend, lens, seed):
 def test_photons_are_added_to_those_there(backend):
     given = arguments(LENSES["pinhole"], 0)
     once = by_reference(given)
-    *_, moved, numbers = backend.changed("move_sketch", *given.values(), once[0].astype(np.complex64),
-                                         once[1].astype(np.float32))
+    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *once)
     np.testing.assert_allclose(numbers, 2 * once[1], atol=2e-3)
     np.testing.assert_allclose(moved, 2 * once[0], atol=1e-2)
 
@@ -86,7 +84,7 @@ def test_read_moved(backend):
     moved = (given["sums"] * numbers[..., None]).astype(np.complex64)
     those = moved, numbers, *(given[name] for name in ("ranges", "late", "bin_frequencies", "metres_per_bin"))
     sums, photons = backend.call("read_moved", *those)
-    expected, whole = reference.read_moved(*those)
+    expected, whole = REFERENCE.read_moved(*those)
     assert sums.dtype == np.complex64 and photons.dtype == np.uint32
     np.testing.assert_array_equal(photons, whole)
     np.testing.assert_array_equal(photons[0, :4], [0, 0, 1, MAX_PHOTONS])

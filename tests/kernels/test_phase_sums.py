@@ -1,6 +1,5 @@
-"""Photons → sketch on every device, against the plain reference; sums are exact, however the work is split."""
+"""Photons → sketch: sums of exp(i ω x), which are exact, however the work is split."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -8,39 +7,25 @@ from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher, gated_table, histogram_table, phase_table
+from srt3d_ros.core.sketching import Sketcher, histogram_table, phase_table
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.kernels import reference
 from srt3d_ros.kernels.cpu import phase_sums, rows
 
-from .conftest import Backend
-
 PIXELS, T = 40, 50
-# How far a sum may be off for each photon: table rows are rounded to 24 bits on the CPU, to 16 on CUDA.
-EACH = {"cpu": 1e-7, "cuda": 2.3e-5}
-OF_WAVES = {"cpu": 5e-7, "cuda": 3e-6}        # and for ToA with fractions
+EACH = 2e-7         # how far a sum may be off for each photon: rows are rounded to 2⁻²⁴, and sums to float32
+OF_WAVES = 5e-7     # and for ToA with fractions
 
 
-def sketch(backend, function, *arguments, frequencies, pixels=PIXELS, num_bins=T, table=True, times=1):
+def sketch(backend, function, *arguments, frequencies, pixels=PIXELS, table=True, times=1):
     """Sums, numbers of photons and what lies in memory, after a kernel has added photons."""
     kernels, values = backend.kernels, 2 * len(frequencies)
-    fixed = [kernels.fixed_rows(backend.on(phase_table(frequencies, num_bins)))] if table else []
+    fixed = [kernels.fixed_rows(backend.on(phase_table(frequencies, T)))] if table else []
     sums, photons = kernels.new_sums(pixels, values)
     arrays = [kernels.photon_array(each) for each in arguments if isinstance(each, np.ndarray)]
     rest = [each for each in arguments if not isinstance(each, np.ndarray)]
     for _ in range(times):
         getattr(kernels, function)(*arrays, *fixed, *rest, sums, photons)
     return backend.off((*kernels.read_sums(sums, photons, values), sums))
-
-
-REFERENCE = Backend("reference", reference)
-EVERY = pytest.mark.parametrize("backend", ["cpu", "cuda", "reference"], indirect=True)
-
-
-def expected_of(*arguments, **options):
-    """Sums, complex128 [pixels, m], and numbers of photons, as the reference counts them."""
-    _, photons, sums = sketch(REFERENCE, *arguments, **options)
-    return sums, photons
 
 
 def draw(count=700, dtype=np.uint16, ordered=False, pixels=PIXELS, seed=2):
@@ -51,29 +36,25 @@ def draw(count=700, dtype=np.uint16, ordered=False, pixels=PIXELS, seed=2):
     return np.sort(pixel) if ordered else pixel, toa
 
 
-def assert_close(found, expected, each):
-    (z, n, _), (sums, numbers) = found, expected
-    assert z.dtype == np.complex64 and n.dtype == np.uint32 and np.array_equal(n, numbers)
-    assert (np.abs(z - sums) <= each * np.maximum(n, 1)[:, None]).all()
+def assert_close(found, pixel, toa, frequencies, each=EACH):
+    """Sums and numbers are Σ exp(2πi k x / T) and n, but for rounding."""
+    z, numbers, _ = found
+    expected = np.zeros(z.shape, complex)
+    np.add.at(expected, pixel, np.exp(2j * np.pi * np.outer(toa.astype(float), frequencies) / T))
+    assert z.dtype == np.complex64 and numbers.dtype == np.uint32
+    assert np.array_equal(numbers, np.bincount(pixel, minlength=len(z)))
+    assert (np.abs(z - expected) <= each * np.maximum(numbers, 1)[:, None]).all()
 
 
 @pytest.mark.parametrize("frequencies", [(3,), (1, 3, 24), tuple(range(1, 9)), tuple(range(2, 12)), tuple(range(1, 13)),
                                          tuple(range(1, 18)), tuple(range(1, 25))], ids=len)
 @pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted"])
 def test_sketch_sizes_of_every_width(backend, function, frequencies):
-    pixel, toa = draw(200, ordered=function == "sketch_sorted")
-    found = sketch(backend, function, pixel, toa, frequencies=frequencies)
-    assert_close(found, expected_of("sketch_unsorted", pixel, toa, frequencies=frequencies), EACH[backend.name])
-
-
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32])
-@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted"])
-def test_pixels_of_many_photons_and_of_none(backend, function, dtype):
-    pixel, toa = draw(2_000, dtype, function == "sketch_sorted")
-    found = sketch(backend, function, pixel, toa, frequencies=(1, 3, 24))
-    expected = expected_of("sketch_unsorted", pixel, toa, frequencies=(1, 3, 24))
-    assert expected[1].max() > rows.MOST and (expected[1] == 0).any()
-    assert_close(found, expected, EACH[backend.name])
+    for dtype in (np.uint16, np.uint32):
+        pixel, toa = draw(2_000, dtype, ordered=function == "sketch_sorted")
+        numbers = np.bincount(pixel, minlength=PIXELS)
+        assert numbers.max() > rows.MOST and (numbers == 0).any()
+        assert_close(sketch(backend, function, pixel, toa, frequencies=frequencies), pixel, toa, frequencies)
 
 
 @pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
@@ -81,87 +62,38 @@ def test_pixels_of_many_photons_and_of_none(backend, function, dtype):
 def test_times_with_fractions(backend, ordered, frequencies):
     pixel, toa = draw(400, np.float32, ordered)
     found = sketch(backend, "sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
-                          table=False)
-    expected = expected_of("sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
-                           table=False)
-    assert_close(found, expected, OF_WAVES[backend.name])
+                   table=False)
+    assert_close(found, pixel, toa, frequencies, OF_WAVES)
 
 
-@pytest.mark.parametrize("k", [1, 50, 1_000, 32_767])
+@pytest.mark.parametrize("k", [1, 1_000, 32_767])
 def test_phases_of_late_times_and_high_frequencies(backend, k):
     toa = np.array([0, 1 / 3, 65_534.004, 65_534.996], np.float32)
     found = sketch(backend, "sketch_continuous", np.arange(4, dtype=np.uint32), toa, (k,), 65_535, True,
-                   frequencies=(k,), pixels=4, num_bins=65_535, table=False)[0]
+                   frequencies=(k,), pixels=4, table=False)[0]
     expected = np.exp(2j * np.pi * k * toa.astype(np.float64) / 65_535)
-    np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=OF_WAVES[backend.name] + 2 * np.pi * k / 2**31)
+    np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=OF_WAVES + 2 * np.pi * k / 2**31)
 
 
-@pytest.mark.parametrize(("cycles", "pixels"), [(7, 1), (7, 17), (7, 130), (2 * phase_sums.CYCLES + 5, 3)])
+@pytest.mark.parametrize(("cycles", "pixels"), [(7, 1), (7, 130), (2 * phase_sums.CYCLES + 5, 3)])
 @pytest.mark.parametrize(("first_word", "no_detection"), [(0, 65_535), (10, 3), (0, 0), (65_480, 5)])
 def test_gates(backend, cycles, pixels, first_word, no_detection):
     rng = np.random.default_rng(pixels)
     words = rng.integers(first_word, first_word + T, (cycles, pixels)).astype(np.uint16)
     words[rng.random(words.shape) < 0.3] = no_detection
-    assert backend.kernels.find_stray(backend.kernels.photon_array(words), first_word, no_detection, T) == -1
-    arguments = "sketch_gates", words, first_word, no_detection
-    options = {"frequencies": (1, 3, 24), "pixels": pixels}
-    assert_close(sketch(backend, *arguments, **options), expected_of(*arguments, **options), EACH[backend.name])
+    find = backend.kernels.find_stray
+    assert find(backend.kernels.photon_array(words), first_word, no_detection, T) == -1
+    found = sketch(backend, "sketch_gates", words, first_word, no_detection, frequencies=(1, 3, 24), pixels=pixels)
+    cycle, pixel = np.nonzero(words != no_detection)
+    assert_close(found, pixel, words[cycle, pixel].astype(int) - first_word, (1, 3, 24))
 
 
-@EVERY
 @pytest.mark.parametrize("word", [0, 9, 60, 65_535])
-@pytest.mark.parametrize("pixel", [0, 8, 16])
-def test_a_stray_word_is_found_in_any_pixel(backend, word, pixel):
-    words = np.full((5, 17), 3, np.uint16)
-    words[2, pixel] = word
-    assert backend.kernels.find_stray(backend.kernels.photon_array(words), 10, 3, T) == word
-
-
-@EVERY
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
-@pytest.mark.parametrize("where", [0, 99, 4_999, 10_000])
-def test_a_photon_outside_and_a_drop_are_seen_wherever_they_are(backend, dtype, where, monkeypatch):
-    monkeypatch.setattr(phase_sums, "PART", 700)
-    pixel, toa = np.full(10_001, 5, np.uint32), np.full(10_001, T - 1, dtype)
-
-    def inspect(pixel, toa):
-        array = backend.kernels.photon_array
-        return backend.kernels.inspect_events(array(pixel), array(toa), 6, T)
-
-    assert inspect(pixel, toa) == (True, True)
-    wrong = toa.copy()
-    for wrong[where] in [T, 2 * T] + ([-0.5, np.nan, np.inf] if dtype == np.float32 else [np.iinfo(dtype).max]):
-        assert inspect(pixel, wrong)[0] is False
-    wrong = pixel.copy()
-    for wrong[where] in (6, 2**32 - 1):
-        assert inspect(wrong, toa)[0] is False
-    wrong[where] = 4
-    assert inspect(wrong, toa) == (True, where == 0)
-
-
-@pytest.mark.parametrize("m", [3, 10])
-@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted", "sketch_continuous"])
-def test_a_column_of_ones_counts_photons_and_rows_of_zeros_add_none(backend, function, m):
-    kernels, frequencies = backend.kernels, tuple(range(1, m + 1))
-    gate = Gate(SensorModel(5, 8, T, 1e-10, [1]), 10, 29)
-    kind = np.float32 if function == "sketch_continuous" else np.uint16
-    pixel, toa = draw(2_000, kind, function != "sketch_unsorted")
-    inside = (toa >= 10) & (toa < 30)
-    sums, photons = kernels.new_sums(PIXELS, 2 * m + 2)
-    if function == "sketch_continuous":
-        pixel, toa, inside = pixel[inside], toa[inside] - np.float32(10), inside[inside]
-        arguments = (*frequencies, 0), gate.num_bins, True
-    else:
-        arguments = kernels.fixed_rows(backend.on(gated_table(frequencies, gate))),
-    getattr(kernels, function)(*map(kernels.photon_array, (pixel, toa)), *arguments, sums, photons)
-    counted = kernels.counted(sums, 2 * m)
-    z, numbers, counted = backend.off((*kernels.read_sums(sums, counted, 2 * m), counted))
-    start = 0 if function == "sketch_continuous" else 10
-    phases = np.exp(2j * np.pi * np.outer(toa.astype(float) - start, frequencies) / gate.num_bins) * inside[:, None]
-    expected = np.zeros((PIXELS, m), complex)
-    np.add.at(expected, pixel, phases)
-    assert np.array_equal(counted, np.bincount(pixel[inside], minlength=PIXELS)) and np.array_equal(numbers, counted)
-    assert (np.abs(z - expected) <= EACH["cuda"] * np.maximum(counted, 1)[:, None]).all()
+def test_a_stray_word_is_found_in_any_pixel(backend, word):
+    for pixel in (0, 8, 16):
+        words = np.full((5, 17), 3, np.uint16)
+        words[2, pixel] = word
+        assert backend.kernels.find_stray(backend.kernels.photon_array(words), 10, 3, T) == word
 
 
 def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(backend, monkeypatch):
@@ -179,87 +111,37 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(backend, monk
             assert np.array_equal(one, two)
 
 
-@pytest.mark.parametrize("backend", ["cpu"], indirect=True)
-@pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted", "sketch_continuous"])
-def test_the_number_of_threads_changes_nothing(backend, function):
-    continuous, ordered = function == "sketch_continuous", function != "sketch_unsorted"
-    pixel, toa = draw(100_000, np.float32 if continuous else np.uint16, ordered)
-    more = ((1, 3), T, True) if continuous else ()
-    before = numba.get_num_threads()
-    try:
-        found = []
-        for threads in (1, before):
-            numba.set_num_threads(threads)
-            found.append(sketch(backend, function, pixel, toa, *more, frequencies=(1, 3), table=not continuous))
-    finally:
-        numba.set_num_threads(before)
-    assert all(np.array_equal(one, two) for one, two in zip(*found, strict=True))
-
-
-def test_unsorted_photons_of_many_more_pixels(backend, monkeypatch):
+def test_unsorted_photons_of_many_more_pixels_add_to_what_is_there(backend, monkeypatch):
     monkeypatch.setattr(phase_sums, "BUCKETS", 4)
     pixel, toa = draw(300, pixels=300)
-    found = sketch(backend, "sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300)
-    assert_close(found, expected_of("sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300), EACH[backend.name])
-
-
-@pytest.mark.parametrize("backend", ["cuda"], indirect=True)
-@pytest.mark.parametrize("function", ["sketch_unsorted", "sketch_continuous"])
-def test_bright_pixels_are_shared_among_programs_and_summed_in_segments(backend, monkeypatch, function):
-    from srt3d_ros.kernels.cuda import phase_sums as on_cuda
-    monkeypatch.setattr(on_cuda, "SEGMENT", 2)
-    continuous = function == "sketch_continuous"
-    pixel, toa = draw(2_000, np.float32 if continuous else np.uint16, pixels=4)
-    more = ((1, 3), T, False) if continuous else ()
-    found = sketch(backend, function, pixel, toa, *more, frequencies=(1, 3), pixels=4, table=not continuous)
-    expected = expected_of("sketch_continuous", pixel, toa, (1, 3), T, False, frequencies=(1, 3), pixels=4, table=False)
-    assert on_cuda._parts(2_000, 4) == 3
-    assert_close(found, expected, EACH["cuda"])
-
-
-def test_photons_add_to_what_is_there(backend):
-    pixel, toa = draw(300, ordered=True)
-    once = sketch(backend, "sketch_sorted", pixel, toa, frequencies=(1, 3))
-    thrice = sketch(backend, "sketch_sorted", pixel, toa, frequencies=(1, 3), times=3)
+    once, thrice = (sketch(backend, "sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300, times=times)
+                    for times in (1, 3))
+    assert_close(once, pixel, toa, (1, 3))
     assert np.array_equal(3 * once[2], thrice[2]) and np.array_equal(3 * once[1], thrice[1])
 
 
-@pytest.mark.parametrize("backend", ["cuda", "reference"], indirect=True)
-def test_a_sketcher_gives_the_sketch_of_one_on_the_cpu(backend):
+def test_a_sketcher_on_cuda_gives_the_sketch_of_one_on_the_cpu(cuda):
     sensor = SensorModel(4, 10, T, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
     pixel, toa = draw(400, seed=5)
     frames = [PhotonEvents(*draw(dtype=dtype, ordered=ordered), stamp_ns=40)
               for dtype, ordered in ((np.uint16, True), (np.uint32, False), (np.float32, True), (np.float32, False))]
     frames += [PhotonGates.from_events(PhotonEvents(pixel, toa), sensor), PhotonEvents(pixel[:0], toa[:0])]
-    sketchers = [Sketcher(sensor, (1, 3, 24), device) for device in ("cpu", backend.name)]
-    for sketcher in sketchers:
-        for frame in frames:
-            sketcher.add(frame)
-    one, other = (sketcher.sketch() for sketcher in sketchers)
-    sums, photons = backend.off((other.sums, other.photons))
+    sketchers = [Sketcher(sensor, (1, 3, 24), device) for device in ("cpu", "cuda")]
+    for frame in frames:
+        sketchers[0].add(frame)
+        add = sketchers[1].resident(frame)      # lies on the device, and is added as often as asked for
+        add()
+    one, other = (sketcher.sketch().on_host() for sketcher in sketchers)
     assert (one.frequencies, one.stamp_ns) == (other.frequencies, other.stamp_ns)
-    assert np.array_equal(one.photons, photons) and photons.sum() == 3_200
-    assert (np.abs(one.sums - sums) <= EACH["cuda"] * np.maximum(photons, 1)[..., None]).all()
+    assert np.array_equal(one.photons, other.photons) and other.photons.sum() == 3_200
+    assert (np.abs(one.sums - other.sums) <= OF_WAVES * np.maximum(one.photons, 1)[..., None]).all()
     sketchers[1].reset()
-    sums, photons = backend.off((sketchers[1].sketch().sums, sketchers[1].sketch().photons))
-    assert not sums.any() and not photons.any()
-
-
-def test_photons_that_lie_on_cuda_are_added_as_often_as_asked_for(cuda):
-    sensor = SensorModel(4, 10, T, 1e-10, [1, 2, 1])
-    sketcher, frame = Sketcher(sensor, (1, 3), "cuda"), PhotonEvents(*draw(ordered=True))
-    add = sketcher.resident(frame)
-    assert not sketcher.sketch().sums.any()
-    add()
-    once = cuda.numpy(sketcher.sketch().sums)
-    add()
-    np.testing.assert_allclose(cuda.numpy(sketcher.sketch().sums), 2 * once, rtol=1e-6)
-    assert not hasattr(Sketcher(sensor, (1, 3), "cpu"), "resident")
+    sketch = sketchers[1].sketch().on_host()
+    assert not sketch.sums.any() and not sketch.photons.any() and not hasattr(sketchers[0], "resident")
 
 
 @pytest.mark.parametrize(("frame", "message"), [
     (PhotonEvents(np.array([0, 40], np.uint32), np.array([1, 2], np.uint16)), "pixel is 40: "),
-    (PhotonEvents(np.array([5, 0], np.uint32), np.array([1, 50], np.uint16)), "toa is 50: "),
     (PhotonEvents(np.array([0, 1], np.uint32), np.array([np.nan, 2], np.float32)), "toa is nan: "),
     (PhotonGates(np.full((2, 4, 10), 53, np.uint16)), "gates word is 53: ")])
 def test_a_sketcher_on_cuda_names_an_invalid_photon_and_adds_nothing(cuda, frame, message):
@@ -279,7 +161,6 @@ WIDE_BINS = HistogramBins(10, first_bin=5.0, bin_width=4.0, template=np.linspace
 OF_EACH = HistogramBins(12, OWN_BINS.first_bin, 3.5, template=np.random.default_rng(3).random((40, 12)))
 
 
-@EVERY
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
 @pytest.mark.parametrize("bins", [None, OWN_BINS, WIDE_BINS, OF_EACH], ids=["T", "own", "template", "of each"])
 def test_histograms(backend, dtype, bins):
@@ -287,6 +168,7 @@ def test_histograms(backend, dtype, bins):
     n = T if bins is None else bins.num_bins
     rng = np.random.default_rng(2)
     counts = rng.integers(0, 200, (40, n)) - (30 if np.dtype(dtype).kind != "u" else 0)
+    counts[7] = 0 if np.dtype(dtype).kind == "u" else -1        # below 0 there are no photons
     table = histogram_table(sensor, frequencies)
     of_template = None if bins is None or bins.template is None else np.matmul(bins.template[..., None, :], table)
     kernels = backend.kernels
@@ -298,27 +180,15 @@ def test_histograms(backend, dtype, bins):
     scene = counts - (0 if bins is None or bins.template is None else bins.template)
     middle = np.arange(T) if bins is None else bins.centers() - 0.5
     phases = np.exp(2j * np.pi * np.multiply.outer(np.broadcast_to(middle, (40, n)), frequencies) / T)
-    wanted = 2 * (scene[..., None] * phases).sum(axis=1)
-    assert np.abs(z - wanted).max() < 1e-6 * np.abs(scene).sum(axis=1).max() * 2
-    assert np.array_equal(numbers, 2 * np.rint(scene.sum(axis=1)).astype(np.int64))
+    wanted, seen = 2 * (scene[..., None] * phases).sum(axis=1), scene.sum(axis=1)
+    some = np.arange(40) != 7                                   # without photons there is no mean to read
+    assert np.abs(z - wanted)[some].max() < 1e-6 * np.abs(scene).sum(axis=1).max() * 2
+    assert np.array_equal(numbers, 2 * np.rint(np.maximum(seen, 0)).astype(np.int64))
 
 
-@EVERY
-@pytest.mark.parametrize("dtype", [np.int32, np.float32])
-def test_histograms_below_zero_have_no_photons(backend, dtype):
-    kernels, table = backend.kernels, histogram_table(histogram_sensor(), (1, 2))
-    sums, photons = kernels.new_sums(40, 4)
-    counts = np.full((40, T), -1, dtype)
-    counts[3] = 1
-    kernels.sketch_histograms(kernels.photon_array(counts), backend.on(table), None, sums, photons)
-    _, numbers, _ = backend.off((*kernels.read_sums(sums, photons, 4), sums))
-    assert numbers[3] == T and numbers.sum() == T
-
-
-@EVERY
-@pytest.mark.parametrize("toa_reference", ["bin_center", "bin_edge"])
-@pytest.mark.parametrize("gate", [None, (12, 40)])
-@pytest.mark.parametrize("bins", [None, OWN_BINS, HistogramBins(10, 5.0, 4.0)], ids=["T", "own", "wide"])
+@pytest.mark.parametrize(("bins", "gate", "toa_reference"), [
+    (None, None, "bin_edge"), (None, (12, 40), "bin_center"), (OWN_BINS, (12, 40), "bin_edge"),
+    (HistogramBins(10, 5.0, 4.0), None, "bin_center")])
 def test_a_histogram_has_the_sketch_of_its_photons(backend, bins, gate, toa_reference):
     sensor = histogram_sensor(bins, toa_reference=toa_reference)
     n = T if bins is None else bins.num_bins

@@ -3,46 +3,38 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import cpu, maps, reference
-from srt3d_ros.kernels.constants import CELL, FINE
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import FINE
 
-from .frames import GATE, T, assert_states_agree, cases, exact_frame, exact_state, make_frame, make_state, make_terms
+from .frames import (
+    CPU,
+    GATE,
+    REFERENCE,
+    T,
+    assert_states_agree,
+    cases,
+    exact_frame,
+    exact_state,
+    make_frame,
+    make_state,
+    make_terms,
+)
 
 FAR = 8                     # a radius with cells
-BOTH = pytest.mark.parametrize("kernels", [cpu, reference])
+BOTH = pytest.mark.parametrize("kernels", [CPU, REFERENCE])
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces"), cases(
-    [((6, 40), 1), ((3, 33), 2), ((3, 33), 3)], [((9, 33), 2), ((6, 40), 4)]), indirect=["backend"])
+@pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4)])
 def test_expand(backend, shape, surfaces):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
-    fast, slow = backend.call("expand", frame.padded, state), reference.expand(frame.padded, state)
+    fast, slow = backend.expand(frame.padded, state), REFERENCE.expand(frame.padded, state)
     assert fast.dtype == np.float32 and fast.shape == slow.shape
     for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
         np.testing.assert_allclose(one, other, atol=1e-5 * np.abs(other).max(), err_msg=str(term))
     nowhere = (state[:, :, maps.INTENSITY] == 0)[:, :, None].repeat(maps.TERMS, 2)
     assert (fast[nowhere] == 0).all() and (fast[:, :, maps.CURVATURE] > 0).sum() > 50
-
-
-@BOTH
-def test_terms_are_value_gradient_and_curvature_of_the_response(kernels):
-    frame = make_frame((6, 40), 1)
-    state = make_state(frame, 2, 1)
-    steps = np.array([-0.5, 0, 0.5], np.float32)
-
-    def shifted(step: float) -> np.ndarray:
-        moved = state.copy()
-        moved[:, 0, maps.DEPTH] += step
-        return np.float64(kernels.expand(frame.padded, moved)[:, 0])
-
-    low, here, high = map(shifted, steps)
-    value = [terms[:, maps.VALUE] for terms in (low, here, high)]
-    scale = np.abs(here[:, maps.GRADIENT]).max()
-    np.testing.assert_allclose(here[:, maps.GRADIENT], value[2] - value[0], atol=0.02 * scale)
-    np.testing.assert_allclose(here[:, maps.CURVATURE], (high - low)[:, maps.GRADIENT] * -1,
-                               atol=0.02 * np.abs(here[:, maps.CURVATURE]).max())
 
 
 @BOTH
@@ -60,8 +52,8 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
 
 
 @pytest.mark.parametrize(("backend", "shape", "surfaces", "sigma", "radius"), cases(
-    [((6, 40), 1, 2.0, 3), ((3, 32), 1, 3.5, FINE), ((5, 32), 1, 4.0, FINE + 1), ((3, 33), 2, 5.0, FAR),
-     ((3, 33), 3, 1.0, 2)],
+    [((6, 40), 1, 2.0, 3), ((3, 32), 1, 3.5, FINE), ((5, 32), 1, 4.0, FINE + 1), ((4, 32), 2, 5.0, FAR),
+     ((4, 32), 3, 1.0, 2)],
     [(shape, surfaces, sigma, radius) for shape, surfaces in (((6, 40), 1), ((9, 33), 2), ((6, 40), 4))
      for sigma, radius in ((0.5, 1), (3.5, FINE), (5.0, FAR), (1e3, maps.MARGIN))]), indirect=["backend"])
 def test_pooled_step(backend, shape, surfaces, sigma, radius):
@@ -71,7 +63,7 @@ def test_pooled_step(backend, shape, surfaces, sigma, radius):
     arguments = frame.padded, state, terms, sigma, radius, GATE
     _, before, known, *_, after = backend.changed("pooled_step", *arguments, None, np.zeros_like(state))
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
-    assert_states_agree(after, reference.pooled_step(*arguments), shape)
+    assert_states_agree(after, REFERENCE.pooled_step(*arguments), shape)
     assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
 
 
@@ -106,22 +98,6 @@ def test_points_on_a_plane_that_crosses_the_end_of_the_period_stay_on_it(kernels
     np.testing.assert_allclose(view[:, maps.SLOPE_COL][inner], 0.6, atol=0.02)
     np.testing.assert_allclose(view[:, maps.SLOPE_ROW][inner], -0.4, atol=0.02)
     np.testing.assert_allclose(view[:, maps.RESIDUAL][inner], 0, atol=0.02)
-
-
-@BOTH
-def test_cells_pool_what_their_pixels_would(kernels):
-    """On a flat surface that all pixels show alike, in a window that is as good as even: intensity and std say so."""
-    depth, lit = np.full((1, 35, 35), 50.0), np.full((1, 35, 35), 20.0)
-    frame, state = exact_frame(depth, lit, 10), exact_state(depth, lit)
-    after = kernels.pooled_step(frame.padded, state, make_terms(frame, state), 1e3, FAR, GATE)
-    found = maps.crop(after, 35, 35)[17, 0, :, 17]
-    dy, dx = np.mgrid[-FAR:FAR + 1, -FAR:FAR + 1]
-    centres = (dx % CELL == 0) & (dy % CELL == 0) & (np.maximum(abs(dx), abs(dy)) > FINE)
-    cells = (centres & (dx**2 + dy**2 <= FAR * (FAR + 1))).sum()
-    pixels = (2 * FINE + 1)**2 + CELL**2 * cells
-    variance = (20 * frame.moments[0] + 10 * frame.moments[1]) / pixels / (20 * frame.curvature)**2
-    assert found[maps.INTENSITY] == pytest.approx(20, rel=1e-3)
-    assert found[maps.STD] == pytest.approx(np.sqrt(variance), rel=1e-2)
 
 
 @BOTH

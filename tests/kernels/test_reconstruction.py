@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 
-import numba
 import numpy as np
 import pytest
 import torch
@@ -14,16 +13,13 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.kernels import cpu, reference
-from srt3d_ros.kernels.constants import REST_SCALES, SURE_SCALES
+from srt3d_ros.kernels import reference
 
 from .frames import FAINT, SHAPES, assert_clouds_agree, cases, make_sensor, make_sketch
 
 # Of what takes the interpreter long.
-QUICK = {"WINDOWS": ((2.0, 1), (4.0, 1)), "SURE_SCALES": SURE_SCALES[:2], "REST_SCALES": REST_SCALES[:1],
-         "FIRST_STEPS": 1, "PASSES": 2}
-QUICKEST = {"WINDOWS": ((2.0, 1),), "SURE_SCALES": SURE_SCALES[:1]}
-ALL_SCALES = {"SURE_SCALES": SURE_SCALES, "REST_SCALES": REST_SCALES, "FIRST_STEPS": 2, "WINDOWS": ((2.0, 2), (4.0, 2))}
+QUICK = {"WINDOWS": ((2.0, 1), (4.0, 1)), "FIRST_STEPS": 1, "PASSES": 2}
+QUICKEST = QUICK | {"WINDOWS": ((2.0, 1),)}
 FIELDS = ("row", "col", "surface", "depth_bins", "intensity", "depth_std_bins", "xyz", "background")
 
 
@@ -34,7 +30,7 @@ def shorten(cuda, monkeypatch, spreading):
         if cuda.device.DEVICE == "cpu":
             spreading(spread)
             monkeypatch.setattr(import_module("srt3d_ros.kernels.cuda.birth_death"), "PER_THREAD", 1 << 10)
-            for name, value in (QUICK | settings).items():
+            for name, value in settings.items():
                 monkeypatch.setattr(f"srt3d_ros.core.pooled.{name}", value)
     return change
 
@@ -46,13 +42,12 @@ def built(monkeypatch, kernels, sensor, frequencies, *arguments, **options) -> P
 
 
 @pytest.mark.parametrize(("backend", "shape", "surfaces", "light", "options"), cases(
-    [((3, 24), 1, 1, {}), ((3, 30), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((3, 24), 1, 1, {"background": "flat"})],
-    [(shape, surfaces, light, {}) for shape in SHAPES for surfaces, light in ((1, 1), (1, FAINT), (2, 1), (2, 0.1))]),
+    [((3, 24), 1, FAINT, {}), ((2, 24), 2, 1, {}), ((2, 24), 1, 1, {"background": "flat"})],
+    [(SHAPES[0], 1, 1, {}), (SHAPES[1], 1, FAINT, {}), (SHAPES[0], 2, 0.1, {})]),
     indirect=["backend"])
 def test_whole_reconstructions_agree(backend, monkeypatch, shorten, shape, surfaces, light, options):
     if backend.name == "cuda":
-        short = options or surfaces > 1
-        shorten({} if short else ALL_SCALES, spread=0 if short else 1)
+        shorten(QUICK, spread=0 if surfaces > 1 else 1)
     sensor = make_sensor(*shape, seed=5)
     sketch = make_sketch(sensor, 5, light)
     there = replace(sketch, sums=backend.on(sketch.sums), photons=backend.on(sketch.photons))
@@ -76,8 +71,7 @@ def test_backgrounds_are_taken_out_and_learnt_alike(backend, monkeypatch, shorte
     assert uneven == pytest.approx(expected, rel=1e-3) and uneven > 0.05
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces"), cases([((1, 24), 1)], [((6, 40), 1), ((6, 40), 2)]),
-                         indirect=["backend"])
+@pytest.mark.parametrize(("backend", "shape", "surfaces"), cases([((1, 24), 1)], [((6, 40), 2)]), indirect=["backend"])
 def test_frames_begin_with_the_last_ones_surfaces(backend, monkeypatch, shorten, shape, surfaces):
     if backend.name == "cuda":
         shorten(QUICKEST)
@@ -123,32 +117,9 @@ def test_each_frame_gets_its_own_cloud_and_a_sketch_may_lie_anywhere_and_change(
     assert all(isinstance(getattr(cloud, name), np.ndarray) for name in FIELDS)
 
 
-def test_results_are_the_same_to_the_bit_for_any_number_of_threads_and_every_time():
-    sensor = make_sensor(40, 70, seed=7)
-    sketch = make_sketch(sensor, seed=7)
-    srt3d = Pooled(sensor, sketch.frequencies, surfaces=2, device="cpu")
-    before = numba.get_num_threads()
-    clouds = []
-    try:
-        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
-            numba.set_num_threads(threads)
-            clouds.append(srt3d(sketch))
-    finally:
-        numba.set_num_threads(before)
-    for other in clouds[1:]:
-        assert_same(clouds[0], other)
-    assert len(clouds[0]) > 1_000 and srt3d.kernels is cpu
-
-
-# What a CUDA graph records must neither wait for the GPU nor read the host's memory, and its memory must stay. Beside
-# kernels: memory, views of it, and what is done on the GPU; nothing that reads a number or copies to the host.
-RECORDABLE = {
-    "empty", "new_empty", "zeros", "new_zeros", "empty_like", "zeros_like", "view", "_unsafe_view", "slice", "select",
-    "unsqueeze", "view_as_real", "alias", "detach", "expand", "permute", "transpose", "movedim", "unbind", "_to_copy",
-    "zero_", "fill_", "copy_", "cumsum", "lt", "masked_fill_", "arange", "add", "add_", "sub", "rsub", "mul", "div",
-    "pow", "floor_divide", "remainder", "clamp", "round", "hypot", "maximum", "amax", "sum", "stack", "gt", "ge", "le",
-    "eq", "bitwise_and", "bitwise_or", "bitwise_not", "masked_fill", "index", "index_put_", "mm", "bmm", "clone",
-    "real", "imag", "cos", "sin", "sub_", "cat", "split", "_reshape_alias"}
+# What a CUDA graph records must neither wait for the GPU, as these do, nor read the host's memory.
+WAITING = {"_local_scalar_dense", "equal", "is_nonzero", "nonzero", "masked_select", "bincount", "repeat_interleave",
+           "unique_dim", "_unique2", "lift_fresh"}
 
 
 class Watch(TorchDispatchMode):
@@ -166,10 +137,10 @@ class Watch(TorchDispatchMode):
         return function(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize(("surfaces", "warm", "clutter"), [(1, False, False), (1, True, True), (2, False, True),
-                                                           (2, True, False)])
+@pytest.mark.parametrize(("surfaces", "warm", "clutter"), [(1, False, False), (2, True, True)])
 def test_a_reconstruction_can_be_recorded(cuda, monkeypatch, surfaces, warm, clutter):
-    monkeypatch.setattr(type(cuda.search.__globals__["_decide"]), "run", lambda *args, **options: None)
+    kernel = import_module("srt3d_ros.kernels.cuda.birth_death")._choose
+    monkeypatch.setattr(type(kernel), "run", lambda *args, **options: None)
     sensor = SensorModel(6, 40, 300, 1e-10, np.ones(9))
     srt3d = built(monkeypatch, cuda, sensor, consecutive(5), surfaces)
     tensor = partial(torch.zeros, device=cuda.device.DEVICE)
@@ -182,5 +153,5 @@ def test_a_reconstruction_can_be_recorded(cuda, monkeypatch, surfaces, warm, clu
     monkeypatch.setattr("srt3d_ros.kernels.cuda.device.array", lambda values: pytest.fail("copies from the host"))
     with Watch() as watch:
         srt3d._points(warm, *frame)
-    assert watch.names and watch.names <= RECORDABLE, watch.names - RECORDABLE
+    assert len(watch.names) > 20 and not watch.names & WAITING, watch.names & WAITING
     assert {name: values.data_ptr() for name, values in srt3d._scratch._tensors.items()} == kept

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequencies import angular_frequencies
 from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import maps
 
-from .frames import RELATIVE, T, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
+from .frames import REFERENCE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
 
 
 def photon_maps(shape, seed):
@@ -23,7 +22,7 @@ def test_unexplained(backend, shape, surfaces, each):
     size = (*shape, len(frame.energy)) if each else (1, 1, len(frame.energy))
     passed = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = frame.padded, state, intensity, *photon_maps(shape, 3), passed
-    found, expected = backend.call("unexplained", *arguments), reference.unexplained(*arguments)
+    found, expected = backend.unexplained(*arguments), REFERENCE.unexplained(*arguments)
     assert found.dtype == np.float32 and found.shape == (4 * len(frame.energy) + 4,)
     np.testing.assert_allclose(found, expected, atol=RELATIVE * np.abs(expected[:-1]).max(), rtol=RELATIVE)
 
@@ -34,7 +33,7 @@ def test_points_that_are_right_leave_nothing_but_the_background():
     frame, state = exact_frame(depth, signal, 4), exact_state(depth, signal)
     m, taken = len(frame.energy), np.full(x.shape, 4.0)
     photons = signal[0] + taken
-    found = reference.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
+    found = REFERENCE.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
                                   np.ones((1, 1, m)))
     share = taken / photons
     omega = 2 * np.pi * frame.bin_frequencies
@@ -45,25 +44,24 @@ def test_points_that_are_right_leave_nothing_but_the_background():
 
 
 @pytest.mark.parametrize(("shape", "each"), [((3, 40), False), ((2, 5), True)])
-def test_prepare_takes_the_background_out(backend, shape, each):
+def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(backend, shape, each):
     sensor, rng = make_sensor(*shape, seed=2), np.random.default_rng(4)
+    if each:        # an equaliser for each pixel
+        sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
-    matcher = Matcher(sensor, sketch.frequencies)
+    matcher, scratch = Matcher(sensor, sketch.frequencies), backend.kernels.Scratch()
+    padded = matcher(sketch).padded
+    for name, size in (("matched", padded.matched.shape), ("counts", padded.counts.shape)):
+        scratch.array(name, size)[:] = np.nan
+    matched, counts = backend.prepare(sketch.sums, sketch.photons, matcher.equaliser, matcher.used, scratch)
+    np.testing.assert_allclose(matched, padded.matched, atol=1e-5 * np.abs(padded.matched).max())
+    np.testing.assert_array_equal(counts, padded.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
     shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used, None, taken, shown
-    for matched, counts in (backend.call("prepare", *arguments), reference.prepare(*arguments)):
+    for matched, counts in (backend.prepare(*arguments), REFERENCE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
         expected = sketch.sums * matcher.equaliser - taken[..., None] * shown
         np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)
         np.testing.assert_array_equal(maps.crop(counts, *shape), sketch.photons * matcher.used)
-
-
-def test_a_background_photon_adds_what_passes_whatever_the_delay_of_its_pixel():
-    sensor = make_sensor(3, 4, seed=1).replace(delay_bins=np.arange(12.0).reshape(3, 4), mask=None)
-    frequencies = (1, 2, 5)
-    matcher, omega = Matcher(sensor, frequencies), angular_frequencies((1, 2, 5), T)
-    sums = np.exp(1j * omega * (77 + sensor.delay_bins[..., None]))
-    np.testing.assert_allclose(matcher.equaliser * sums, np.broadcast_to(matcher.passed * np.exp(1j * omega * 77),
-                                                                         sums.shape), atol=1e-5)

@@ -102,7 +102,7 @@ class RT3D:
 
         Both are float32 [rows, cols], on the device.
         """
-        kernels, weights = self.kernels, self.kernels.array(window_weights(BACKGROUND_WINDOW))
+        kernels, weights = self.kernels, window_weights(BACKGROUND_WINDOW)
         least = kernels.array(LEAST_BACKGROUND * seen[:, None])
         pooled = kernels.numpy(kernels.blur(kernels.array(seen[:, None]), weights, 1))[:, 0]
         bins = kernels.array(np.maximum(pooled * self.sensor.num_bins, 1e-6))

@@ -58,6 +58,6 @@ def matched_filter(frame: MatchedFrame, surfaces: int, kernels) -> tuple[np.ndar
 
     The frame lies on the kernels' device, the start does not.
     """
-    found = kernels.match(frame.matched, frame.energy, frame.bin_frequencies, frame.num_bins, surfaces)
+    found = kernels.match(frame, surfaces)
     depth, intensity, exposure = (kernels.numpy(values) for values in (*found, frame.exposure[:, None]))
     return depth, np.where(exposure > 0, np.maximum(intensity, 0) / np.maximum(exposure, 1e-6), 0).astype(np.float32)

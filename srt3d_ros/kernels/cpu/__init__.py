@@ -1,4 +1,4 @@
-"""The CPU kernels, in numba: `kernels.api` on NumPy arrays, compiled at first use, cached on disk.
+"""The CPU kernels, in numba: the kernels of `reference` on NumPy arrays, compiled at first use, cached on disk.
 
 Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector registers. The cost of a frame does not
 depend on its photons, and results do not depend on the number of threads: no sum runs across threads
@@ -32,9 +32,3 @@ from srt3d_ros.kernels.cpu.rows import fixed_rows
 from srt3d_ros.kernels.cpu.search import drop_weak, search
 from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained
-
-__all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
-           "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
-           "log_likelihood_ratio", "match", "move_sketch", "new_sums", "numpy", "photon_array", "pixelwise", "poisson",
-           "pooled_step", "prepare", "read_moved", "read_sums", "residual", "search", "sketch_continuous",
-           "sketch_gates", "sketch_histograms", "sketch_sorted", "sketch_unsorted", "trim", "unexplained", "unpack"]

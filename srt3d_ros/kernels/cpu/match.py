@@ -153,8 +153,9 @@ def _match(matched, energy, bin_frequencies, cos, sin, odd, cells, num_bins, dep
                             z[(m + l) * BLOCK + x] -= height[x] / total * energy[l] * sine
 
 
-def match(matched, energy, bin_frequencies, num_bins, surfaces):
-    rows, _, cols = matched.shape
+def match(frame, surfaces):
+    rows, _, cols = frame.matched.shape
     out = tuple(np.empty((rows, surfaces, cols), np.float32) for _ in range(2))
-    _match(matched, energy, bin_frequencies, *steering(bin_frequencies, num_bins), num_bins, *out)
+    _match(frame.matched, frame.energy, frame.bin_frequencies, *steering(frame.bin_frequencies, frame.num_bins),
+           frame.num_bins, *out)
     return out

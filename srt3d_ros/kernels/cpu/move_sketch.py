@@ -1,4 +1,4 @@
-"""Photons that have come to lie elsewhere: `move_sketch` and `read_moved` of `kernels.api`.
+"""Photons that have come to lie elsewhere: `move_sketch` and `read_moved`.
 
 Where each pixel's photons go is found row by row. Then each band of rows collects its own, in the order of the pixels
 that they come from, so that sums do not depend on the number of threads.

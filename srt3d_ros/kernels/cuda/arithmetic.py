@@ -10,8 +10,6 @@ import triton
 import triton.language as tl
 
 TINY = tl.constexpr(1e-12)
-EPSILON = tl.constexpr(1e-6)          # photons: added nothing, divided by at least this
-TURN = tl.constexpr(6.28318531)       # 2π
 
 # As in kernels/cpu/arithmetic.py: sin(2πx) / x and cos(2πx) as polynomials in x² on |x| ≤ 1/2, largest error 7e-7. The
 # hardware's own sin.approx is no faster here: it runs at an eighth of the rate of these multiply-adds.

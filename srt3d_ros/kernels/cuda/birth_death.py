@@ -13,7 +13,7 @@ import triton.language as tl
 from srt3d_ros.kernels import constants, maps
 from srt3d_ros.kernels.constants import SPREAD
 from srt3d_ros.kernels.cuda.arithmetic import TINY, agreement, axis, fall_of, near, sincos, wrap
-from srt3d_ros.kernels.cuda.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
+from srt3d_ros.kernels.cuda.likelihood import LIKENESS, SHARED_LIKENESS, left, llr
 from srt3d_ros.kernels.cuda.maps import (
     DEPTH,
     FIELDS,
@@ -25,6 +25,7 @@ from srt3d_ros.kernels.cuda.maps import (
     record_of,
     surface_count,
 )
+from srt3d_ros.kernels.reference import log_likelihood_ratio
 
 BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE, VOTE_RADIUS = (
     tl.constexpr(getattr(constants, name)) for name in (

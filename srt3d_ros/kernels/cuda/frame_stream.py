@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from srt3d_ros.kernels.cuda.device import DEVICE
-from srt3d_ros.kernels.cuda.finalise import unpack
+from srt3d_ros.kernels.reference import unpack
 
 SLOTS = 2
 WARM_FRAMES = 2 * SLOTS         # the first frame of a slot compiles, the second is recorded
@@ -100,8 +100,8 @@ def _waiting(downloaded: torch.cuda.Event, held: list[torch.Tensor]) -> Callable
 
 
 def _read(results) -> tuple:
-    *arrays, packed = results
-    return *(values.numpy() for values in arrays), *unpack((packed,))
+    *arrays, points, number = results
+    return *(values.numpy() for values in arrays), *unpack((points, number))
 
 
 def _tensor(values: np.ndarray) -> torch.Tensor:

@@ -1,10 +1,8 @@
-"""Expand data terms, pool them along every point's tangent plane, step to the top of their sum, fit the plane.
+"""Pool data terms along every point's tangent plane, step to the top of their sum, fit the plane.
 
-A thread owns a point. To expand it 8m + 20 bytes are read, 24 written, and a sine and a cosine of each frequency taken:
-at m = 10 some 400 operations and 124 bytes, so that memory sets the pace. What a pool adds up stays in registers: 9
-sums of terms and 9 of the plane. Of each neighbour it reads 28 bytes from the caches, a warp's 32 points beside each
-other, and executes some 65 instructions. Neighbours beyond FINE pixels are taken in cells of CELL × CELL (`_coarsen`):
-a window of radius 8 has 81 pixels and 16 cells.
+A thread owns a point. What a pool adds up stays in registers: 9 sums of terms and 9 of the plane. Of each neighbour it
+reads 28 bytes from the caches, a warp's 32 points beside each other, and executes some 65 instructions. Neighbours
+beyond FINE pixels are taken in cells of CELL × CELL (`_coarsen`): a window of radius 8 has 81 pixels and 16 cells.
 """
 
 import torch
@@ -12,8 +10,7 @@ import triton
 import triton.language as tl
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cuda.arithmetic import TINY, TURN, agreement, fall_of, near, sincos, wrap
-from srt3d_ros.kernels.cuda.device import borrow
+from srt3d_ros.kernels.cuda.arithmetic import TINY, agreement, fall_of, near, wrap
 from srt3d_ros.kernels.cuda.maps import (
     COUNTS,
     CURVATURE,
@@ -45,51 +42,6 @@ def _store_terms(into, terms, mask, padded_cols):
     """Write terms, in the order of `maps`; 0 outside the mask."""
     for term in tl.static_range(TERMS):
         tl.store(into + term * padded_cols, tl.where(mask, terms[term], 0.0))
-
-
-@triton.jit
-def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms, padded_rows, padded_cols, m,
-            SURFACES: tl.constexpr):
-    k = tl.program_id(2)
-    i, j = tile_pixels(padded_rows)
-    record = record_of(state, i, k, j, padded_cols, SURFACES)
-    depth, light = tl.load(record + DEPTH * padded_cols), tl.load(exposure + i * padded_cols + j)
-    sketch = matched + i * 2 * m * padded_cols + j
-    value, gradient, curvature = tl.zeros_like(depth), tl.zeros_like(depth), tl.zeros_like(depth)
-    for l in tl.range(m, loop_unroll_factor=5):
-        frequency = tl.load(bin_frequencies + l)
-        omega = frequency * TURN
-        re, im = tl.load(sketch + l * padded_cols), tl.load(sketch + (m + l) * padded_cols)
-        sine, cosine = sincos(frequency * depth)
-        along = re * cosine + im * sine
-        value += along
-        gradient += omega * (im * cosine - re * sine)
-        curvature += omega * omega * along
-    for step in tl.static_range(1, SURFACES):           # what the pixel's other surfaces explain
-        other = record_of(state, i, (k + step) % SURFACES, j, padded_cols, SURFACES)
-        apart = tl.load(other + DEPTH * padded_cols) - depth
-        photons = tl.load(other + INTENSITY * padded_cols) * light
-        for l in tl.range(m, loop_unroll_factor=5):
-            frequency = tl.load(bin_frequencies + l)
-            omega, known = frequency * TURN, photons * tl.load(energy + l)
-            sine, cosine = sincos(frequency * apart)
-            value -= known * cosine
-            gradient -= omega * known * sine
-            curvature -= omega * omega * known * cosine
-
-    photons = tl.load(counts + i * padded_cols + j)
-    _store_terms(terms + (i * SURFACES + k) * TERMS * padded_cols + j,
-                (value, gradient, curvature, photons, photons, light),
-                tl.load(record + INTENSITY * padded_cols) > 0.0, padded_cols)
-
-
-def expand(frame, state, scratch=None):
-    padded_rows, surfaces, _, padded_cols = state.shape
-    terms = borrow(scratch, "terms", (padded_rows, surfaces, TERMS.value, padded_cols), scratch is None)
-    _expand[(*tiles(padded_rows, padded_cols), surfaces)](
-        frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms, padded_rows,
-        padded_cols, len(frame.energy), SURFACES=surfaces, num_warps=TILE_ROWS)
-    return terms
 
 
 @triton.jit
@@ -282,7 +234,7 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=
     grid, sizes = (*tiles(padded_rows, padded_cols), surfaces), {"padded_cols": padded_cols, "SURFACES": surfaces}
     period, cells, far = float(frame.num_bins), terms, radius // CELL.value * CELL.value
     if far > FINE.value:
-        cells = borrow(scratch, "cells", terms.shape, scratch is None)
+        cells = torch.zeros_like(terms)
         _coarsen[grid](terms, period, max_chi2, state, cells, padded_rows, **sizes, num_warps=TILE_ROWS)
     _step[grid](terms, cells, frame.moments, frame.total_energy, frame.curvature, period, fall_of(sigma), max_chi2,
                 state, out, padded_rows, **sizes, RADIUS=radius, FAR=far, num_warps=TILE_ROWS)

@@ -1,15 +1,52 @@
-"""The executable specification of `kernels.api`: plain NumPy, written to be read, not to be fast.
+"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` and `cuda` have the same names.
 
-All arithmetic is float64, so that another backend differs from it by its own rounding only. A pixel's statistics are
-complex numbers z_l here; the maps hold their real parts before their imaginary ones.
+Here arrays are tensors in double precision on the CPU, so that another backend differs by its own rounding only. `cuda`
+runs most of these functions in single precision on a GPU; `birth_death`, `pooled_step` and `move_sketch` are for NumPy
+here, pixel by pixel.
+
+Notation:
+    T            bins of a period (`num_bins`); depths are bins on a circle of T
+    K, m         surfaces of a pixel, frequencies of a sketch; ω_l = 2π k_l / T
+    x_p, n       times of arrival of a pixel's photons, bins, and their number
+    h, ĥ_l       impulse response (IRF), and its spectrum Σ_b h(b) exp(i ω_l b)
+    z_l          a pixel's matched sketch, conj(ĥ_l) · Σ_p exp(i ω_l x_p)
+    t, r, g      depth (bins) and intensity (signal photons at g = 1) of a point, exposure of its pixel: the points of
+                 a pixel are expected to show z_l = g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)
+    E, C         Σ_l |ĥ_l|² and Σ_l ω_l² |ĥ_l|²: curvature of the data term in r, and of that over r² in t (bins⁻²)
+    δ            √(E / C), width of a matched filter's peak, bins (`resolution_bins`)
+    R(z, t)      response to the matched filter, Σ_l Re(z_l exp(−i ω_l t))
+    M₁, M₀       variance of dR/dt that a signal, a background photon adds (`moments`); I₁, I₀ of R itself
+    (·)₊, wrap   the positive part; a difference of depths on the circle, in [−T/2, T/2]
+    ρ(u)         what a mean response u of background photons is worth, standard deviations per √photon
+                 (`background_table`, Chernoff's bound)
+    c(t)         by how much scores at a depth exceed standard deviations (`clutter`)
+    CAPITALS     constants of `kernels.constants` and `kernels.maps`
+
+A frame is a `MatchedFrame` of `core.matched_frame`, padded unless said otherwise; that of `poisson` a `Likelihood` of
+`core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary ones. Maps with
+rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is memory for
+results that last until the next call with it, which `cpu` uses. Types are those of `cpu` and `cuda`. Arrays lie on the
+kernels' device unless said to be NumPy's: ON_HOST says whether they are. WARM_FRAMES is the number of frames of a
+sensor's own size before all are fast; 0: one frame of any size is enough.
 """
 
-from srt3d_ros.kernels.reference.baselines import apss, pixelwise, poisson
+from srt3d_ros.kernels.reference import move_sketch as moving
+from srt3d_ros.kernels.reference.apss import apss
+from srt3d_ros.kernels.reference.arrays import (
+    ON_HOST,
+    WARM_FRAMES,
+    FrameStream,
+    Scratch,
+    array,
+    in_numpy,
+    numpy,
+    photon_array,
+)
+from srt3d_ros.kernels.reference.baselines import pixelwise, poisson
 from srt3d_ros.kernels.reference.birth_death import birth_death
-from srt3d_ros.kernels.reference.device import ON_HOST, WARM_FRAMES, FrameStream, Scratch, array, numpy, photon_array
-from srt3d_ros.kernels.reference.finalise import collect, finalise, unpack
-from srt3d_ros.kernels.reference.likelihood import log_likelihood_ratio
-from srt3d_ros.kernels.reference.move_sketch import move_sketch, read_moved
+from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.reference.finalise import collect, finalise, unexplained, unpack
+from srt3d_ros.kernels.reference.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.reference.phase_sums import (
     counted,
     find_stray,
@@ -23,10 +60,10 @@ from srt3d_ros.kernels.reference.phase_sums import (
     sketch_sorted,
     sketch_unsorted,
 )
-from srt3d_ros.kernels.reference.pooled_step import expand, pooled_step
-from srt3d_ros.kernels.reference.search import blur, drop_weak, match, prepare, residual, search
-from srt3d_ros.kernels.reference.trim import trim
-from srt3d_ros.kernels.reference.unexplained import unexplained
+from srt3d_ros.kernels.reference.pooled_step import pooled_step
+from srt3d_ros.kernels.reference.search import drop_weak, match, prepare, residual, search
+
+move_sketch, read_moved = map(in_numpy, (moving.move_sketch, moving.read_moved))
 
 __all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
            "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",

@@ -1,41 +1,46 @@
 """What the steps share: a pixel's statistics as complex numbers z_l, and what makes depths one surface's."""
 
-import numpy as np
+import math
 
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MAX_STD, SLOPE_COL, SLOPE_ROW, STD
+import numpy as np
+import torch
+
+from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, MAX_STD, SLOPE_COL, SLOPE_ROW, STD
 
 TINY, EPSILON = 1e-12, 1e-6        # photons: added nothing, divided by at least this
 
 
-def angular(frame) -> np.ndarray:
-    """ω_l = 2π k_l / T, radians per bin."""
-    return 2 * np.pi * frame.bin_frequencies.astype(np.float64)
+def waves(frame, depth):
+    """exp(i ω_l t), complex [..., m, cols], of depths [..., cols]."""
+    turns = frame.bin_frequencies[:, None] * depth[..., None, :]
+    angle = 2 * math.pi * (turns - turns.round())
+    return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
-def pixel_z(matched, i, j) -> np.ndarray:
-    """z_l of pixel (i, j), complex [m]."""
-    m = matched.shape[1] // 2
-    return matched[i, :m, j].astype(np.float64) + 1j * matched[i, m:, j]
+def as_complex(matched):
+    """z_l, complex [rows, m, cols], of a map."""
+    return torch.complex(*matched.chunk(2, dim=1))
 
 
-def response_of(z, depth, frame) -> float:
-    """Of photons with statistics z to the matched filter at a depth: Σ_l Re(z_l exp(−i ω_l t))."""
-    return (z * np.exp(-1j * angular(frame) * depth)).real.sum()
+def as_map(z):
+    """The map of complex numbers, real parts before imaginary ones."""
+    return torch.cat([z.real, z.imag], dim=1)
 
 
-def expected(photons, depth, frame) -> np.ndarray:
-    """The z of this many photons from a surface at a depth: photons · |ĥ_l|² exp(i ω_l t)."""
-    return photons * frame.energy * np.exp(1j * angular(frame) * depth)
+def pad(image):
+    """`maps.pad` of [rows, …, cols]."""
+    right = -image.shape[-1] % BLOCK + MARGIN
+    return torch.nn.functional.pad(image, (MARGIN, right, *(0, 0) * (image.ndim - 2), MARGIN, MARGIN))
 
 
 def noise_ratio(frame, depth):
     """By how much scores at these depths exceed standard deviations: `clutter` at the nearest bin."""
-    return 1.0 if frame.clutter is None else frame.clutter[np.rint(depth).astype(np.int64) % frame.num_bins]
+    return 1.0 if frame.clutter is None else frame.clutter[depth.round().long() % frame.num_bins]
 
 
 def wrap(difference, period):
     """The difference of two depths on a circle."""
-    return difference - period * np.rint(difference / period)
+    return difference - period * (difference / period).round()
 
 
 def plane_depth(record, dy, dx):

@@ -1,36 +1,56 @@
-"""Creation, competition and removal of points: `birth_death` of `kernels.api`."""
+"""Creation, competition and removal of points: `birth_death`."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
+import torch
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.constants import SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, SCORE, STD
-from srt3d_ros.kernels.reference.arithmetic import (
-    agreement,
-    expected,
-    has_depth,
-    near,
-    pixel_z,
-    plane_depth,
-    response_of,
-    wrap,
-)
-from srt3d_ros.kernels.reference.likelihood import left, llr, log_likelihood_ratio
+from srt3d_ros.kernels.reference import likelihood
+from srt3d_ros.kernels.reference.arithmetic import agreement, has_depth, near, plane_depth, wrap
+from srt3d_ros.kernels.reference.arrays import in_numpy
 
 
 def birth_death(frame, state, terms, max_chi2, scratch=None):
-    state = state.astype(np.float64)
-    own, changed = log_likelihood_ratio(frame, state, terms), None
+    """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood, or none.
+
+    Candidates are the surfaces q of the neighbourhood (VOTE_RADIUS), carried along their planes: t_q − slopes ·
+    offset. Two agree by a = (1 − e² / (v_q + v_c))₊, e = wrap(t_q − t_c), v = max_chi2 · std² + (RESOLVED · δ)².
+    The pixel's surface k is the candidate c of its 3 × 3 neighbourhood with the highest
+
+        ratio of the pixel's photons + Σ_q w_q a_qc clip(PRIOR_VOTE + ratio_q, 0, MAX_VOTE)
+            − Σ_q w_q FEWER_PENALTY / count_q
+
+    (see `log_likelihood_ratio`), w = exp(−distance² / 2 VOTE_SIGMA²). The last sum, for k > 0, is over the surfaces
+    of neighbours that have no more than k, whose votes do not count: a pixel that truly sees two surfaces keeps
+    both, and edges show no double points. A candidate needs BIRTH, unless it is for the first surface of a pixel
+    that has one; in a pixel without surfaces, EMPTY_PENALTY · w more for each used neighbour without a surface, of
+    those without photons times 1 − exp(−g r), the probability that it would show there. Candidates that agree by
+    more than JUDGED with one before are not judged again. The pixel keeps its own point if that
+    agrees with the best, else it takes the mean of what agrees, weighted by w a, with score 0. What agrees and the
+    photons it explains are left out for the next k. Points with a standard deviation above MAX_STD · T count as
+    none. Pixels stay as they are where their 3 × 3 neighbourhood agrees with them already.
+
+    Then SPREAD more times, for pixels with fewer than K surfaces of whose neighbourhood the time before has
+    changed: surfaces so grow by as many pixels.
+
+    Returns the next state. `max_chi2` is the square of the standard deviations within which depths may be one
+    surface's.
+    """
+    own, changed = likelihood.log_likelihood_ratio(frame, state, terms), None
     for _ in range(1 + SPREAD):
-        state, own, changed = _chosen_anew(frame, state, own, max_chi2, changed)
+        state, own, changed = _chosen_anew(frame, state, own, max_chi2, changed, partial(likelihood.llr, frame=frame))
     return state
 
 
-def _chosen_anew(frame, state, own, max_chi2, changed_before) -> tuple:
+@in_numpy
+def _chosen_anew(frame, state, own, max_chi2, changed_before, judge) -> tuple:
     """The next state, the ratios of its points, and which pixels changed; every pixel chooses from the state before."""
     after, own_after, changed = state.copy(), own.copy(), np.zeros(frame.exposure.shape, bool)
+    m, omega = len(frame.energy), 2 * np.pi * frame.bin_frequencies
     for i, j in np.argwhere(frame.exposure > 0):
         had = has_depth(state[i, :, :, j], frame.num_bins).sum()
         if changed_before is not None and (had == state.shape[1] or not _around(changed_before, i, j).any()):
@@ -38,11 +58,11 @@ def _chosen_anew(frame, state, own, max_chi2, changed_before) -> tuple:
         around = _candidates(i, j, state, own, frame, max_chi2)
         if not around.near.any() if had == 0 else _settled(around, had):
             continue
-        rest, photons = pixel_z(frame.matched, i, j), float(frame.counts[i, j])
+        rest, photons = frame.matched[i, :m, j] + 1j * frame.matched[i, m:, j], frame.counts[i, j]
         for k in range(state.shape[1]):
             blank, dark = (0 if had else constants.EMPTY_PENALTY * weight for weight in (around.blank, around.dark))
             least = -np.inf if had and k == 0 else constants.BIRTH + blank
-            best = _best(k, least, dark, around, rest, photons, frame.exposure[i, j], frame)
+            best = _best(k, least, dark, around, rest, photons, frame.exposure[i, j], frame.bin_frequencies, judge)
             if best is None:
                 changed[i, j] |= state[i, k, INTENSITY, j] > 0
                 after[i, k, INTENSITY, j] = 0
@@ -51,8 +71,8 @@ def _chosen_anew(frame, state, own, max_chi2, changed_before) -> tuple:
             changed[i, j] |= len(best.mine) == 0 or around.surface[best.mine[0]] != k
             own_after[i, k, j] = best.ratio
             around.free &= ~best.agree
-            gives = max(response_of(rest, best.at, frame), 0) / frame.total_energy
-            rest, photons = rest - expected(gives, best.at, frame), left(photons, gives)
+            gives, phases = max(best.response, 0) / frame.total_energy, np.exp(1j * omega * best.at)
+            rest, photons = rest - gives * frame.energy * phases, max(photons - gives, 0.5) if photons > 0 else 0
     return after, own_after, changed
 
 
@@ -96,30 +116,35 @@ def _settled(around, had) -> bool:
     return bool((known & (around.count[near] >= had)).all())
 
 
-def _best(k, least, unseen, around, rest, photons, exposure, frame) -> SimpleNamespace | None:
+def _best(k, least, unseen, around, rest, photons, exposure, bin_frequencies, judge) -> SimpleNamespace | None:
     """The candidate for the pixel's surface k with the highest log-likelihood ratio, if that is more than `least`."""
-    best = None
-    eligible = np.flatnonzero(around.free & around.near)
+    judged, eligible = [], np.flatnonzero(around.free & around.near)
     for c in eligible:
         if any(around.close[q, c] > constants.JUDGED for q in eligible[eligible < c]):
             continue                                                    # judged as one with a candidate before
         agree = around.free & (around.close[c] > 0)
         weight = around.weight * around.close[c] * agree
-        mine = np.flatnonzero(agree & around.mine)
+        mine = np.flatnonzero(agree & around.mine)[-1:]
         at = around.at[c] + (weight * around.apart[c]).sum() / weight.sum()
         intensity = (weight * around.record[:, INTENSITY]).sum() / weight.sum()
         if len(mine):
-            at, intensity = around.at[mine[-1]], around.record[mine[-1], INTENSITY]
+            at, intensity = around.at[mine[0]], around.record[mine[0], INTENSITY]
         fewer = ~around.mine & (around.count <= k) if k > 0 else np.zeros(len(agree), bool)
         votes = (around.vote * around.close[c])[agree & ~around.mine & ~fewer].sum()
         votes -= (around.weight * constants.FEWER_PENALTY / around.count)[fewer].sum()
         votes -= unseen * (1 - np.exp(-intensity * exposure))
-        likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
-        ratio = llr(response_of(rest, at, frame), photons, intensity * exposure, likeness, frame)
-        if ratio + votes > least:
-            least = ratio + votes
-            best = SimpleNamespace(at=at, agree=agree, weight=weight, mine=mine[-1:], ratio=ratio)
-    return best
+        response = (rest * np.exp(-2j * np.pi * bin_frequencies * at)).real.sum()
+        judged.append(SimpleNamespace(at=at, agree=agree, weight=weight, mine=mine, votes=votes, response=response,
+                                      gives=intensity * exposure))
+    if not judged:
+        return None
+    response, gives = (torch.tensor([getattr(each, name) for each in judged]) for name in ("response", "gives"))
+    likeness = constants.LIKENESS**2 if k > 0 else constants.LIKENESS
+    ratios = judge(response, torch.full_like(response, photons), gives, likeness)
+    for each, ratio in zip(judged, ratios.tolist()):
+        each.ratio = ratio
+    best = max(judged, key=lambda each: each.ratio + each.votes)
+    return best if best.ratio + best.votes > least else None
 
 
 def _joined(best, around, frame) -> np.ndarray:

@@ -1,54 +1,110 @@
-"""The end of a reconstruction: `finalise`, `collect` and `unpack` of `kernels.api`."""
+"""The end of a reconstruction: `finalise`, `collect`, `unpack` and `unexplained`.
+
+How many points there are only the device knows, so their list has room for all that there can be.
+"""
 
 import numpy as np
+import torch
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, window_weights
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, TINY, noise_ratio
-from srt3d_ros.kernels.reference.search import blur
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, crop
+from srt3d_ros.kernels.reference.arithmetic import EPSILON, TINY, as_complex, noise_ratio, waves
+from srt3d_ros.kernels.reference.blur import blur
 
 
 def finalise(frame, photons, state, terms, enough, scratch=None):
-    view = maps.crop(state, *frame.shape).astype(float)
+    """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²), and (n − g Σ_k r_k)₊.
+
+    own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊
+    I₀) / (E g)² is the variance of own by photon noise, s² the mean square of own − r, both averaged with a
+    Gaussian of σ = SHARE_WINDOW pixels: s² − v is how far the pixels themselves differ (James and Stein's
+    estimator). An intensity is at least LEAST_SHARE · r; points below FAINTEST of their pixel's strongest are
+    dropped.
+
+    `photons` are n, masked pixels included, uint32 [rows, cols]. Returns intensity (0: no point) and standard
+    deviation, bins, float32 [rows, K, cols], and background photons, float32 [rows, cols].
+    """
+    view, terms = crop(state, *frame.shape), crop(terms, *frame.shape)
+    counts, exposure = (crop(values, *frame.shape)[:, None] for values in (frame.counts, frame.exposure))
+    pooled, gain = view[:, :, INTENSITY], frame.total_energy * exposure.clamp(min=EPSILON)
+    excess = terms[:, :, VALUE] / gain - pooled
+    signal = pooled * exposure
+    of_signal, of_background = frame.intensity_moments
+    variance = (signal * of_signal + (counts - signal).clamp(min=0) * of_background) / gain**2
+    nowhere = pooled <= 0
+    both = torch.cat([values.masked_fill(nowhere, 0) for values in (excess**2, variance)], dim=1)
+    around, noise = blur(both, maps.window_weights(SHARE_WINDOW), 1).chunk(2, dim=1)
+    differ = (around - noise).clamp(min=0) / around.clamp(min=TINY)
+    intensity = torch.maximum(pooled + excess * differ, LEAST_SHARE * pooled)
+
     score = view[:, :, SCORE] / noise_ratio(frame, view[:, :, DEPTH])
-    kept = (score > enough) & (view[:, :, INTENSITY] > 0)
-    intensity = np.where(kept, _shared_intensity(frame, view, terms), 0)
-    intensity[intensity < FAINTEST * intensity.max(axis=1, keepdims=True)] = 0
-    std = np.clip(np.hypot(view[:, :, STD], view[:, :, RESIDUAL]), EPSILON, frame.num_bins)
-    seen = (intensity * maps.crop(frame.exposure, *frame.shape)[:, None]).sum(axis=1)
-    return intensity, std, np.maximum(photons.astype(float) - seen, 0)
-
-
-def _shared_intensity(frame, view, terms):
-    """Between the pooled intensity and a pixel's own, which counts as far as pixels truly differ [rows, K, cols]."""
-    exposure = np.maximum(maps.crop(frame.exposure, *frame.shape), EPSILON)[:, None].astype(float)
-    pooled = view[:, :, INTENSITY]
-    seen = pooled > 0
-    own = maps.crop(terms, *frame.shape)[:, :, VALUE] / (frame.total_energy * exposure)
-    excess = (own - pooled) * seen
-    background = np.maximum(maps.crop(frame.counts, *frame.shape)[:, None] - pooled * exposure, 0)
-    signal_moment, background_moment = frame.intensity_moments
-    variance = (pooled * exposure * signal_moment + background * background_moment) / frame.total_energy**2
-    weights = window_weights(SHARE_WINDOW)
-    around, counts = blur(excess**2, weights, 1), blur(variance / exposure**2 * seen, weights, 1)
-    differ = np.maximum(around - counts, 0) / np.maximum(around, TINY)
-    return np.maximum(pooled + excess * differ, LEAST_SHARE * pooled)
+    intensity = intensity.masked_fill(nowhere | (score <= enough), 0)
+    intensity = intensity.masked_fill(intensity < FAINTEST * intensity.amax(dim=1, keepdim=True), 0)
+    std = torch.hypot(view[:, :, STD], view[:, :, RESIDUAL]).clamp(EPSILON, frame.num_bins)
+    background = photons.to(state.dtype) - (intensity * exposure).sum(dim=1)
+    return intensity, std, background.clamp(min=0)
 
 
 def collect(state, intensity, std, rays, metres_per_bin, metres, num_bins):
-    order = np.argsort(-intensity, axis=1, kind="stable")
-    row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
-    layer = order[row, rank, col]
-    view = maps.crop(state, *rays.shape[:2])
-    depth = view[row, layer, DEPTH, col].astype(np.float64)
-    depth = np.where(depth < num_bins, depth, 0)
-    xyz = rays[row, col] * (metres_per_bin * depth + metres)[:, None]
-    slopes = view[row, layer, SLOPE_ROW, col], view[row, layer, SLOPE_COL, col]
-    values = np.stack([depth, intensity[row, layer, col], std[row, layer, col], *slopes])
-    row, col, rank = row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8)
-    return row, col, rank, values.astype(np.float32), xyz.astype(np.float32)
+    """The points as `unpack` reads them, by pixel, the strongest first: xyz = ray · (metres_per_bin · t + metres).
+
+    `intensity` and `std` are those of `finalise`, `rays` unit vectors, float32 [rows, cols, 3].
+    """
+    rows, surfaces, cols = intensity.shape
+    view, there = crop(state, rows, cols), intensity > 0
+    k, row, col = (torch.arange(size, device=intensity.device) for size in (surfaces, rows, cols))
+    rank = torch.zeros_like(there, dtype=torch.int64)       # how many of the pixel's points are stronger
+    for q in range(surfaces):
+        other = intensity[:, q:q + 1]
+        rank += (other > intensity) | ((other == intensity) & (k[:, None] > q))
+    number = there.sum(dim=1)
+    end = number.flatten().cumsum(0)
+    place = ((end.view(rows, cols) - number)[:, None] + rank).masked_fill(~there, intensity.numel())
+
+    depth = view[:, :, DEPTH]
+    depth = depth.masked_fill(depth >= num_bins, 0)         # where rounding made it T
+    xyz = rays.movedim(2, 0)[:, :, None] * (depth * metres_per_bin + metres)
+    where = (values.expand_as(depth).to(depth.dtype) for values in (row[:, None, None], col, rank))
+    points = torch.stack([depth, intensity, std, view[:, :, SLOPE_ROW], view[:, :, SLOPE_COL], *xyz, *where])
+    packed = points.new_empty(len(points), intensity.numel() + 1)
+    packed[:, place.flatten()] = points.flatten(1)
+    return packed, end[-1:]
 
 
 def unpack(points):
-    return points
+    """Waits for the points of `collect`: row, column, uint16 [N]; rank in the pixel, uint8 [N]; values; xyz.
+
+    Values, float32 [5, N], are depth (bins), intensity (photons), standard deviation (bins), slopes down and to the
+    right (bins per pixel). xyz is float32 [N, 3], metres.
+    """
+    packed, number = (values.cpu().numpy() for values in points)
+    values, xyz, (row, col, rank) = np.split(packed[:, :number[0]].astype(np.float32, copy=False), [5, 8])
+    return row.astype(np.uint16), col.astype(np.uint16), rank.astype(np.uint8), values, np.ascontiguousarray(xyz.T)
+
+
+def unexplained(frame, state, intensity, own, taken, background, photons, passed):
+    """What points leave of a frame, as far as it may be background; y = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
+
+    Args:
+        intensity: of `finalise`, r.
+        own, taken: float32 [rows, cols], background photons: of `finalise`, and as subtracted before; 0 in masked
+            pixels.
+        background, photons: float32 [rows, cols], b̄ and n̄: own and n, averaged over a window.
+        passed: complex64 [rows or 1, cols or 1, m], q_l: a background photon adds q_l · exp(i ω_l x) to z_l.
+
+    Returns:
+        float32 [4m + 4], sums over the pixels: of w conj(q_l) (z_l − |ĥ_l|² y_l), real parts before imaginary ones;
+        of w y_l in the same way; of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄.
+    """
+    counts, light, depth, matched = (crop(values, *frame.shape) for values in (
+        frame.counts, frame.exposure, state[:, :, DEPTH], frame.matched))
+    points = ((intensity * light[:, None])[:, :, None] * waves(frame, depth)).sum(dim=1)      # [rows, m, cols]
+    rest = as_complex(matched) - frame.energy[:, None] * points
+    around = photons.clamp(min=EPSILON)
+    share = background / around
+    misfit = (rest.abs()**2 / frame.energy.clamp(min=TINY)[:, None] / around[:, None]).sum()
+    both = passed.transpose(1, 2).conj() * rest, points
+    left, seen = ((share[:, None] * values).sum(dim=(0, 2)) for values in both)
+    sums = [(share * own).sum(), (share * taken).sum(), (share**2 * counts).sum(), misfit]
+    return torch.cat([left.real, left.imag, seen.real, seen.imag, torch.stack(sums)])

@@ -1,4 +1,4 @@
-"""Photons that have come to lie elsewhere: `move_sketch` and `read_moved` of `kernels.api`."""
+"""Photons that have come to lie elsewhere: `move_sketch` and `read_moved`."""
 
 import numpy as np
 
@@ -8,6 +8,32 @@ from srt3d_ros.kernels.lens import LOOKS, distorted
 
 def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_frequencies, late, metres_per_bin,
                 steepest, moved, numbers):
+    """Add the photons of one instant, moved to where they would be seen from at another: to moved and numbers.
+
+    The photons of a pixel with ray d come from range ρ. At the other instant what they show lies at X = ρ R d + p.
+    The four pixels i around the place at which X is seen share the photons by bilinear weights w_i; those that lie
+    on another surface than the nearest of them, by more than `steepest` of its range, or outside of the array,
+    leave their share to it. Between the four lies X, at ρ' = 1 / Σ (w_i / ρ'_i), exactly on a plane that a pinhole
+    sees, and ρ = |ρ' X / |X| − p|:
+
+        moved_i += w_i exp(−i ω_l (ρ / metres_per_bin + late)) sums,    numbers_i += w_i n.
+
+    `read_moved` adds the pixel's own range again: photons so come to lie on the surface that they were on, at each
+    pixel's own place on it. ρ is not known before the place is: the first is that of the pixel, and LOOKS times
+    that of the point at the pixel found. Photons that no pixel would see are left out.
+
+    Args:
+        sums, photons: as of `prepare`.
+        used: float32 [rows, cols], 0 in masked pixels, whose photons are left out.
+        rays: float32 [rows, cols, 3], unit vectors.
+        ranges: float32 [rows, cols], ρ' along each ray, m, of every pixel.
+        motions: float32 [G, 3, 4], R and p (m).
+        group: uint8 [rows, cols], which of the motions is that of a pixel.
+        lens: as in `kernels.lens`.
+        late: float32 [rows, cols], delays, bins.
+        moved: complex64 [rows, cols, m]; changed in place, as are
+        numbers: float32 [rows, cols].
+    """
     rows, cols = photons.shape
     size, rays, ranges = rows * cols, rays.reshape(-1, 3).astype(float), ranges.reshape(-1).astype(float)
     motion = motions.astype(float)[group.reshape(-1)]
@@ -33,6 +59,10 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
 
 
 def read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin):
+    """moved_l exp(i ω_l (ρ' / metres_per_bin + late)) n / numbers, complex64, and n, numbers rounded, uint32.
+
+    So the means stay those of photons. A pixel with less than half a photon has none.
+    """
     depth = ranges / metres_per_bin + late
     whole = np.minimum(np.floor(numbers.astype(float) + 0.5), MAX_PHOTONS)
     scale = whole / np.maximum(numbers, 0.5)

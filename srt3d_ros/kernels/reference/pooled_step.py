@@ -1,33 +1,45 @@
-"""Of `kernels.api`: `expand` and `pooled_step`."""
+"""The Gauss-Newton step of every point on its pool, point by point: `pooled_step`."""
 
 import numpy as np
 
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import CELL, FINE, RIDGE
 from srt3d_ros.kernels.maps import CURVATURE, DEPTH, GRADIENT, INTENSITY, SCORE, SLOPE_COL, SLOPE_ROW, STD, TERMS, VALUE
-from srt3d_ros.kernels.reference.arithmetic import TINY, agreement, angular, expected, near, pixel_z, plane_depth, wrap
+from srt3d_ros.kernels.reference.arithmetic import TINY, agreement, near, plane_depth, wrap
+from srt3d_ros.kernels.reference.arrays import in_numpy
 
 SLOPES = [SLOPE_COL, SLOPE_ROW]
 
 
-def expand(frame, state, scratch=None):
-    state, omega = state.astype(np.float64), angular(frame)
-    terms = np.zeros((*state.shape[:2], TERMS, state.shape[3]))
-    for i, k, j in np.argwhere(state[:, :, INTENSITY] > 0):
-        z = pixel_z(frame.matched, i, j)
-        for other in np.delete(state[i, :, :, j], k, axis=0):
-            z = z - expected(frame.exposure[i, j] * other[INTENSITY], other[DEPTH], frame)
-        along = z * np.exp(-1j * omega * state[i, k, DEPTH, j])
-        terms[i, k, VALUE, j] = along.real.sum()
-        terms[i, k, GRADIENT, j] = (omega * along.imag).sum()
-        terms[i, k, CURVATURE, j] = (omega**2 * along.real).sum()
-        terms[i, k, [maps.SQUARES, maps.COUNTS], j] = frame.counts[i, j]
-        terms[i, k, maps.EXPOSURE, j] = frame.exposure[i, j]
-    return terms
-
-
+@in_numpy
 def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
-    state, terms, after = state.astype(np.float64), terms.astype(np.float64), np.zeros(state.shape)
+    """Gauss-Newton step of every point on Σ_q w_q f_q, the data terms of the window moved along its tangent plane.
+
+    w = exp(−distance² / 2σ²) · (1 − e² / max_chi2 (std² + std_q²))₊² is the weight of a surface q at distance e
+    (bins) from the point's plane. Over the round window, distance² ≤ radius (radius + 1),
+
+        V = Σ w (v − s e − b e² / 2),  S = Σ w (s + b e),  B = Σ w b,  N = Σ w² n,  p = Σ w n,  G = Σ w g.
+
+    Neighbours within the square of FINE pixels count one by one. Farther ones, if radius > FINE, count in cells of
+    CELL × CELL pixels at multiples of CELL: the same sums over the cell (N with w²), with w = the agreement alone,
+    along the plane of the cell's middle point.
+
+    The plane is fitted to the depths of pixels, and of the cells' middle points, by least squares: weights
+    w / std_q², of cells CELL² as much, and the ridge C / (E Σ w / std_q²) + RIDGE on the slopes. Its turn (Δ_col,
+    Δ_row) moves S by −Δ · Σ w b · offset. The step is d = S / max(B, V₊ C / 2E), at most δ, and
+    R = V + d S − d² B / 2.
+
+    With S' = min(R₊ / E, p) the point gets intensity R₊ / (E G), standard deviation
+    √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score R / √(N E / 2), and residual
+    √(Σ w b e² / B − (std_before² − std²)₊)₊: how far the surface leaves the plane, by about which the
+    depth may be wrong, less noise that the step takes away.
+
+    Args:
+        sigma, radius: of the window, pixels; radius at most MARGIN.
+        max_chi2: as of `birth_death`.
+        out: where the next state, which is returned, goes: not to `state`. Its margins are left as they are.
+    """
+    after = np.zeros(state.shape)
     cells = coarsen(state, terms, frame.num_bins, max_chi2) if radius > FINE else terms
     dy, dx = _window(radius)
     fine = np.maximum(abs(dy), abs(dx)) <= FINE

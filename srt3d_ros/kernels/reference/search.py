@@ -1,140 +1,185 @@
-"""The start, of `kernels.api`: `prepare`, `blur`, `match`, `search`, `drop_weak` and `residual`."""
+"""The start: `prepare`, `match`, `search`, `drop_weak` and `residual`."""
 
-import numpy as np
+import math
 
-from srt3d_ros.kernels import maps
+import torch
+
 from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, angular, expected, noise_ratio, pixel_z, response_of, wrap
+from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, VALUE, crop, window_weights
+from srt3d_ros.kernels.reference.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
+from srt3d_ros.kernels.reference.blur import blur
 from srt3d_ros.kernels.reference.likelihood import surprise
 
-FOUND = [DEPTH, SLOPE_COL, SLOPE_ROW, INTENSITY, STD, SCORE]        # fields that a search fills in
+TOGETHER = 2**27        # responses to the matched filter at once
 
 
 def prepare(sums, photons, equaliser, used, scratch=None, taken=None, shown=None):
-    rows, cols, m = sums.shape
-    padded_rows, padded_cols = maps.padded_shape(rows, cols)
-    matched, counts = np.zeros((padded_rows, 2 * m, padded_cols)), np.zeros((padded_rows, padded_cols))
-    z = (sums.astype(complex) * equaliser - (0 if taken is None else taken[..., None] * shown)).swapaxes(1, 2)
-    maps.crop(matched, rows, cols)[:] = np.concatenate([z.real, z.imag], axis=1)
-    maps.crop(counts, rows, cols)[:] = photons * used.astype(np.float64)
-    return matched, counts
+    """z_l = equaliser_l · sums_l − taken · shown_l, and used · n: a frame's `matched` and `counts`, padded with 0.
+
+    Args:
+        sums: complex64 [rows, cols, m], Σ_p exp(i ω_l x_p).
+        photons: uint32 [rows, cols], n.
+        equaliser: complex64 [rows or 1, cols or 1, m], conj(ĥ_l) with the pixel's delay; 0 masks it.
+        used: float32 [rows, cols], 1, or 0 in masked pixels.
+        taken: float32 [rows, cols], background photons to subtract; 0 in masked pixels. None for none.
+        shown: complex64 [rows or 1, cols or 1, m], what each of them adds to z_l on average.
+    """
+    z = sums * equaliser
+    if taken is not None:
+        z = z - taken[..., None] * shown
+    return pad(as_map(z.transpose(1, 2))), pad(photons.to(used.dtype) * used)
 
 
-def blur(values, weights, step):
-    rows, channels, cols = values.shape
-    radius = len(weights) // 2
-    cells = np.zeros((-(-rows // step), channels, -(-cols // step)))
-    for i, j in np.ndindex(rows, cols):
-        cells[i // step, :, j // step] += values[i, :, j]
-    around, pooled = np.pad(cells, ((radius, radius), (0, 0), (radius, radius))), np.empty(cells.shape)
-    for i, j in np.ndindex(len(cells), cells.shape[2]):
-        window = around[i:i + len(weights), :, j:j + len(weights)]
-        pooled[i, :, j] = np.einsum("a,acb,b->c", weights, window, weights)
-    return pooled
+def match(frame, surfaces):
+    """t_k = arg max_t R(z, t), r_k = R(z, t_k) / E, then z_l −= r_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
+
+    R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
+    parabola through the highest one and its neighbours.
+
+    The frame is without padding. Returns depth, bins, less than a cell outside
+    [0, T], and intensity times exposure, float32 [rows, K, cols].
+    """
+    z, found = as_complex(frame.matched), []
+    for _ in range(surfaces):
+        depth, value = _peak(z, frame)
+        found.append((depth, value / frame.total_energy))
+        z = z - frame.energy[:, None] * found[-1][1][:, None] * waves(frame, depth)
+    return tuple(torch.stack(values, dim=1) for values in zip(*found))
 
 
-def match(matched, energy, bin_frequencies, num_bins, surfaces):
-    rows, _, cols = matched.shape
-    omega, energy = 2 * np.pi * bin_frequencies.astype(np.float64), energy.astype(np.float64)
-    cells = 16 * int(np.ceil(4 * np.round(bin_frequencies.max() * num_bins) / 16))
-    t = np.arange(cells) * num_bins / cells
-    depth, intensity = (np.zeros((rows, surfaces, cols)) for _ in range(2))
-    for i, j in np.ndindex(rows, cols):
-        rest = pixel_z(matched, i, j)
-        for k in range(surfaces):
-            response = (rest * np.exp(-1j * np.outer(t, omega))).real.sum(axis=1)
-            top = int(response.argmax())
-            before, peak, after = response[top - 1], response[top], response[(top + 1) % cells]
-            bend = before - 2 * peak + after
-            shift = (before - after) / 2 / bend if bend < 0 else 0.0
-            value = peak - (before - after) / 4 * shift
-            depth[i, k, j] = (top + shift) * num_bins / cells
-            intensity[i, k, j] = value / energy.sum()
-            rest = rest - value / energy.sum() * energy * np.exp(1j * omega * depth[i, k, j])
-    return depth, intensity
+def _peak(z, frame):
+    """Where the responses R(z, t) of pixels are highest, bins, and how high; [rows, cols] each."""
+    rows, m, cols = z.shape
+    cells = 16 * math.ceil(frame.highest / 4)
+    place = torch.arange(cells, device=z.device, dtype=torch.float64) / cells
+    angle = 2 * math.pi * place[:, None] * (frame.bin_frequencies.double() * frame.num_bins).round()
+    filters = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1).to(z.real.dtype)         # [cells, 2m]
+    found = []
+    for part in as_map(z).split(max(TOGETHER // (cells * cols), 1)):
+        response = filters @ part                                                               # [rows, cells, cols]
+        peak, top = response.max(dim=1, keepdim=True)
+        before, after = (response.gather(1, (top + step) % cells) for step in (-1, 1))
+        bend = before - 2 * peak + after
+        shift = torch.where(bend < 0, (before - after) / 2 / bend, 0)
+        found.append(((top + shift) * (frame.num_bins / cells), peak - (before - after) / 4 * shift))
+    return tuple(torch.cat(values)[:, 0] for values in zip(*found))
 
 
 def residual(frame, state, terms, layer, scratch=None):
-    m = len(frame.energy)
-    out = np.zeros(frame.matched.shape)
-    for i, j in np.argwhere(frame.exposure > 0):
-        z = pixel_z(frame.matched, i, j)
-        for k in range(state.shape[1]):
-            if k != layer:
-                shown = max(terms[i, k, VALUE, j], 0) / frame.total_energy
-                z = z - expected(shown, float(state[i, k, DEPTH, j]), frame)
-        out[i, :m, j], out[i, m:, j] = z.real, z.imag
-    return out
+    """z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k): each surface as strong as its own pixel shows it.
+
+    With the intensities of pools too much would be taken from some pixels, and the filter would respond half a
+    period away.
+    """
+    signal = terms[:, :, VALUE].clamp(min=0) / frame.total_energy
+    signal[:, layer].zero_()
+    shown = (signal[:, :, None] * waves(frame, state[:, :, DEPTH])).sum(dim=1)
+    return frame.matched - as_map(frame.energy[:, None] * shown)
 
 
 def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
            slope=(0.0, 0.0), before=None):
-    size = frame.shape
-    view, exposure = maps.crop(state, *size), maps.crop(frame.exposure, *size)
-    seen = maps.crop(state if before is None else before, *size)
-    is_open = (exposure > 0) & (seen[:, layer, INTENSITY] == 0)
+    """Give open pixels the surface that one scale shows: score = √(p / q) · ρ(S E / p) / c(t) > `enough`.
+
+    Open is a used pixel without surface `layer`, but with the one before. Of the open pixels around each cell
+    z̄ = Σ w z, N = Σ w² n and G = Σ w g are pooled, as by `blur` with σ / step; with other pixels, surfaces would
+    grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
+    a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
+
+    With a slope, z_l exp(−i ω_l slope · position) are pooled instead, which adds up a plane of this slope as a flat
+    window adds up one of slope 0, and slope · position is added to t, of each pixel. So slopes are tried one after
+    the other, with pixels that are open `before` the first of them: a surface found since is replaced by one with
+    a higher score, while its own is below DOUBTFUL. Positions count from (0, 0) of the whole array: a part of it,
+    whose `origin` is a whole number of cells, gets the same bits.
+
+    The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
+    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,
+    and brighter than FAINTEST of the first.
+
+    Args:
+        matched: float32 [rows', 2m, cols'], z: of the frame, or of `residual`.
+        state: changed in place.
+        layer: index of the surface that is searched for.
+        sigma: σ of the window, pixels; 0: every pixel on its own.
+        step: pixels along the side of a cell.
+        enough: standard deviations.
+        carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
+            score there is above `confirmed`, and the new one is not better by STAY: (score² − score_old²) / 2.
+        confirmed: standard deviations.
+        slope: of the window's plane, bins per pixel to the right and downwards; 0 if sigma is.
+        before: the state that tells which pixels are open; None: `state`.
+    """
+    rows, cols = frame.shape
+    view, seen = (crop(values, rows, cols) for values in (state, state if before is None else before))
+    counts, exposure = (crop(values, rows, cols)[:, None] for values in (frame.counts, frame.exposure))
+    is_open = (exposure[:, 0] > 0) & (seen[:, layer, INTENSITY] == 0)
     if layer > 0:
         is_open &= seen[:, layer - 1, INTENSITY] > 0
-    pools = _sheared(maps.crop(matched, *size), slope, frame), maps.crop(frame.counts, *size)[:, None], \
-        exposure[:, None]
-    share = 1.0
+    point = view[:, layer]
+    rival = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf)
+    wanted = is_open & (rival < DOUBTFUL)
+
+    # Pool cells of open pixels, and match them.
+    row, col = (torch.arange(pixels, device=state.device) for pixels in (rows, cols))
+    matched = crop(matched, rows, cols)
+    if slope != (0.0, 0.0):
+        along = slope[0] * (col + frame.origin[1]) + slope[1] * (row + frame.origin[0])[:, None]
+        matched = as_map(as_complex(matched) * waves(frame, along).conj())
+    share, pools = 1.0, (matched, counts, exposure)
     if sigma > 0:
-        weights, share = maps.window_weights(sigma / step), 0.5
+        weights, share = window_weights(sigma / step), 0.5
         pools = [blur(values * is_open[:, None], w, step) for values, w in zip(pools, (weights, weights**2, weights))]
-    pooled, counts, light = pools[0], pools[1][:, 0].astype(float), np.maximum(pools[2][:, 0], EPSILON)
-    depth, signal = (found[:, 0] for found in match(pooled, frame.energy, frame.bin_frequencies, frame.num_bins, 1))
-    for i, j in np.argwhere(is_open & ((view[:, layer, INTENSITY] == 0) | (view[:, layer, SCORE] < DOUBTFUL))):
-        cell = i // step, j // step
-        first_row, first_col = (first // step for first in frame.origin)
-        corner = depth[cell] + step * (slope[0] * (first_col + cell[1]) + slope[1] * (first_row + cell[0]))
+    z = as_complex(pools[0])
+    depth, signal = _peak(z, frame)
+    signal = signal / frame.total_energy
+    cells = [torch.arange(first // step, first // step + size, device=state.device)
+             for first, size in zip(frame.origin, depth.shape)]
+    depth = (depth + step * (slope[0] * cells[1] + slope[1] * cells[0][:, None])) % frame.num_bins
 
-        def measured(t, slopes, signal):
-            """The fields FOUND of a surface at depth t with this signal in the pixel's cell."""
-            score = _score(frame, signal, counts[cell], share) / noise_ratio(frame, t)
-            return np.array([t, *slopes, signal / light[cell], _std(frame, signal, counts[cell], share), score])
+    # What the cell of each pixel shows.
+    cell = row[:, None] // step, col // step
+    corner, signal, photons, light = (values[cell] for values in (depth, signal, pools[1][:, 0], pools[2][:, 0]))
+    light = light.clamp(min=EPSILON)
 
-        point = measured(corner % frame.num_bins, slope, signal[cell])
-        point[0] = (point[0] + slope[0] * (j % step) + slope[1] * (i % step)) % frame.num_bins
-        if carried is not None and carried[MARGIN + i, layer, INTENSITY, MARGIN + j] > 0:
-            t, *slopes = carried[MARGIN + i, layer, FOUND[:3], MARGIN + j].astype(float)
-            old = measured(t, slopes, response_of(pixel_z(pooled, *cell), t, frame) / frame.total_energy)
-            if old[-1] > confirmed and point[-1]**2 - old[-1]**2 < 2 * STAY:
-                view[i, layer, FOUND, j] = old
-                continue
-        known = view[i, :layer, :, j]
-        least = max(enough, view[i, layer, SCORE, j]) if view[i, layer, INTENSITY, j] > 0 else enough
-        if point[-1] > least and (layer == 0 or _is_new(frame, known, point[0], signal[cell] / light[cell])):
-            view[i, layer, FOUND, j] = point
+    def measured(t, at, slopes, signal):
+        """The fields up to SCORE of surfaces at depths t with this signal in the pixels' cells, by the noise `at`."""
+        score = _score(frame, signal, photons, share) / noise_ratio(frame, at)
+        return torch.stack([t, *slopes, signal / light, _std(frame, signal, photons, share), score], dim=1)
 
-
-def _sheared(matched, slope, frame):
-    """z_l exp(−i ω_l slope · position) of an image."""
-    rows, channels, cols = matched.shape
-    right, down = (first + np.arange(pixels) for first, pixels in zip(frame.origin[::-1], (cols, rows)))
-    along = slope[0] * right + slope[1] * down[:, None]
-    z = (matched[:, :channels // 2] + 1j * matched[:, channels // 2:]) * np.exp(
-        -1j * angular(frame)[:, None] * along[:, None])
-    return np.concatenate([z.real, z.imag], axis=1)
-
-
-def _score(frame, signal, counts, share) -> float:
-    photons = max(counts / share, EPSILON)
-    return np.sqrt(photons / share) * surprise(signal * frame.total_energy, photons, frame)
+    there = (corner + slope[0] * (col % step) + slope[1] * (row % step)[:, None]) % frame.num_bins
+    new = measured(there, corner, [torch.full_like(corner, part) for part in slope], signal)
+    least = rival.clamp(min=enough)
+    better = wanted & (new[:, SCORE] > least)
+    if layer > 0:
+        known = view[:, :layer]
+        apart = wrap(known[:, :, DEPTH] - corner[:, None], frame.num_bins).abs() > APART * frame.resolution_bins
+        better &= (apart | (known[:, :, INTENSITY] == 0)).all(dim=1) & (new[:, INTENSITY] > FAINTEST * known[
+            :, 0, INTENSITY])
+    if carried is not None:
+        old = crop(carried, rows, cols)[:, layer]
+        along = z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, DEPTH]).conj()
+        kept = measured(old[:, DEPTH], old[:, DEPTH], (old[:, SLOPE_COL], old[:, SLOPE_ROW]),
+                        along.real.sum(dim=1) / frame.total_energy)
+        stays = wanted & (old[:, INTENSITY] > 0) & (kept[:, SCORE] > confirmed) & (
+            new[:, SCORE]**2 - kept[:, SCORE]**2 < 2 * STAY)
+        new, better = torch.where(stays[:, None], kept, new), better | stays
+    point[:, :RESIDUAL] = torch.where(better[:, None], new, point[:, :RESIDUAL])
 
 
-def _std(frame, signal, counts, share) -> float:
-    signal = max(signal, EPSILON)
-    background = max(counts / share - signal, 0)
+def _score(frame, signal, counts, share):
+    """Evidence of a pool's response against "background alone", in standard deviations; share is Σ w² / Σ w."""
+    photons = (counts / share).clamp(min=EPSILON)
+    return torch.sqrt(photons / share) * surprise(signal * frame.total_energy, photons, frame)
+
+
+def _std(frame, signal, counts, share):
+    """Standard deviation of a depth found in a pool, bins."""
+    signal = signal.clamp(min=EPSILON)
+    background = (counts / share - signal).clamp(min=0)
     spread = share * (signal * frame.moments[0] + background * frame.moments[1])
-    return min(np.sqrt(spread) / (signal * frame.curvature), frame.num_bins)
-
-
-def _is_new(frame, known, depth, intensity) -> bool:
-    """Whether a point is a surface beside the known ones [k, FIELDS] of its pixel: resolved, not too faint."""
-    apart = np.abs(wrap(known[:, DEPTH] - depth, frame.num_bins)) > APART * frame.resolution_bins
-    return bool((apart | (known[:, INTENSITY] == 0)).all() and intensity > FAINTEST * known[0, INTENSITY])
+    return (torch.sqrt(spread) / (signal * frame.curvature)).clamp(max=frame.num_bins)
 
 
 def drop_weak(state, weak):
-    state[:, :, INTENSITY][state[:, :, SCORE] < weak] = 0
+    """r = 0 where the score is below `weak` standard deviations; in place."""
+    state[:, :, INTENSITY].masked_fill_(state[:, :, SCORE] < weak, 0.0)
