@@ -39,7 +39,7 @@ class LocalProcesses:
 
     def submit(self, call: Callable[[], Any]) -> Future:
         """Begin a call, of a function of a module, in one of the processes."""
-        # Ctrl-C reaches this process, which ends the others; those are not to complain of it, not even while they start.
+        # Ctrl-C reaches this process, which ends the others: they are not to complain of it, not even while they start.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return self._pool.submit(call)

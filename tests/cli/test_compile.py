@@ -71,7 +71,7 @@ def test_a_process_that_fails_is_one_line(installed):
     ahead = installed / "srt3d_ros" / "core" / "precompile.py"
     ahead.write_text(ahead.read_text().replace("    pass", "    import os; os._exit(7)"))
     done = srt3d(installed, "compile")
-    assert (done.returncode, done.stderr) == (1, "srt3d: error: a process that compiles ended with exit code 7\n")
+    assert (done.returncode, done.stderr) == (1, "srt3d: error: a process that compiles died (too little memory?)\n")
 
 
 def unwritable(installed: Path) -> None:
