@@ -32,11 +32,6 @@ def test_fields_do_not_overlap_and_lie_within_the_point(name, sketch_size):
         assert end <= layout.itemsize < end + 4
 
 
-@pytest.mark.parametrize(("text", "sketch_size", "size"), [(6, 3, 6), ("2m", 3, 6), ("4 + 8m", 10, 84), ("16", 1, 16)])
-def test_sizes_that_depend_on_the_sketch_size(text, sketch_size, size):
-    assert schema.size(text, sketch_size) == size
-
-
 def test_readme_has_the_tables_of_the_schemas(repository):
     text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
     assert text == schema_tables.readme(), "run `python -m tools.generate_docs`"
