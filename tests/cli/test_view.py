@@ -16,11 +16,10 @@ from rerun.chunk import RrdReader
 
 from srt3d_ros.cli import main
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.recording import screenshot
 from srt3d_ros.recording.writer import RecordingWriter
 
 TIMEOUT_S, VIEWER_S = 60.0, 10.0
-HERE = ("--bind", "127.0.0.1")      # the viewer with a window is a server, too
+HERE = ("--bind", "127.0.0.1")      # the viewer with a window is a server, too: reached from this machine alone
 
 
 @pytest.fixture(autouse=True)
@@ -118,26 +117,7 @@ def test_where_there_is_a_screen_the_viewer_opens(srt3d, monkeypatch, tmp_path, 
         assert opened[1:] == [*HERE, f"rerun+http://127.0.0.1:{port}/proxy"]
 
 
-@pytest.mark.skipif(not screenshot.is_possible(), reason="no Vulkan: the viewer cannot run here")
-def test_the_viewer_can_be_reached_from_this_machine_alone(srt3d, monkeypatch, tmp_path, opened, port):
-    monkeypatch.setenv("DISPLAY", ":0")
-    record(tmp_path / "a.rrd").close()
-    srt3d("view", tmp_path / "a.rrd")
-    viewer = subprocess.Popen([*opened, "--headless", "--window-size", "300x200", "--port", str(port)],
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              env=os.environ | {"TMPDIR": str(tmp_path)})
-    try:
-        end = time.monotonic() + TIMEOUT_S
-        while not (addresses := listening_at(port)) and time.monotonic() < end:
-            time.sleep(0.1)
-        assert addresses == {"127.0.0.1"}
-    finally:
-        viewer.kill()
-        viewer.wait()
-
-
 @pytest.mark.parametrize("variables, address", [
-    ({"LOGNAME": "robin"}, f"robin@{socket.gethostname()}"),
     ({"LOGNAME": "robin", "SSH_CONNECTION": "10.0.0.2 50000 10.0.0.7 22"}, "robin@10.0.0.7"),     # from a laptop
     ({}, socket.gethostname()),         # without an account
 ])
