@@ -11,8 +11,8 @@ from contextlib import contextmanager, nullcontext
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
 
-# Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported: a node has no
-# use for the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
+# Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
+# `srt3d --help`: they import what is slow (torch, ROS) in run().
 COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "device", "bag-record", "node",
             "devices", "view", "review", "demo", "compile")
 MODULES = {"play": "node", "device": "node", "bag-record": "node"}      # those that are not called as their command
