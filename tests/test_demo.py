@@ -15,6 +15,7 @@ import pytest
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets.simulator import Simulator
+from tests.programs import nodes_of
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}
 
@@ -48,17 +49,6 @@ def start(tmp_path, repository):
             process.wait(60)
 
 
-def nodes_of(process: psutil.Popen) -> dict[str, psutil.Process]:
-    """The node processes of a running demo, by name."""
-    found = {}
-    for child in process.children():
-        try:
-            found[child.cmdline()[4]] = child
-        except (psutil.NoSuchProcess, IndexError):
-            pass
-    return found
-
-
 def wait_for_cloud(process: psutil.Popen, output: Path) -> None:
     """Wait until the demo has shown its first cloud."""
     while not re.search(r" [1-9]\d*/", output.read_text()):
@@ -87,7 +77,7 @@ def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
     assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "logs"}
     assert {path.stem for path in (out / "logs").iterdir()} == NODES
     assert (out / "cloud.png").read_bytes()[1:4] == b"PNG" and (out / "recording.rrd").read_bytes()[:3] == b"RRF"
-    assert "frames reconstructed         10" in (tmp_path / "out.txt").read_text()
+    assert "frames reconstructed               10" in (tmp_path / "out.txt").read_text()
 
 
 def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, tmp_path):
@@ -101,7 +91,7 @@ def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, t
 def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--duration-s", "60")
     wait_for_cloud(demo, tmp_path / "out.txt")
-    nodes = nodes_of(demo)
+    nodes = nodes_of(demo.pid)
     nodes["reconstructor"].kill()
     assert demo.wait() == 1
     assert "srt3d demo: reconstructor was killed by SIGKILL" in (tmp_path / "out.txt").read_text()
@@ -111,7 +101,7 @@ def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_fi
 def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--duration-s", "60")
     wait_for_cloud(demo, tmp_path / "out.txt")
-    nodes = nodes_of(demo)
+    nodes = nodes_of(demo.pid)
     assert set(nodes) == NODES
     demo.send_signal(signal.SIGINT)
     assert demo.wait() == 130

@@ -160,19 +160,15 @@ def test_a_folder_keeps_to_the_options_and_the_input_with_which_it_was_begun(tmp
 
 @pytest.mark.parametrize(("arguments", "line"), [
     (("--frames", "0:6"), "frames is 0:6: expected all, or first and last such as 0:5, the last there is"),
-    (("--frames", "3:2"), "frames is 3:2"), (("--frames", "some"), "frames is some"),
-    (("--frames", "-1:2"), "--frames"),
+    (("--frames", "3:2"), "frames is 3:2"),
     (("--frames", "all", "--frame", "1"), "frame is 1: expected nothing beside --frames"),
     (("--frames", "all", "--jobs", "0"), "jobs is 0: expected 1 or more"),
     (("--frames", "all", "--jobs", "2", "--dask", "tcp://a:1"), "jobs is 2: expected nothing beside --dask"),
     (("--jobs", "2"), "jobs is 2: expected nothing without --frames"),
     (("--frames", "all", "--format", "las"), "frame_000000.las: expected a file name that ends in .npz, ")])
-def test_mistakes_are_one_line(tmp_path, at_once, reconstruct, capfd, arguments, line):
+def test_mistakes_are_one_line(tmp_path, at_once, reconstruct, arguments, line):
     bag = write_bag(tmp_path / "bag")
-    try:
-        code, _, err = reconstruct(bag, "--out", tmp_path / "all", *arguments)
-    except SystemExit as stopped:
-        code, err = stopped.code, capfd.readouterr()[1]
+    code, _, err = reconstruct(bag, "--out", tmp_path / "all", *arguments)
     assert code == 2 and line in err and len(err.splitlines()) == 1
 
 

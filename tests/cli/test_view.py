@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 from srt3d_ros.cli import main
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
+from tests.programs import listening_at
 
 TIMEOUT_S, VIEWER_S = 60.0, 10.0
 HERE = ("--bind", "127.0.0.1")      # the viewer with a window is a server, too: reached from this machine alone
@@ -165,15 +166,3 @@ def test_a_port_that_is_taken_gives_one_line(tmp_path):
         taken = other.getsockname()[1]
         with pytest.raises(InvalidInput, match=f"live_port is {taken}: expected a port that is free"):
             RecordingWriter(tmp_path / "a.rrd", None, live=(taken, 16))
-
-
-def listening_at(port: int) -> set[str]:
-    """Addresses at which somebody listens on a port."""
-    found = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        for line in Path(table).read_text().splitlines()[1:]:
-            address, number = line.split()[1].split(":")
-            if int(number, 16) == port and line.split()[3] == "0A":
-                parts = (str(int(address[k:k + 2], 16)) for k in (6, 4, 2, 0))
-                found.add(".".join(parts) if len(address) == 8 else address)
-    return found

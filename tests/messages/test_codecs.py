@@ -44,11 +44,6 @@ def test_rclpy_reads_and_writes_the_same_bytes(codec):
     assert same(codec.decode_cdr(serialised), codec.decode_cdr(raw))
 
 
-def test_rosbags_writes_the_same_bytes(codec):
-    raw = codec.encode_cdr()
-    assert bytes(ROSBAGS.serialize_cdr(ROSBAGS.deserialize_cdr(raw, ros_name(codec)), ros_name(codec))) == raw
-
-
 def test_big_endian_cdr_is_read(codec):
     message = ROSBAGS.deserialize_cdr(codec.encode_cdr(), ros_name(codec))
     raw = bytes(ROSBAGS.serialize_cdr(message, ros_name(codec), little_endian=False))
@@ -134,12 +129,6 @@ def test_any_image_stamp_and_frame_make_the_trip(image, stamp_ns, frame_id):
 def test_header_that_ros_cannot_carry_is_refused(stamp_ns, frame_id, field):
     with pytest.raises(InvalidInput, match=f"^{field} is "):
         Header(stamp_ns, frame_id)
-
-
-@pytest.mark.parametrize("image", [np.zeros((2, 3)), np.zeros((2, 3, 1), np.float32)])
-def test_other_types_and_shapes_are_refused(image):
-    with pytest.raises(InvalidInput, match=r"^image is float.*: expected float32 \[rows, cols\]"):
-        images.encode_cdr(image, 0, "lidar")
 
 
 @pytest.mark.parametrize("text", ["", "a", "{\"irf\": [1, 2]}", "ωₗ"])

@@ -9,7 +9,6 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.scan_rate import ScanRate
-from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.messages.packing import unpack_cloud
@@ -118,11 +117,3 @@ def test_organised_cloud_of_others_is_read_row_by_row():
     _, columns = points.decode_cdr(serialize_message(message))
     assert columns["xyz"].tolist() == values.reshape(6, 5)[:, :3].tolist()
     assert columns["intensity"].tolist() == values.reshape(6, 5)[:, 3].tolist()
-
-
-def test_unknown_layout_or_missing_sensor_is_refused(codecs):
-    cloud = codecs["points_xyzi"].content
-    with pytest.raises(InvalidInput, match="^layout is xyz: expected xyzi or full"):
-        points.encode_cdr(cloud, "lidar", "xyz")
-    with pytest.raises(InvalidInput, match="^sensor is absent"):
-        points.encode_cdr(cloud, "lidar", "full")
