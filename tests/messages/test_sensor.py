@@ -106,7 +106,7 @@ def packed(**changes) -> dict:
 
 
 @pytest.mark.parametrize(("changes", "said"), [       # what SensorModel itself refuses: tests/core/test_sensor.py
-    ({"schema_version": None}, "schema_version is absent"),
+    ({"schema_version": None}, "schema_version is absent"), ({"schema_version": True}, "schema_version is True"),
     ({"schema_version": "1"}, 'schema_version is "1": expected 1'),
     ({"rows": None}, "rows is absent"), ({"rows": "2"}, 'rows is "2": expected an integer'),
     ({"rows": 2.5}, "rows is 2.5"), ({"rows": 10**400}, "rows is 1000"),
