@@ -4,6 +4,7 @@ import os
 import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -95,7 +96,7 @@ class Task:
         version: of srt3d_ros, which has to be the same everywhere.
     """
 
-    request: Request
+    request: Request = field(compare=False)
     run: str = field(default_factory=lambda: secrets.token_hex(8))
     version: str = __version__
 
@@ -108,9 +109,6 @@ class Outcome:
     points: int = 0
     notes: tuple[str, ...] = ()
     error: InvalidInput | None = None
-
-
-_open: dict[str, BagSource | LogSource] = {}       # the last task's
 
 
 def reconstruct_frame(task: Task, place: FramePlace | LogPlace, path: Path) -> Outcome:
@@ -137,11 +135,6 @@ def failure(error: Exception) -> InvalidInput:
     return InvalidInput("reconstruction", f"failed ({type(error).__name__}: {error})", "a cloud")
 
 
+@lru_cache(maxsize=1)
 def _source(task: Task) -> BagSource | LogSource:
-    found = _open.get(task.run)
-    if found is None:
-        for other in _open.values():
-            other.close()
-        _open.clear()
-        found = _open[task.run] = open_source(task.request)
-    return found
+    return open_source(task.request)

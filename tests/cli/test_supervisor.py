@@ -99,9 +99,3 @@ def test_no_node_outlives_a_parent_that_is_killed(start):
     assert set(nodes) == {"sketcher", "reconstructor"}
     up.kill()
     wait(lambda: not any(map(runs, nodes.values())), "the end of the nodes")
-
-
-def test_a_mistake_is_one_line_before_anything_starts(start):
-    up = start(UP, "-p", "sketcher.sketchsize:=5")
-    assert up.code() == 2
-    assert up.lines == ["srt3d: error: parameter of sketcher is sketchsize: expected sketch_size"]
