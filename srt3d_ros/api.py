@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -143,62 +143,49 @@ def reconstruct(row: Any = None, col: Any = None, toa: Any = None, *, counts: An
     """
     chosen = find(method)
     if isinstance(row, core_sketch.Sketch):
-        beside = {"col": col, "toa": toa, "counts": counts, "frequencies": frequencies, "sketch_size": sketch_size,
-                  "gate": None if gate == OFF else gate, **options}
-        source = _from_sketch(chosen, row, sensor, beside)
+        whole = _with_sensor(chosen, row, sensor, {
+            "col": col, "toa": toa, "counts": counts, "frequencies": frequencies, "sketch_size": sketch_size,
+            "gate": None if gate == OFF else gate, **options})
+        sensor, used, make = whole.sensor, whole.frequencies, lambda: whole
     else:
         seen = photons(row, col, toa, counts=counts, sensor=sensor, stamp_ns=stamp_ns, **options)
-        source = (_from_photons if chosen.needs == "photons" else _to_sketch)(chosen, seen, frequencies, sketch_size,
-                                                                              gate)
+        if chosen.needs == "photons":
+            for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
+                require(value is None, name, value, f"nothing: {method} makes no sketch")
+            gated = _gated(seen.read_whole(), gate)
+            sensor, used, make = gated.sensor, (), lambda: gated
+        else:
+            design = _design(seen, gate, chosen.frequencies if frequencies is None else frequencies, sketch_size)
+            sensor, used, make = _sketched(seen, design), design.frequencies, partial(_sketch, seen, design)
     own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background,
            "weighting": weighting, "upsampling": upsampling}
-    reconstructor = chosen.build(source.sensor, source.frequencies,
+    reconstructor = chosen.build(sensor, used,
                                  **{name: value for name, value in own.items() if value is not None})
     reconstructor.warm_up()
-    given, sketch_ms = _timed(source.make)
+    given, sketch_ms = _timed(make)
     is_sketch = isinstance(given, Sketch)
     cloud, reconstruct_ms = _timed(reconstructor, given if is_sketch else given.frame)
-    facts = {"method": method, "device": reconstructor.device, "rows": source.sensor.rows, "cols": source.sensor.cols,
-             "num_bins": source.sensor.num_bins,
+    facts = {"method": method, "device": reconstructor.device, "rows": sensor.rows, "cols": sensor.cols,
+             "num_bins": sensor.num_bins,
              "photons": int(given.photons.sum()) if is_sketch else given.frame.photons,
-             "sketch_size": len(source.frequencies) or None, "frequencies": list(source.frequencies),
+             "sketch_size": len(used) or None, "frequencies": list(used),
              "surfaces": surfaces, "upsampling": upsampling or 1, "points": len(cloud),
              "sketch_ms": sketch_ms if is_sketch else None, "reconstruct_ms": reconstruct_ms}
     return Cloud(**vars(cloud), sensor=reconstructor.sensor, facts=facts, notes=given.notes)
 
 
-class _Source(NamedTuple):
-    """What a method is built for, and a function that makes what it is called with: a Sketch, or Photons."""
-
-    sensor: SensorModel
-    frequencies: tuple[int, ...]
-    make: Callable[[], Any]
-
-
-def _from_sketch(chosen: Method, given: core_sketch.Sketch, sensor: SensorModel | None, beside: dict[str, Any]
-                 ) -> _Source:
+def _with_sensor(chosen: Method, given: core_sketch.Sketch, sensor: SensorModel | None, beside: dict[str, Any]
+                 ) -> Sketch:
     for name, value in beside.items():
         require(value is None, name, value, "nothing beside a sketch, which has its own (or sensor)")
     require(chosen.needs == "sketch", "method", chosen.name, f"one that takes sketches: {', '.join(SKETCH_METHODS)}")
     require(sensor is not None or isinstance(given, Sketch), "sensor", "missing", "that of the sketch")
-    whole = given if sensor is None else Sketch(**vars(given) | {"sensor": sensor})
-    return _Source(whole.sensor, whole.frequencies, lambda: whole)
+    return given if sensor is None else Sketch(**vars(given) | {"sensor": sensor})
 
 
-def _to_sketch(chosen: Method, seen: Photons | PhotonStream, frequencies: Any, sketch_size: int | None, gate: Any
-               ) -> _Source:
-    design = _design(seen, gate, chosen.frequencies if frequencies is None else frequencies, sketch_size)
-    return _Source(_sketched(seen, design), design.frequencies, partial(_sketch, seen, design))
-
-
-def _from_photons(chosen: Method, seen: Photons | PhotonStream, frequencies: Any, sketch_size: int | None, gate: Any
-                  ) -> _Source:
-    for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
-        require(value is None, name, value, f"nothing: {chosen.name} makes no sketch")
-    seen = seen.read_whole()
+def _gated(seen: Photons, gate: Any) -> Photons:
     found = None if gate == OFF else design_for(seen.frame, seen.sensor, _as_written(gate, ":")).gate
-    gated = seen if found is None else seen.gated(found)
-    return _Source(gated.sensor, (), lambda: gated)
+    return seen if found is None else seen.gated(found)
 
 
 def _design(seen: Photons | PhotonStream, gate: Any, frequencies: Any, sketch_size: int | None) -> SketchDesign:

@@ -58,12 +58,12 @@ def test_arrays_come_back_as_they_were():
 
 
 @pytest.mark.parametrize(("how", "why"), [
-    ("crash", "ended with SIGSEGV"), ("exit 7", "ended with exit code 7"), ("exit 0", "ended with exit code 0"),
+    ("crash", "ended with SIGSEGV"), ("exit 0", "ended with exit code 0"),
     ("hang", "takes longer than 3 s"), ("memory", "takes more than 0.195 GiB of memory"),
     ("raise", r"failed: KeyError: 'two\nlines'")])
 def test_whatever_ends_a_child_is_one_line(how, why, capfd):
     with pytest.raises(ChildFailed) as caught:
-        call(end, how, memory_bytes=200 * MEGABYTE, timeout_s=3)
+        call(end, how, memory_bytes=200 * MEGABYTE, timeout_s=3 if how == "hang" else 60)
     assert str(caught.value) == why
     assert capfd.readouterr() == ("", "")
 

@@ -13,17 +13,14 @@ from srt3d_ros.colours import (
     range_table,
     visible_table,
 )
-from srt3d_ros.errors import InvalidInput
 
 
-@pytest.mark.parametrize("name", COLOUR_MAPS)
-def test_tables_are_the_published_maps_and_get_steadily_lighter(name):
+def test_tables_are_the_published_maps():
     matplotlib = pytest.importorskip("matplotlib")
-    published = np.round(np.asarray(matplotlib.colormaps[name](np.arange(256)))[:, :3] * 255)
-    table = colour_table(name).astype(int)
-    assert table.shape == (256, 3) and np.abs(table - published).max() <= 11
-    assert np.array_equal(table[::15], published[::15])
-    assert (np.diff(table @ [0.2126, 0.7152, 0.0722]) > -1).all()
+    for name in COLOUR_MAPS:
+        published = np.round(np.asarray(matplotlib.colormaps[name](np.arange(256)))[:, :3] * 255)
+        table = colour_table(name).astype(int)
+        assert np.abs(table - published).max() <= 11 and np.array_equal(table[::15], published[::15])
 
 
 def test_packed_colours_are_the_same_and_opaque():
@@ -31,11 +28,6 @@ def test_packed_colours_are_the_same_and_opaque():
     assert packed(table).dtype == np.uint32 and packed(table)[0] == 0x440154FF
     channels = np.stack([packed(table) >> 24, packed(table) >> 16 & 255, packed(table) >> 8 & 255], axis=1)
     assert np.array_equal(channels, table) and (packed(table) & 255 == 255).all()
-
-
-def test_unknown_map_is_refused_with_the_names_there_are():
-    with pytest.raises(InvalidInput, match="colour map is jet: expected one of viridis"):
-        colour_table("jet")
 
 
 def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():

@@ -36,8 +36,7 @@ def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, mon
     assert not treasure.exists()
 
 
-@pytest.mark.parametrize("spelling", ["a.npz", "./folder/../a.npz", "link.npz", "hard.npz"])
-def test_an_output_must_not_be_an_input_whatever_it_is_called(tmp_path, monkeypatch, spelling):
+def test_an_output_must_not_be_an_input_whatever_it_is_called(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     path, other = tmp_path / "a.npz", tmp_path / "b.npz"
@@ -45,10 +44,11 @@ def test_an_output_must_not_be_an_input_whatever_it_is_called(tmp_path, monkeypa
     other.touch()
     (tmp_path / "link.npz").symlink_to(path)
     (tmp_path / "hard.npz").hardlink_to(path)
-    with pytest.raises(InvalidInput, match="output is .*: expected another file than the input"):
-        check_not_input(spelling, other, None, path)
-    check_not_input(other, spelling, None, "absent.npz")
-    check_not_input("absent.npz", spelling, "absent.npz")
+    for spelling in ("./folder/../a.npz", "link.npz", "hard.npz"):
+        with pytest.raises(InvalidInput, match="output is .*: expected another file than the input"):
+            check_not_input(spelling, other, None, path)
+        check_not_input(other, spelling, None, "absent.npz")
+        check_not_input("absent.npz", spelling, "absent.npz")
 
 
 def test_a_free_name_is_the_first_where_nothing_is_not_even_a_broken_link(tmp_path):

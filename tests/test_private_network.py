@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from srt3d_ros import private_network
-from srt3d_ros.private_network import FIRST_PORT, MOST, PORTS, USED_PORT, claim_domain
+from srt3d_ros.private_network import MOST, PORTS, USED_PORT, claim_domain
 
 
 @pytest.fixture(autouse=True)
@@ -25,8 +25,9 @@ def test_no_two_programs_have_the_same_domain(claims):
 
 def test_a_domain_that_is_in_use_is_left_alone(claims, monkeypatch):
     monkeypatch.setattr(private_network, "MOST", 2)
+    monkeypatch.setattr(private_network, "FIRST_PORT", 30_000)      # others on this machine may use the real ones
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as used:
-        used.bind(("", FIRST_PORT + PORTS + USED_PORT))
+        used.bind(("", 30_000 + PORTS + USED_PORT))
         assert claim_domain() == 2
         with pytest.raises(OSError, match="every ROS domain from 1 to 2 is in use"):
             claim_domain()

@@ -4,17 +4,17 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import CancelledError, Future
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.batch.executors import DaskCluster, LocalProcesses
+from srt3d_ros.batch.executors import DaskCluster, LocalProcesses, done
 from srt3d_ros.batch.folder import Folder
 from srt3d_ros.batch.request import Request
-from srt3d_ros.batch.sources import BagSource, LogSource, open_source
-from srt3d_ros.batch.work import VERSION, Outcome, Task, failure, reconstruct_frame
+from srt3d_ros.batch.work import VERSION, BagSource, LogSource, Outcome, Task, failure, open_source, reconstruct_frame
 from srt3d_ros.errors import InvalidInput, require
 
 ALL = "all"
@@ -66,7 +66,8 @@ def _run(request: Request, source: BagSource | LogSource, folder: Folder, number
     try:
         with tqdm(total=summary.frames, initial=summary.earlier, unit="frame",
                   mininterval=0.1 if sys.stderr.isatty() else PROGRESS_S) as bar:
-            for outcome in _outcomes(Task(request), source, folder, numbers, executor):
+            for call, future in done(_calls(Task(request), source, folder, numbers), executor):
+                outcome = _outcome(call, future)
                 error = outcome.error
                 if error is None:
                     summary.notes = summary.notes or outcome.notes
@@ -84,34 +85,23 @@ def _run(request: Request, source: BagSource | LogSource, folder: Folder, number
         executor.close()
 
 
-def _outcomes(task: Task, source: BagSource | LogSource, folder: Folder, numbers: range,
-              executor: LocalProcesses | DaskCluster) -> Iterator[Outcome]:
-    """What becomes of the frames that have no file yet, as they are done; InvalidInput where the input breaks off."""
-    waiting: dict[Future, int] = {}
-    places, broken = source.places(numbers.start), None
-    while places is not None or waiting:
-        try:
-            place = next(places, None) if places is not None else None
-        except InvalidInput as error:       # after the frames before
-            place, broken = None, error
-        if place is None or place.number not in numbers:
-            places = None
-        elif not folder.file(place.number).exists():
-            waiting[executor.submit(reconstruct_frame, task, place, folder.file(place.number))] = place.number
-        if waiting and (places is None or len(waiting) >= executor.most_waiting):
-            for future in sorted(wait(waiting, return_when=FIRST_COMPLETED).done, key=waiting.get):
-                yield _outcome(future, waiting.pop(future))
-    if broken is not None:
-        raise broken
+def _calls(task: Task, source: BagSource | LogSource, folder: Folder, numbers: range) -> Iterator[partial[Outcome]]:
+    """What is to be done for the frames that have no file yet."""
+    for place in source.places(numbers.start):
+        if place.number not in numbers:
+            return
+        file = folder.file(place.number)
+        if not file.exists():
+            yield partial(reconstruct_frame, task, place, file)
 
 
-def _outcome(future: Future, number: int) -> Outcome:
+def _outcome(call: partial[Outcome], future: Future) -> Outcome:
     try:
         return future.result()
     except (CancelledError, ModuleNotFoundError):
         raise
-    except Exception as error:      # its processes died, one after the other
-        return Outcome(number, error=failure(error))
+    except Exception as error:      # its process died, twice
+        return Outcome(call.args[1].number, error=failure(error))
 
 
 def _range(frames: str, length: int) -> tuple[int, int]:

@@ -1,34 +1,31 @@
 """Where the frames of a batch are reconstructed: in processes of this machine, or by the workers of a Dask cluster.
 
-Both have `submit(function, *arguments)`, which returns a concurrent.futures.Future, and are closed at the end.
+Both have `submit(call)`, which returns a concurrent.futures.Future, and are closed at the end.
 """
 
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from importlib.util import find_spec
-from multiprocessing.connection import Connection
-from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput
 
 SPAWN = multiprocessing.get_context("spawn")        # a fork would inherit the threads' locks, not the threads
-TRIES = 2                   # of a frame whose process dies: it may have been chance
 CONNECT_S = 10.0
 _one_at_a_time = threading.Lock()
-
-
-class ProcessDied(Exception):
-    """The process of a frame ended each time before the frame was done."""
+Call = TypeVar("Call", bound=Callable[[], Any])
 
 
 class LocalProcesses:
     """Processes of this machine, each with one frame at a time and its share of the cores.
+
+    When one dies, every call that was submitted ends with BrokenProcessPool; the next one starts new processes.
 
     Args:
         jobs: how many.
@@ -37,92 +34,31 @@ class LocalProcesses:
 
     def __init__(self, jobs: int, say: Callable[[str], None]):
         self.most_waiting = 2 * jobs        # so that none waits for the next
-        self._cores, self._say, self._closed = max(1, len(os.sched_getaffinity(0)) // jobs), say, False
-        self._running: list[_Child] = []
-        self._idle: SimpleQueue[_Child] = SimpleQueue()
-        for _ in range(jobs):
-            self._idle.put(self._start())
-        self._threads = ThreadPoolExecutor(jobs)
+        self._jobs, self._say = jobs, say
+        self._pool = self._new_pool()
 
-    def submit(self, function: Callable, *arguments: Any) -> Future:
-        """Call a function of a module in one of the processes."""
-        return self._threads.submit(self._call, function, arguments)
+    def submit(self, call: Callable[[], Any]) -> Future:
+        """Begin a call, of a function of a module, in one of the processes."""
+        # Ctrl-C reaches this process, which ends the others: they are not to complain of it, not even while they start.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return self._pool.submit(call)
+        except BrokenProcessPool:
+            self._say("a process died (too little memory?): others take over")
+            self._pool = self._new_pool()
+            return self._pool.submit(call)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def close(self) -> None:
         """End the processes, whatever they do."""
-        self._closed = True
-        for child in self._running:
+        for child in multiprocessing.active_children():
             child.kill()
-        self._threads.shutdown(cancel_futures=True)
+        self._pool.shutdown(cancel_futures=True)
 
-    def _start(self) -> "_Child":
-        child = _Child(self._cores)
-        self._running.append(child)
-        return child
-
-    def _call(self, function: Callable, arguments: tuple) -> Any:
-        child = self._idle.get()
-        try:
-            for _ in range(TRIES):
-                try:
-                    return child.call(function, arguments)
-                except (EOFError, OSError):
-                    if self._closed:
-                        raise
-                    ending = child.ending()
-                    self._say(f"a process {ending}: another takes its place")
-                    self._running.remove(child)
-                    child = self._start()
-            raise ProcessDied(f"{ending}, {TRIES} times: too little memory?")
-        finally:
-            self._idle.put(child)
-
-
-class _Child:
-    """A process that answers calls until its connection is closed, be it because this process has died."""
-
-    def __init__(self, cores: int):
-        self._connection, childs = SPAWN.Pipe()
-        self._process = SPAWN.Process(target=_serve, args=(childs, cores), daemon=True)
-        # Ctrl-C reaches the parent, which ends this process; that is not to complain of it, not even while it starts.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        self._process.start()
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        childs.close()
-
-    def call(self, function: Callable, arguments: tuple) -> Any:
-        """What the function returns there, or raises; EOFError or OSError if the process dies."""
-        self._connection.send((function, arguments))
-        result, error = self._connection.recv()
-        if error is not None:
-            raise error
-        return result
-
-    def ending(self) -> str:
-        """How it ended, in words."""
-        self._process.join()
-        code = self._process.exitcode
-        return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-
-    def kill(self) -> None:
-        self._process.kill()
-
-
-def _serve(connection: Connection, cores: int) -> None:
-    while True:
-        try:
-            function, arguments = connection.recv()
-            connection.send(_answer(function, arguments, cores))
-        except (EOFError, OSError):     # the parent has gone
-            return
-
-
-def _answer(function: Callable, arguments: tuple, cores: int) -> tuple[Any, Exception | None]:
-    try:
-        _use(cores)
-        return function(*arguments), None
-    except Exception as error:
-        return None, error
+    def _new_pool(self) -> ProcessPoolExecutor:
+        cores = max(1, len(os.sched_getaffinity(0)) // self._jobs)
+        return ProcessPoolExecutor(self._jobs, SPAWN, _use, (cores,))
 
 
 class DaskCluster:
@@ -154,9 +90,9 @@ class DaskCluster:
                 raise InvalidInput("dask", address, f"workers with srt3d_ros {__version__}, which {worker} has not")
         say(f"{address}: {len(workers)} workers" + " so far" * (not workers))
 
-    def submit(self, function: Callable, *arguments: Any) -> Future:
-        """Call a function of a module on one of the workers, on another if that one dies."""
-        return self._executor.submit(_on_worker, function, arguments)
+    def submit(self, call: Callable[[], Any]) -> Future:
+        """Begin a call on one of the workers; Dask repeats it on another if that one dies."""
+        return self._executor.submit(_on_worker, call)
 
     def close(self) -> None:
         """Leave the cluster, which goes on without what was submitted here."""
@@ -164,13 +100,51 @@ class DaskCluster:
         self._client.close()
 
 
-def _on_worker(function: Callable, arguments: tuple) -> Any:
+def done(calls: Iterable[Call], executor: LocalProcesses | DaskCluster) -> Iterator[tuple[Call, Future]]:
+    """Each call with its future, as they are done; a call whose process died once more, by itself.
+
+    Raises:
+        InvalidInput: `calls` raised it; those before it have been given.
+    """
+    waiting: dict[Future, Call] = {}
+    broken = None
+    try:
+        for call in calls:
+            waiting[executor.submit(call)] = call
+            if len(waiting) >= executor.most_waiting:
+                yield from _some(waiting, executor)
+    except InvalidInput as error:
+        broken = error
+    while waiting:
+        yield from _some(waiting, executor)
+    if broken is not None:
+        raise broken
+
+
+def _some(waiting: dict[Future, Call], executor: LocalProcesses | DaskCluster) -> Iterator[tuple[Call, Future]]:
+    """Wait for some of these and take them out."""
+    ended = wait(waiting, return_when=FIRST_COMPLETED).done
+    if any(map(_died, ended)):
+        ended = wait(waiting).done      # which dies with it
+    for future in [future for future in waiting if future in ended]:
+        call = waiting.pop(future)
+        if _died(future):
+            future = executor.submit(call)
+            wait([future])
+        yield call, future
+
+
+def _died(future: Future) -> bool:
+    return not future.cancelled() and isinstance(future.exception(), BrokenProcessPool)
+
+
+def _on_worker(call: Callable[[], Any]) -> Any:
     """On a worker: one frame at a time takes all its threads, as each frame is computed by several."""
     from distributed import get_worker
 
     with _one_at_a_time:
         _use(get_worker().state.nthreads)
-        return function(*arguments)
+        return call()
 
 
 def _use(cores: int) -> None:

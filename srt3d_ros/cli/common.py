@@ -76,13 +76,6 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one line of JSON instead of words")
 
 
-def add_ros_options(parser: argparse.ArgumentParser) -> None:
-    """--namespace, and --ros-args, which takes the rest of the line."""
-    parser.add_argument("--namespace", metavar="NS", help="of the node and its topics")
-    parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
-                        help="the rest goes to ROS 2: remapping, parameters, …")
-
-
 def print_notes(notes: Iterable[str]) -> None:
     """Print what the user should know beside the result, on stderr."""
     for note in notes:

@@ -2,9 +2,11 @@
 
 import argparse
 import os
-import subprocess
 import sys
 import time
+from concurrent.futures import wait
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 
 import srt3d_ros
@@ -16,6 +18,7 @@ who cannot write to the folder where srt3d_ros is installed. Graphics cards need
 STAMP = "compiled_ahead"    # file beside the machine code: for what all of it has been compiled
 ALL, DEFAULT = "all", "default method"
 PACKAGE = Path(srt3d_ros.__file__).parent
+PROGRESS_S = 0.5
 FAILED = 1
 
 
@@ -31,18 +34,18 @@ def run(args: argparse.Namespace) -> int:
 
     started, folder = time.perf_counter(), compiling.folder()
     where = _where(folder, compiling.CANNOT_KEEP)
-    missing = {compiling.name_of(kernel) for kernel in compiling.missing(args.all)}
+    missing = compiling.missing(args.all)
     state = compiling.state_of(compiling.KERNELS[0])
     if not missing and _stamp(folder) in {f"{state} {ALL}", f"{state} {ALL if args.all else DEFAULT}"}:
         print(f"already compiled: the CPU kernels of {PACKAGE} are {where}")
         return 0
     print(f"compiling the CPU kernels of {PACKAGE}", flush=True)
-    compiled, codes = _compile(args.all, missing)
-    seconds = time.perf_counter() - started
-    if any(codes):
-        print(f"srt3d: error: a process that compiles ended with exit code {next(filter(None, codes))}",
-              file=sys.stderr)
+    try:
+        compiled = _compile(args.all, missing)
+    except BrokenProcessPool:
+        print("srt3d: error: a process that compiles died (too little memory?)", file=sys.stderr)
         return FAILED
+    seconds = time.perf_counter() - started
     if folder:
         (folder / STAMP).write_text(f"{state} {ALL if args.all else DEFAULT}")
     what = f"compiled {len(compiled)} kernels" if compiled else "found all kernels compiled"
@@ -67,43 +70,33 @@ def _where(folder: Path | None, why_not: str) -> str:
     return f"in {folder}, {why}"
 
 
-def _compile(also_baselines: bool, missing: set[str]) -> tuple[set[str], list[int]]:
-    """Compile in two processes; returns the names of the kernels that were compiled, and the exit codes."""
+def _compile(also_baselines: bool, missing: list) -> set[str]:
+    """Compile in two processes; returns the names of the kernels that were compiled."""
     from tqdm import tqdm
 
+    from srt3d_ros.batch.executors import LocalProcesses
     from srt3d_ros.core.precompile import BASELINES, PARTS
+    from srt3d_ros.kernels.cpu import compiling
 
-    # The copy of the package that this is: neither the working directory's nor another installation's.
-    paths = [str(PACKAGE.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
-    names, write = os.pipe()
-    processes, compiled = [], set()
+    processes = LocalProcesses(len(PARTS), print)
     try:
-        for part in PARTS:
-            steps = [step.__name__ for step in part if also_baselines or step not in BASELINES]
-            processes.append(subprocess.Popen([sys.executable, "-m", __spec__.name, *steps], stdout=write,
-                                              stdin=subprocess.DEVNULL, env=environment))
-        os.close(write)
-        with open(names) as lines, tqdm(total=len(missing), unit="kernel", disable=None, leave=False) as bar:
-            for name in map(str.strip, lines):
-                bar.set_postfix_str(name, refresh=False)
-                bar.update(name in missing - compiled)      # not again for other types of arguments
-                compiled.add(name)
-        return compiled, [process.wait() for process in processes]
+        steps = [[step.__name__ for step in part if also_baselines or step not in BASELINES] for part in PARTS]
+        parts = [processes.submit(partial(_compile_part, names)) for names in steps]
+        with tqdm(total=len(missing), unit="kernel", disable=None, leave=False) as bar:
+            while wait(parts, PROGRESS_S).not_done:
+                bar.update(len(missing) - len(compiling.missing(also_baselines)) - bar.n)
+        return set().union(*(part.result() for part in parts))
     finally:
-        for process in processes:
-            process.kill()
+        processes.close()
 
 
-def _work(steps: list[str]) -> None:
-    """What each process does: compile, and print the name of each kernel when it is done."""
+def _compile_part(steps: list[str]) -> set[str]:
+    """In a process: compile; the names of the kernels that had to be."""
     from srt3d_ros.core import precompile
     from srt3d_ros.kernels.cpu import compiling
 
-    compiling.on_compiled(lambda kernel: print(compiling.name_of(kernel), flush=True))
+    names: set[str] = set()
+    compiling.on_compiled(lambda kernel: names.add(compiling.name_of(kernel)))
     for step in steps:
         getattr(precompile, step)()
-
-
-if __name__ == "__main__":
-    _work(sys.argv[1:])
+    return names

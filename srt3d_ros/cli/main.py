@@ -11,10 +11,11 @@ from contextlib import contextmanager, nullcontext
 from srt3d_ros import __version__
 from srt3d_ros.errors import InvalidInput, printable
 
-# Each is a module here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported:
-# a node needs nothing of the demo's. For `srt3d --help` all are, so they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "device", "devices", "bag-record",
-            "view", "review", "demo", "compile", "node")
+# Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
+# `srt3d --help`: they import what is slow (torch, ROS) in run().
+COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "device", "bag-record", "node",
+            "devices", "view", "review", "demo", "compile")
+MODULES = {"play": "node", "device": "node", "bag-record": "node"}      # those that are not called as their command
 
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
@@ -55,8 +56,8 @@ def parser(commands: tuple[str, ...]) -> argparse.ArgumentParser:
     top = OneLineParser(prog="srt3d", description="3D point clouds from single-photon lidar.")
     top.add_argument("--version", action="version", version=f"srt3d {__version__}")
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in commands:
-        importlib.import_module(f"srt3d_ros.cli.{name.replace('-', '_')}").add_parser(subparsers)
+    for module in dict.fromkeys(MODULES.get(name, name) for name in commands):
+        importlib.import_module(f"srt3d_ros.cli.{module}").add_parser(subparsers)
     return top
 
 

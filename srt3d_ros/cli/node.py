@@ -1,4 +1,7 @@
-"""`srt3d node NAME`: run one node. The executables in lib/srt3d_ros, which `ros2 run` starts, call this."""
+"""`srt3d node NAME`, and `play`, `device` and `bag-record`: a node in this process, with ordinary options.
+
+The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
+"""
 
 import argparse
 import importlib
@@ -6,11 +9,13 @@ import os
 import re
 import signal
 import sys
+from functools import partial
 
-from srt3d_ros.cli.common import given
 from srt3d_ros.errors import require
 from srt3d_ros.node_names import NODES
 from srt3d_ros.processes import parameter_arguments
+
+NO_PARAMETERS = ("run", "typed", "namespace", "ros_args")       # all other options are the node's parameters
 
 
 def add_parser(subparsers) -> None:
@@ -18,15 +23,90 @@ def add_parser(subparsers) -> None:
     parser.add_argument("name", choices=NODES)
     parser.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …", help="arguments for ROS 2")
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
+    _add_play(subparsers)
+    _add_device(subparsers)
+    _add_bag_record(subparsers)
 
 
-def exit_at_once_on_signals() -> None:
-    """Exit on SIGINT and SIGTERM while modules are imported, until the nodes set handlers of their own.
+def _add_play(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "play", help="publish photons over ROS 2, from a photon file, a bag or the simulator",
+        description="Publish the photons of a file, of a bag, or of the simulator's moving scene, as a sensor's driver "
+                    "would. What is left out keeps the default of the player node.")
+    parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), a bag (its folder, "
+                                                       ".mcap or .db3 file), or: simulator")
+    parser.add_argument("--duration-s", type=float, metavar="S", help="stop after this time")
+    parser.add_argument("--frames", type=int, metavar="N", help="stop after this many frames")
+    parser.add_argument("--loop", action=argparse.BooleanOptionalAction,
+                        help="begin again at the end (a file's one frame: yes; a bag: no)")
+    parser.add_argument("--lossless", action="store_const", const=True,
+                        help="wait for the pipeline instead of leaving frames behind")
+    frames = parser.add_argument_group("files and the simulator")
+    frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
+    form = frames.add_mutually_exclusive_group()
+    for topic, source in (("gates", "a SPAD array reads out"), ("histograms", "sensors send that count on the chip")):
+        form.add_argument(f"--{topic}", dest="output", action="store_const", const=topic,
+                          help=f"publish `{topic}`, as {source}, instead of `photons`")
+    frames.add_argument("--motion", metavar="HOW",
+                        help="walk, drone or spin: the simulator's sensor moves, and odom says where it is "
+                             "(docs/motion.md)")
+    bags = parser.add_argument_group("bags (docs/bags.md)")
+    bags.add_argument("--rate", dest="bag_rate", type=float, metavar="X",
+                      help="pace, 1 as recorded; 0 with --lossless: as fast as the pipeline answers")
+    bags.add_argument("--start-s", dest="bag_start_s", type=float, metavar="S", help="begin this long after the start")
+    bags.add_argument("--stamps", dest="bag_stamps", choices=("original", "now"),
+                      help="as recorded, or as if the photons were acquired now")
+    bags.add_argument("--photons-topic", dest="bag_photons_topic", metavar="TOPIC",
+                      help="where the photons are, if the bag has several topics of them")
+    bags.add_argument("--clock", action="store_const", const=True,
+                      help="publish the bag's time on /clock, for nodes with use_sim_time")
+    _finish(parser, "player")
 
-    Nothing needs an orderly end yet, and KeyboardInterrupt in an extension module's import can become any exception.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(0))
+
+def _add_device(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "device", help="publish the histograms of a sensor, or of its log, over ROS 2",
+        description="Publish `sensor` and `histograms` of a sensor in its own format (`srt3d devices` lists them), "
+                    "live or from a log, as a driver would.")
+    parser.add_argument("device", metavar="NAME", help="the sensor, one of those that `srt3d devices` lists")
+    parser.add_argument("log", nargs="?", metavar="FILE", help="a log of it, played once")
+    parser.add_argument("--connect", metavar="ADDRESS", help="its publisher instead of a log, such as tcp://HOST:5558")
+    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second of a log (10)")
+    parser.add_argument("--frame-id", metavar="FRAME", help="tf frame of the histograms (the device's name)")
+    _finish(parser, "device")
+
+
+def _add_bag_record(subparsers) -> None:
+    parser = subparsers.add_parser(
+        "bag-record", help="record photons and their sensor, or other topics, in a ROS 2 bag",
+        description="Record the photons and the description of their sensor, or other topics of the pipeline, in a bag "
+                    "that `srt3d play`, `srt3d reconstruct` and `ros2 bag play` read (docs/bags.md). Ends with Ctrl-C. "
+                    "What is left out keeps the default of the bag_recorder node.")
+    parser.add_argument("path", metavar="OUT", help="the bag, a folder that is not there yet")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC",
+                        help="what to record (photons gates histograms sensor); also sketch, sketch/sensor, points, …")
+    parser.add_argument("--format", choices=("mcap", "sqlite3"), help="how rosbag2 stores it (mcap)")
+    parser.add_argument("--max-duration", dest="max_duration_s", type=float, metavar="S", help="end after this time")
+    parser.add_argument("--max-size", dest="max_size_mb", type=int, metavar="MB", help="end at this size")
+    _finish(parser, "bag_recorder")
+
+
+def _finish(parser: argparse.ArgumentParser, name: str) -> None:
+    """--namespace, and --ros-args, which takes the rest of the line; what was given starts the node."""
+    parser.add_argument("--namespace", metavar="NS", help="of the node and its topics")
+    parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="…",
+                        help="the rest goes to ROS 2: remapping, parameters, …")
+    parser.set_defaults(run=partial(_start_with_options, name))
+
+
+def _start_with_options(name: str, args: argparse.Namespace) -> int:
+    given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
+    if "topics" in given:
+        given["topics"] = ",".join(given["topics"])
+    if name == "player" and "loop" in given:
+        given["bag_loop"] = given["loop"]       # one of the two is the input's
+    namespace = namespace_arguments(args.namespace) if args.namespace else []
+    return start(name, [*parameter_arguments(given), *namespace, *args.ros_args])
 
 
 def start(name: str, ros_args: list[str]) -> int:
@@ -39,10 +119,13 @@ def start(name: str, ros_args: list[str]) -> int:
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
 
 
-def start_with_options(name: str, args: argparse.Namespace, parameters: tuple[str, ...]) -> int:
-    """`start` with those of these parameters that were given as options, --namespace and --ros-args."""
-    namespace = namespace_arguments(args.namespace) if args.namespace else []
-    return start(name, [*parameter_arguments(given(args, parameters)), *namespace, *args.ros_args])
+def exit_at_once_on_signals() -> None:
+    """Exit on SIGINT and SIGTERM while modules are imported, until the nodes set handlers of their own.
+
+    Nothing needs an orderly end yet, and KeyboardInterrupt in an extension module's import can become any exception.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: os._exit(0))
 
 
 def namespace_arguments(namespace: str) -> list[str]:

@@ -4,7 +4,6 @@ import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts
@@ -23,13 +22,11 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
             and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
         first_pixel: of a tile's cloud, its first row and column in the whole array, from which "full" counts.
     """
-    require(layout in ("xyzi", "full"), "layout", layout, "xyzi or full")
     times_s = sensor.pixel_times_s if layout == "full" and sensor is not None else None
     points = np.zeros(len(cloud), cloud_layouts("points")[layout + "+t" * (times_s is not None)])
     points["x"], points["y"], points["z"] = cloud.xyz.T
     points["intensity"] = cloud.intensity
     if layout == "full":
-        require(sensor is not None, "sensor", "absent", "the sensor, for depth_std in metres")
         points["depth_std"] = cloud.depth_std_bins * sensor.bin_width_m
         points["background"] = cloud.background[cloud.row, cloud.col]
         for name in ("row", "col", "surface"):

@@ -35,7 +35,6 @@ def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32",
         InvalidInput: the sketch is not one of photons: a mean longer than 1, or not a number.
     """
     layouts = cloud_layouts("sketch", len(sketch.frequencies))
-    require(layout in layouts, "layout", layout, " or ".join(layouts))
     header = cdr.Header(sketch.stamp_ns, frame_id)
     if layout == "coded":
         points = np.frombuffer(coded_sketch.encode(sketch, coding_step), layouts[layout])

@@ -1,19 +1,18 @@
-"""Processes that die under a batch: the others' work is kept, theirs is done again, and nothing waits for the dead."""
+"""Processes that die under a batch or are interrupted: nothing is lost, nothing waits for the dead."""
 
 import os
 import signal
+from functools import partial
 from pathlib import Path
 
-import pytest
-
-from srt3d_ros.batch.executors import LocalProcesses, ProcessDied
+from srt3d_ros.batch.executors import LocalProcesses, done
 from srt3d_ros.errors import InvalidInput
 
 
-def end(how: str, marker: str) -> int:
+def end(how: str, marker: Path) -> int:
     """Do as asked in a process; "once": be killed the first time."""
-    if how == "killed" or how == "once" and not Path(marker).exists():
-        Path(marker).touch()
+    if how == "killed" or how == "once" and not marker.exists():
+        marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if how == "refused":
         raise InvalidInput("toa", {1}, "bins")
@@ -25,25 +24,22 @@ def end(how: str, marker: str) -> int:
 def test_what_a_killed_process_did_is_done_once_more_by_another(tmp_path):
     said = []
     processes = LocalProcesses(2, said.append)
+    how = ("once", "well", "killed", "refused", "missing", *["well"] * 6)
     try:
-        how = ("once", "well", "killed", "refused", "missing", *["well"] * 6)
-        futures = [processes.submit(end, what, str(tmp_path / what)) for what in how]
-        with pytest.raises(ProcessDied, match="was killed by SIGKILL, 2 times"):
-            futures[2].result(60)
-        with pytest.raises(InvalidInput, match=r"^toa is \{1\}: expected bins$"):
-            futures[3].result(60)
-        with pytest.raises(ModuleNotFoundError) as missing:
-            futures[4].result(60)
-        assert missing.value.name == "rerun"
-        assert all(futures[k].result(60) != os.getpid() for k in (0, 1, *range(5, 11)))
-        assert said == ["a process was killed by SIGKILL: another takes its place"] * 3
+        found = {call.args: future for call, future in
+                 done((partial(end, what, tmp_path / f"{k}") for k, what in enumerate(how)), processes)}
     finally:
         processes.close()
+    errors = [found[what, tmp_path / f"{k}"].exception() for k, what in enumerate(how)]
+    assert [type(error).__name__ for error in errors[2:5]] == ["BrokenProcessPool", "InvalidInput",
+                                                               "ModuleNotFoundError"]
+    assert str(errors[3]) == "toa is {1}: expected bins" and errors[4].name == "rerun"
+    assert not any(errors[:2] + errors[5:]) and said
+    assert os.getpid() not in {future.result() for future in found.values() if not future.exception()}
 
 
 def test_closing_ends_processes_whatever_they_do():
     processes = LocalProcesses(1, print)
-    waiting = processes.submit(signal.pause)
-    later = processes.submit(os.getpid)
+    waiting = [processes.submit(signal.pause) for _ in range(5)]
     processes.close()
-    assert isinstance(waiting.exception(60), EOFError | OSError) and later.cancelled()
+    assert all(future.cancelled() or future.exception(60) for future in waiting)

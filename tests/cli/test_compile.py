@@ -62,35 +62,24 @@ def test_the_copy_that_runs_is_compiled_and_named_and_only_once(installed, tmp_p
     assert end.startswith("compiled 1 kernels in ") and end.endswith(f"they are in {package}/kernels/cpu/__pycache__")
     assert (caches(installed), caches(tmp_path / "checkout")) == (1, 0)
     assert second.stdout == f"already compiled: the CPU kernels of {package} are in {package}/kernels/cpu/__pycache__\n"
-    for file in installed.rglob("*.nb[ci]"):
-        file.unlink()
-    assert "compiled 1 kernels in " in srt3d(installed, "compile").stdout
 
 
 def test_a_process_that_fails_is_one_line(installed):
     ahead = installed / "srt3d_ros" / "core" / "precompile.py"
     ahead.write_text(ahead.read_text().replace("    pass", "    import os; os._exit(7)"))
     done = srt3d(installed, "compile")
-    assert (done.returncode, done.stderr) == (1, "srt3d: error: a process that compiles ended with exit code 7\n")
+    assert (done.returncode, done.stderr) == (1, "srt3d: error: a process that compiles died (too little memory?)\n")
 
 
-def unwritable(installed: Path) -> None:
-    """Let numba find a file where its folder beside the kernels would be: root can write to any folder."""
+def test_where_the_package_cannot_be_written_the_kernels_are_kept_for_the_user_or_nowhere(installed, tmp_path):
+    # numba finds a file where its folder beside the kernels would be: root can write to any folder.
     folder = installed / "srt3d_ros" / "kernels" / "cpu" / "__pycache__"
     shutil.rmtree(folder, ignore_errors=True)
     folder.write_text("")
-
-
-def test_where_the_package_cannot_be_written_the_kernels_are_kept_for_the_user(installed, tmp_path):
-    unwritable(installed)
     done = srt3d(installed, "compile", HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path / "cache"))
     assert (done.returncode, done.stderr, caches(tmp_path / "cache")) == (0, "", 1)
     assert f"they are in {tmp_path}/cache/numba/" in done.stdout
     assert done.stdout.endswith(", for this user: the package is read-only\n")
-
-
-def test_where_nothing_can_be_written_that_is_said(installed, tmp_path):
-    unwritable(installed)
     nowhere = tmp_path / "a file"
     nowhere.write_text("")
     done = srt3d(installed, "compile", HOME=str(nowhere), XDG_CACHE_HOME=str(nowhere))

@@ -1,7 +1,6 @@
 """`srt3d info` and `srt3d convert`: any photon file in figures, and as an npz photon file."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -83,13 +82,6 @@ def test_an_empty_file_has_figures_too(srt3d, tmp_path):
                              tmp_path / "a.png")
     facts = json.loads(printed)
     assert (code, facts["photons"], facts["empty_pixels"], facts["sbr"]) == (0, 0, 12, 0.0)
-
-
-def test_a_library_that_is_missing_is_named_with_its_extra(srt3d, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ptufile", None)
-    (tmp_path / "scan.ptu").write_bytes(b"PQTTTR")
-    code, _, err = srt3d("info", tmp_path / "scan.ptu")
-    assert (code, err) == (1, "srt3d: error: ptufile is not installed: pip install 'srt3d_ros[ptu]'\n")
 
 
 def test_convert_keeps_photons_and_options(srt3d, wall, cube, tmp_path):

@@ -1,14 +1,14 @@
 """`srt3d up` as the parent of its nodes: processes of their own, started again when they die, ended in order."""
 
-import os
 import signal
 import sys
-from pathlib import Path
 
+import psutil
 import pytest
 from rerun.chunk import RrdReader
 
 from srt3d_ros.processes import Process, wait
+from tests.programs import nodes_of
 
 UP = [sys.executable, "-m", "srt3d_ros.cli.main", "up"]
 IMPATIENT = [sys.executable, "-c", """if True:
@@ -32,31 +32,18 @@ def start():
         process.stop()
 
 
-def nodes_of(parent: Process) -> dict[str, int]:
-    """The process of each node."""
-    found = {}
-    for pid in Path(f"/proc/{parent.pid}/task/{parent.pid}/children").read_text().split():
-        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
-        if "node" in words:
-            found[words[words.index("node") + 1]] = int(pid)
-    return found
-
-
-def runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+def runs(node: psutil.Process) -> bool:
+    return node.is_running() and node.status() != psutil.STATUS_ZOMBIE
 
 
 def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whole(start, tmp_path):
     recording = tmp_path / "run.rrd"
     up = start(UP, "--input", "simulator", "--record", recording, "--namespace", "front", "-r", "points:=/robot/cloud")
     up.says("recording to").says("health")
-    nodes, order = nodes_of(up), []
+    nodes, order = nodes_of(up.pid), []
     up.send(signal.SIGINT)
     while len(order) < len(nodes):
-        order += [name for name, pid in nodes.items() if name not in order and not runs(pid)]
+        order += [name for name, node in nodes.items() if name not in order and not runs(node)]
     assert up.code() == 0, up.text
     assert order == ["player", "sketcher", "reconstructor", "recorder"]
     assert "[recorder] [INFO]" in up.text and f"recording to {recording}" in up.text
@@ -69,28 +56,31 @@ def test_the_nodes_end_from_the_source_to_the_recorder_and_the_recording_is_whol
 
 def test_a_node_that_dies_is_started_again_until_it_dies_too_often(start):
     up = start(IMPATIENT, "-p", "sketcher.autostart:=false").says("(unconfigured)")
-    first = nodes_of(up)
-    os.kill(first["sketcher"], signal.SIGKILL)
+    first = nodes_of(up.pid)
+    first["sketcher"].kill()
     up.says("srt3d up: sketcher was killed by SIGKILL: it is started again in 0 s (1 of 1)")
-    second = wait(lambda: (nodes_of(up).get("sketcher", first["sketcher"]) != first["sketcher"]) and nodes_of(up),
-                  "another sketcher", lambda: up.text)
+    wait(lambda: nodes_of(up.pid).get("sketcher", first["sketcher"]) != first["sketcher"], "another", lambda: up.text)
+    second = nodes_of(up.pid)
     assert second["reconstructor"] == first["reconstructor"]
-    os.kill(second["sketcher"], signal.SIGKILL)
+    second["sketcher"].kill()
     assert up.code() == 128 + signal.SIGKILL
     assert "srt3d up: sketcher was killed by SIGKILL; it died 2 times within 60 s: ending all nodes" in up.lines
 
 
-def test_a_recorder_that_is_started_again_keeps_what_was_recorded(start, tmp_path):
+def test_a_recorder_that_is_started_again_keeps_what_was_recorded_and_no_node_outlives_a_killed_parent(start, tmp_path):
     up = start(UP, "--input", "simulator", "--record", tmp_path / "run.rrd", "--bag", tmp_path / "rec")
     up.says(f"recording to {tmp_path / 'run.rrd'}")
     wait(lambda: (tmp_path / "run.rrd").exists() and (tmp_path / "rec").exists(), "the files", lambda: up.text)
     # After the usual delay, and one after the other: Fast DDS may not find the shared memory of killed nodes free.
-    os.kill(nodes_of(up)["recorder"], signal.SIGKILL)
+    nodes_of(up.pid)["recorder"].kill()
     up.says(f"recording to {tmp_path / 'run_2.rrd'}")
-    os.kill(nodes_of(up)["bag_recorder"], signal.SIGKILL)
+    nodes_of(up.pid)["bag_recorder"].kill()
     wait((tmp_path / "rec_2").exists, "another bag", lambda: up.text)
-    assert up.end(signal.SIGINT) == 0, up.text
     assert {"run.rrd", "run_2.rrd", "rec", "rec_2"} <= {path.name for path in tmp_path.iterdir()}
+    nodes = nodes_of(up.pid)
+    assert set(nodes) == {"player", "sketcher", "reconstructor", "recorder", "bag_recorder"}
+    up.kill()
+    wait(lambda: not any(map(runs, nodes.values())), "the end of the nodes")
 
 
 def test_a_node_that_cannot_start_ends_all_with_its_line_and_code(start):
@@ -104,17 +94,3 @@ def test_a_player_at_its_end_is_no_failure(start):
     up = start(UP, "--input", "simulator", "-p", "player.frames:=2", "-p", "player.wait_for_subscribers:=0")
     assert up.code() == 0
     assert "srt3d up: player is done: ending all nodes" in up.lines
-
-
-def test_no_node_outlives_a_parent_that_is_killed(start):
-    up = start(UP).says("health")
-    nodes = nodes_of(up)
-    assert set(nodes) == {"sketcher", "reconstructor"}
-    up.kill()
-    wait(lambda: not any(map(runs, nodes.values())), "the end of the nodes")
-
-
-def test_a_mistake_is_one_line_before_anything_starts(start):
-    up = start(UP, "-p", "sketcher.sketchsize:=5")
-    assert up.code() == 2
-    assert up.lines == ["srt3d: error: parameter of sketcher is sketchsize: expected sketch_size"]

@@ -16,11 +16,11 @@ from rerun.chunk import RrdReader
 
 from srt3d_ros.cli import main
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.recording import screenshot
 from srt3d_ros.recording.writer import RecordingWriter
+from tests.programs import listening_at
 
 TIMEOUT_S, VIEWER_S = 60.0, 10.0
-HERE = ("--bind", "127.0.0.1")      # the viewer with a window is a server, too
+HERE = ("--bind", "127.0.0.1")      # the viewer with a window is a server, too: reached from this machine alone
 
 
 @pytest.fixture(autouse=True)
@@ -118,26 +118,7 @@ def test_where_there_is_a_screen_the_viewer_opens(srt3d, monkeypatch, tmp_path, 
         assert opened[1:] == [*HERE, f"rerun+http://127.0.0.1:{port}/proxy"]
 
 
-@pytest.mark.skipif(not screenshot.is_possible(), reason="no Vulkan: the viewer cannot run here")
-def test_the_viewer_can_be_reached_from_this_machine_alone(srt3d, monkeypatch, tmp_path, opened, port):
-    monkeypatch.setenv("DISPLAY", ":0")
-    record(tmp_path / "a.rrd").close()
-    srt3d("view", tmp_path / "a.rrd")
-    viewer = subprocess.Popen([*opened, "--headless", "--window-size", "300x200", "--port", str(port)],
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              env=os.environ | {"TMPDIR": str(tmp_path)})
-    try:
-        end = time.monotonic() + TIMEOUT_S
-        while not (addresses := listening_at(port)) and time.monotonic() < end:
-            time.sleep(0.1)
-        assert addresses == {"127.0.0.1"}
-    finally:
-        viewer.kill()
-        viewer.wait()
-
-
 @pytest.mark.parametrize("variables, address", [
-    ({"LOGNAME": "robin"}, f"robin@{socket.gethostname()}"),
     ({"LOGNAME": "robin", "SSH_CONNECTION": "10.0.0.2 50000 10.0.0.7 22"}, "robin@10.0.0.7"),     # from a laptop
     ({}, socket.gethostname()),         # without an account
 ])
@@ -185,15 +166,3 @@ def test_a_port_that_is_taken_gives_one_line(tmp_path):
         taken = other.getsockname()[1]
         with pytest.raises(InvalidInput, match=f"live_port is {taken}: expected a port that is free"):
             RecordingWriter(tmp_path / "a.rrd", None, live=(taken, 16))
-
-
-def listening_at(port: int) -> set[str]:
-    """Addresses at which somebody listens on a port."""
-    found = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        for line in Path(table).read_text().splitlines()[1:]:
-            address, number = line.split()[1].split(":")
-            if int(number, 16) == port and line.split()[3] == "0A":
-                parts = (str(int(address[k:k + 2], 16)) for k in (6, 4, 2, 0))
-                found.add(".".join(parts) if len(address) == 8 else address)
-    return found

@@ -1,5 +1,6 @@
 """One small example of every binary layout, with the functions that carry it."""
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -45,6 +46,19 @@ class Codec:
 def _codec(module, message_class, content, writing: tuple, reading: tuple) -> Codec:
     return Codec(message_class, content, partial(module.encode_cdr, content, *writing),
                  lambda raw: module.decode_cdr(raw, *reading))
+
+
+def same(a, b) -> bool:
+    """True if two decoded contents are equal to the bit, types included."""
+    if dataclasses.is_dataclass(a):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    return a == b
 
 
 WORDS = np.arange(10, 34, dtype=np.uint16).reshape(2, 3, 4)

@@ -13,16 +13,10 @@ from sensor_msgs.msg import Imu
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.odometry import decode_imu, decode_odometry
 
-NAN = math.nan
+FRAMES = ("", "odometry", "a_frame")        # of three lengths, after which numbers are aligned
 
 
-@pytest.fixture(params=["", "odometry", "a_frame"])     # of three lengths, after which numbers are aligned
-def frame(request) -> str:
-    return request.param
-
-
-@pytest.fixture
-def odometry(frame) -> Odometry:
+def odometry(frame: str = "body") -> Odometry:
     message = Odometry(child_frame_id=frame)
     message.header.stamp, message.header.frame_id = Time(sec=5, nanosec=7), frame
     position, half = message.pose.pose.position, math.sqrt(0.5)
@@ -33,57 +27,55 @@ def odometry(frame) -> Odometry:
     return message
 
 
-@pytest.fixture
-def imu(frame) -> Imu:
+def imu(frame: str = "body") -> Imu:
     message = Imu(angular_velocity=Vector3(x=0.1, y=-0.2, z=0.3))
     message.header.stamp, message.header.frame_id = Time(sec=5, nanosec=7), frame
     message.orientation_covariance[0] = -1.0        # an IMU that knows no orientation
     return message
 
 
-def test_odometry_says_where_and_how_fast_a_body_was(odometry, frame):
-    report = decode_odometry(serialize_message(odometry))
+@pytest.mark.parametrize("frame", FRAMES)
+def test_where_and_how_fast_a_body_was_and_how_fast_it_turns(frame):
+    report = decode_odometry(serialize_message(odometry(frame)))
     assert (report.stamp_ns, report.frame_id, report.speed_m_s) == (5_000_000_007, frame, 5.0)
     np.testing.assert_allclose(report.pose(np.array([1.0, 0, 0])), [1, 3, 3])
     np.testing.assert_array_equal(report.rate_rad_s, [0, 0, 0.25])
-
-
-def test_an_imu_says_how_fast_it_turns(imu, frame):
-    report = decode_imu(serialize_message(imu))
+    report = decode_imu(serialize_message(imu(frame)))
     assert (report.stamp_ns, report.frame_id, report.pose) == (5_000_000_007, frame, None)
     np.testing.assert_array_equal(report.rate_rad_s, [0.1, -0.2, 0.3])
 
 
-def test_a_twist_of_nan_is_none_and_the_pose_is_used(odometry):
-    odometry.twist.twist.angular.x = NAN
-    report = decode_odometry(serialize_message(odometry))
+def test_a_twist_of_nan_is_none_and_the_pose_is_used():
+    message = odometry()
+    message.twist.twist.angular.x = math.nan
+    report = decode_odometry(serialize_message(message))
     assert report.speed_m_s == 0 and not report.rate_rad_s.any() and report.pose.translation[0] == 1
 
 
-@pytest.mark.parametrize("field, value, said", [
-    ("position.y", NAN, "position is"), ("position.x", math.inf, "position is"), ("position.x", 1e300, "position is"),
-    ("orientation.w", NAN, "orientation is"), ("orientation.w", 0.0, "expected a quaternion of length 1"),
+@pytest.mark.parametrize("decode, message, field, value, said", [
+    (decode_odometry, odometry, "pose.pose.position.y", math.nan, "position is"),
+    (decode_odometry, odometry, "pose.pose.position.x", 1e300, "position is"),
+    (decode_odometry, odometry, "pose.pose.orientation.w", math.nan, "orientation is"),
+    (decode_odometry, odometry, "pose.pose.orientation.w", 0.0, "expected a quaternion of length 1"),
+    (decode_imu, imu, "angular_velocity.z", math.nan, "angular_velocity is"),
+    (decode_imu, imu, "angular_velocity.z", 200.0, "expected at most 35 rad/s"),
 ])
-def test_a_pose_that_is_none_is_refused(odometry, field, value, said):
-    part, name = field.split(".")
-    setattr(getattr(odometry.pose.pose, part), name, value)
+def test_what_cannot_be_is_refused(decode, message, field, value, said):
+    made = part = message()
+    *parts, name = field.split(".")
+    for inner in parts:
+        part = getattr(part, inner)
+    setattr(part, name, value)
     with pytest.raises(InvalidInput, match=said):
-        decode_odometry(serialize_message(odometry))
+        decode(serialize_message(made))
 
 
-@pytest.mark.parametrize("rate, said", [(NAN, "angular_velocity is"), (200.0, "expected at most 35 rad/s")])
-def test_a_rate_that_no_gyroscope_measures_is_refused(imu, rate, said):
-    imu.angular_velocity.z = rate
-    with pytest.raises(InvalidInput, match=said):
-        decode_imu(serialize_message(imu))
-    imu.angular_velocity_covariance[0] = -1.0
+def test_an_imu_without_a_rate_and_what_breaks_off_are_refused():
+    message = imu()
+    message.angular_velocity_covariance[0] = -1.0
     with pytest.raises(InvalidInput, match="angular_velocity_covariance is -1"):
-        decode_imu(serialize_message(imu))
-
-
-def test_what_breaks_off_is_refused(odometry, imu):
-    for decode, message in ((decode_odometry, odometry), (decode_imu, imu)):
-        raw = serialize_message(message)
+        decode_imu(serialize_message(message))
+    for decode, raw in ((decode_odometry, serialize_message(odometry())), (decode_imu, serialize_message(imu()))):
         for length in range(0, len(raw), 9):
             with pytest.raises(InvalidInput):
                 decode(raw[:length])

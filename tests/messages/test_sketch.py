@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.messages import cdr, sketch
+from srt3d_ros.messages import sketch
 from srt3d_ros.messages.coded_sketch import DEFAULT_STEP
 
 
@@ -41,13 +41,6 @@ def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     assert same_header == header and (counts == content.photons).all()
 
 
-@pytest.mark.parametrize(("layout", "bytes_per_pixel"), [("float32", 4 + 8 * 10), ("int16", 4 + 4 * 10)])
-def test_message_is_organised_and_without_padding(layout, bytes_per_pixel):
-    message = cdr.read_cloud(sketch.encode_cdr(random_sketch(1, 5, 7, 10), "lidar", layout))
-    assert (message.height, message.width, message.point_step) == (5, 7, bytes_per_pixel)
-    assert len(message.data) == 5 * 7 * bytes_per_pixel
-
-
 @pytest.mark.parametrize("layout", ["float32", "int16", "coded"])
 def test_a_window_of_a_message_is_that_of_its_sketch(layout):
     message, window = sketch.encode_cdr(random_sketch(2, 6, 9, 4), "spad", layout), (slice(1, 4), slice(3, None))
@@ -56,13 +49,6 @@ def test_a_window_of_a_message_is_that_of_its_sketch(layout):
     for name in ("sums", "photons"):
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[window])
     assert (part.stamp_ns, part.added_variance) == (whole.stamp_ns, whole.added_variance)
-
-
-def test_full_scale_of_int16_is_one(codecs):
-    message = codecs["sketch_int16"].message()
-    values = np.frombuffer(message.data, np.dtype([("photons", "<u4"), ("sketch", "<i2", 4)]))
-    assert values["sketch"][1].tolist() == [-32_767, 0, 16_384, -16_384]
-    assert values["sketch"][2].tolist() == [32_767, 0, 0, 32_767]
 
 
 def test_counts_above_two_billion_are_kept():
@@ -88,17 +74,12 @@ def test_sensor_frequencies_and_window_make_the_trip(small_sensor):
 @pytest.mark.parametrize(("change", "named"), [
     (lambda content: content.pop("frequencies"), "frequencies"),
     (lambda content: content.update(frequencies=[1, 50]), "frequencies"),
-    (lambda content: content.update(frequencies=[0]), "frequencies"),
-    (lambda content: content.update(frequencies=[2, 2]), "frequencies"),
     (lambda content: content.update(frequencies=[1, 2.5]), "frequencies"),
     (lambda content: content.update(frequencies=[]), "sketch size"),
-    (lambda content: content.update(frequencies=3), "frequencies"),
     (lambda content: content.update(window_frames=0), "window_frames"),
-    (lambda content: content.update(window_frames="1"), "window_frames"),
     (lambda content: content.update(schema_version=2), "schema_version"),
     (lambda content: content.pop("sensor"), "sensor"),
     (lambda content: content["sensor"].pop("rows"), "rows"),
-    (lambda content: content["sensor"].update(schema_version=7), "schema_version"),
     (lambda content: content.update(window=1), "unknown key"),
 ])
 def test_malformed_sketch_sensor_gives_one_error_that_names_the_field(small_sensor, change, named):

@@ -1,0 +1,149 @@
+"""`photons`, `gates` and `histograms`: frames of all kinds, and messages as other drivers write them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+
+from srt3d_ros.core import photons as core_photons
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.photons import CHUNK, PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import cdr, gates, histograms, photons
+from srt3d_ros.messages.cdr import Header
+from tests.messages.conftest import same
+
+
+@st.composite
+def events(draw):
+    sensor = SensorModel(rows=draw(st.integers(1, 300)), cols=draw(st.integers(1, 300)),
+                         num_bins=draw(st.integers(2, 65_535)), bin_width_s=1e-10, irf=np.ones(1))
+    count = draw(st.integers(0, 50))
+    pixel = draw(arrays.arrays(np.uint32, count, elements=st.integers(0, sensor.pixels - 1)))
+    dtype = draw(st.sampled_from([np.uint16, np.uint32, np.float32]))
+    bins = st.floats(0, sensor.num_bins, width=32, exclude_max=True) if dtype is np.float32 else \
+        st.integers(0, sensor.num_bins - 1)
+    t = draw(st.none() | arrays.arrays(np.uint32, count, elements=st.integers(0, core_photons.MAX_T_NS)))
+    toa = draw(arrays.arrays(dtype, count, elements=bins))
+    return photons, sensor, PhotonEvents(pixel, toa, draw(st.integers(0, 2**60)), t)
+
+
+@st.composite
+def words(draw):
+    first, bins, none = draw(st.integers(0, 1000)), draw(st.integers(2, 1000)), draw(st.integers(0, 65_535))
+    sensor = SensorModel(rows=draw(st.integers(1, 9)), cols=draw(st.integers(1, 9)), num_bins=bins, bin_width_s=1e-10,
+                         irf=np.ones(1), gates=GateWords(first, none))
+    shape = (draw(st.integers(0, 6)), sensor.rows, sensor.cols)
+    found = draw(arrays.arrays(np.uint16, shape, elements=st.integers(first, first + bins - 1) | st.just(none)))
+    return gates, sensor, PhotonGates(found, draw(st.integers(0, 2**60)), photons=np.count_nonzero(found != none))
+
+
+@st.composite
+def counts(draw):
+    sensor = SensorModel(rows=draw(st.integers(1, 5)), cols=draw(st.integers(1, 5)), num_bins=draw(st.integers(2, 40)),
+                         bin_width_s=1e-10, irf=np.ones(1))
+    if draw(st.booleans()):
+        sensor = sensor.replace(histograms=HistogramBins(draw(st.integers(1, sensor.num_bins))))
+    bins = sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
+    dtype = draw(st.sampled_from(core_photons.COUNT_DTYPES))
+    most = core_photons.MAX_OF_PIXEL // 64
+    within = {} if np.dtype(dtype).kind == "u" else {"min_value": -most, "max_value": most}
+    found = draw(arrays.arrays(dtype, (sensor.rows, sensor.cols, bins),
+                               elements=arrays.from_dtype(np.dtype(dtype), **within)))
+    return histograms, sensor, PhotonHistograms(found, draw(st.integers(0, 2**60)))
+
+
+@settings(max_examples=150, deadline=None)
+@given(events() | words() | counts())
+def test_any_frame_makes_the_trip(case):
+    module, sensor, content = case
+    header, back = module.decode_cdr(module.encode_cdr(content, sensor, "spad"), sensor)
+    assert header == Header(content.stamp_ns, "spad") and same(back, content)
+    for array in vars(back).values():
+        assert not isinstance(array, np.ndarray) or (array.flags.aligned and array.flags.c_contiguous)
+
+
+@pytest.mark.parametrize("name, order", [("gates", ">"), ("histograms_8UC5", "|"), ("histograms_16UC5", ">"),
+                                         ("histograms_32FC5", ">")])
+def test_images_are_copied_only_where_their_bytes_lie_otherwise(codecs, name, order):
+    image, whole = cdr.read_image(codecs[name].encode_cdr()), vars(codecs[name].content)
+    numbers = whole.get("words", whole.get("counts"))
+    rows = numbers.reshape(image.height, -1)
+    padded = np.pad(rows, ((0, 0), (0, 3)))
+    for lies, copied in ((rows, False), (rows.astype(rows.dtype.newbyteorder(order)), order == ">"), (padded, True)):
+        raw = cdr.write_image(replace(image, is_bigendian=lies.dtype.byteorder == ">", step=lies.strides[0],
+                                      data=memoryview(lies.tobytes())))
+        found = vars(codecs[name].decode_cdr(raw)[1])
+        read = found.get("words", found.get("counts"))
+        assert (read == numbers).all() and read.flags.aligned and read.flags.c_contiguous and read.dtype.isnative
+        assert np.shares_memory(read, np.frombuffer(raw, np.uint8)) is not copied
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("count", [3, 0])
+def test_other_order_padding_and_further_fields_are_read(small_sensor, order, count):
+    kinds = {"toa": ("f4", PointField.FLOAT32), "tdc": ("u1", PointField.UINT8), "_": ("u1", PointField.UINT8),
+             "t": ("u4", PointField.UINT32), "col": ("u2", PointField.UINT16), "row": ("u2", PointField.UINT16)}
+    offsets = dict(zip(kinds, (1, 5, 6, 8, 13, 18)))
+    points = np.full(3 * 23, 0xAB, np.uint8).view(np.dtype({
+        "names": list(kinds), "offsets": list(offsets.values()), "itemsize": 23,
+        "formats": [order + kind for kind, _ in kinds.values()]}))
+    points["row"], points["col"], points["toa"] = [2, 0, 1], [3, 0, 2], [99.5, 0, 7.25]
+    points["t"] = [0, 33_000_000, 5]
+    fields = [PointField(name=name, offset=offsets[name], datatype=code, count=1) for name, (_, code) in kinds.items()]
+    fields.append(PointField(name="_", offset=7, datatype=PointField.UINT8, count=1))       # a second of this name
+    message = PointCloud2(height=1, width=count, fields=fields, is_bigendian=order == ">", point_step=23,
+                          row_step=23 * count, data=points[:count].tobytes())
+    _, found = photons.decode_cdr(serialize_message(message), small_sensor)
+    assert found.pixel.tolist() == [11, 0, 6][:count] and found.toa.tolist() == [99.5, 0, 7.25][:count]
+    assert found.t.tolist() == [0, 33_000_000, 5][:count]
+    assert (found.toa.dtype, found.t.dtype) == (np.float32, np.uint32)
+
+
+def test_last_row_and_column_of_the_largest_side_fit():
+    sensor = SensorModel(rows=65_536, cols=1, num_bins=65_535, bin_width_s=1e-10, irf=np.ones(1))
+    last = PhotonEvents(np.array([65_535], np.uint32), np.array([65_534], np.uint16))
+    assert photons.decode_cdr(photons.encode_cdr(last, sensor, ""), sensor)[1].pixel.tolist() == [65_535]
+
+
+def test_a_message_announces_its_photons_unless_its_bytes_cannot_hold_them(codecs):
+    raw = codecs["photons_uint16"].encode_cdr()
+    assert photons.announced(raw) == 3
+    for broken in (b"", raw[:30], raw[:28] + b"\xff\xff\xff\xff" + raw[32:]):      # the width
+        assert photons.announced(broken) == 0
+
+
+def test_a_wrong_word_is_found_wherever_it_is():
+    sensor = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=np.ones(1), gates=GateWords(10, 0))
+    raw = gates.encode_cdr(PhotonGates(np.zeros((CHUNK // 3, 2, 3), np.uint16)), sensor, "spad")
+    start = len(raw) - 2 * (CHUNK // 3 * 6)
+    for at in (0, CHUNK - 1, CHUNK, 2 * CHUNK - 3):
+        broken = bytearray(raw)
+        broken[start + 2 * at:start + 2 * at + 2] = (60).to_bytes(2, "little")
+        with pytest.raises(InvalidInput, match="gates word is 60: expected 10 to 59, or 0"):
+            gates.decode_cdr(bytes(broken), sensor)
+
+
+def test_a_word_that_would_wrap_around_16_bits_is_refused(codecs, small_sensor):
+    sensor = small_sensor.replace(gates=GateWords(first_word=65_500, no_detection=0))
+    header = codecs["gates"].encode_cdr()[:-48]
+    full, wrapped = (header + np.full(24, word, "<u2").tobytes() for word in (65_535, 63))
+    assert gates.decode_cdr(full, sensor)[1].words[0, 0, 0] == 65_535
+    with pytest.raises(InvalidInput, match="^gates word is 63: expected 65500 to 65535"):
+        gates.decode_cdr(wrapped, sensor)           # (63 − 65500) mod 2¹⁶ = 99, a bin if one forgot
+
+
+def test_a_frame_that_does_not_fit_the_description_says_what_would(codecs, small_sensor):
+    raw = codecs["histograms_16UC5"].encode_cdr()
+    with pytest.raises(InvalidInput, match="^encoding is 16UC5: expected 8UC100 or 16UC100 or 32SC100 or 32FC100$"):
+        histograms.decode_cdr(raw, small_sensor.replace(histograms=None))
+    with pytest.raises(InvalidInput, match="^height is 3: expected the sensor's 6 rows$"):
+        histograms.decode_cdr(raw, small_sensor.replace(rows=6))
+    with pytest.raises(InvalidInput, match="^sensor.gates is missing"):
+        gates.decode_cdr(codecs["gates"].encode_cdr(), small_sensor.replace(gates=None))
