@@ -110,14 +110,13 @@ class Matcher:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
         self.equaliser = self._map(equaliser)
         self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
-        self._exposure = self.used if sensor.gain is None else self.used * sensor.gain
         self.spectrum = spectrum.mean(axis=0)
         self.energy = energy = energy.astype(np.float32)
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
         self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
-            "exposure": self._exposure, "energy": energy, "bin_frequencies": bin_frequencies,
+            "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies,
             "num_bins": sensor.num_bins, "moments": self.moments, "intensity_moments": intensity_moments,
             "max_response": max_response, "background_table": background_table, "total_energy": float(energy.sum()),
             "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
@@ -131,8 +130,8 @@ class Matcher:
 
     def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
         """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
-        constants = on_device({**self._constants, "exposure": maps.pad(self._exposure), "size": self._exposure.shape},
-                              kernels)
+        exposure = self.sensor.exposure
+        constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
         return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, origin=self.origin,
                                                                   **constants)
 
