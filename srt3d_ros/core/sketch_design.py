@@ -5,8 +5,8 @@ import numpy as np
 from srt3d_ros.core.frame_watch import FrameHistogram, FrameWatch
 from srt3d_ros.core.frequencies import AUTO as DESIGNED
 from srt3d_ros.core.frequencies import RULES, choose
+from srt3d_ros.core.frequency_design import Light
 from srt3d_ros.core.gate import AUTO, OFF, Gate, in_ranges, parse
-from srt3d_ros.core.light import Light
 from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel

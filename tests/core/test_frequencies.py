@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, PASSBAND, angular_frequencies, choose, irf_spectrum, spread
-from srt3d_ros.core.frequency_design import design
-from srt3d_ros.core.light import Light
+from srt3d_ros.core.frequency_design import Light, design
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 

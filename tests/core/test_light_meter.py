@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core import light_meter
-from srt3d_ros.core.frequency_design import highest_passed
-from srt3d_ros.core.light import Light
+from srt3d_ros.core.frequency_design import Light, highest_passed
 from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter, light_of
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
