@@ -5,7 +5,6 @@ import os
 import re
 from pathlib import Path
 
-from srt3d_ros.core.methods import OLD_NAMES
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation.machine import machine
 
@@ -54,8 +53,6 @@ def _read(path: Path) -> list[dict]:
         raise InvalidInput(str(path), f"unreadable ({error})", expected) from None
     require(all(isinstance(line, dict) and "part" in line for line in lines), str(path), "another kind of file",
             expected)
-    require(OLD_NAMES.keys().isdisjoint(str(line.get("method")) for line in lines), str(path),
-            "of a version with other names of methods", "another --out, or no such file")
     return lines
 
 

@@ -1,8 +1,7 @@
 """MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,25 +27,8 @@ class MatchedFrame:
     see one surface add up. A gain g makes g times as many photons, signal and background, so it acts as an exposure
     time.
 
-    Args:
-        matched: float32 [rows, 2m, cols], conj(ĥ_l) · sums_l, real parts before imaginary ones; 0 in masked pixels.
-        counts: float32 [rows, cols], photons: twice the variance of each part of `matched` / ĥ_l, background alone;
-            0 in masked pixels.
-        exposure: float32 [rows, cols], g; 0 in masked pixels.
-        energy: float32 [m], |ĥ_l|².
-        bin_frequencies: float32 [m], k_l / T.
-        num_bins: T.
-        moments: float32 [2], variance of the depth score that one signal photon, one background photon adds.
-        intensity_moments: float32 [2], the same for the intensity score.
-        max_response: of a photon to a matched filter.
-        background_table: float32 [n], what mean responses of 0 … max_response are worth against "background
-            alone", standard deviations per √photon.
-        total_energy: Σ|ĥ_l|², the curvature of the data term in intensity.
-        curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
-        clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
-            more; None if the background is even.
-        origin: row and column of the first pixel in the array of which the frame is a part.
-        size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
+    `kernels.data.FrameData` describes the fields. Maps are [rows, 2m, cols] and [rows, cols], or padded
+    (`kernels.maps`) if `size` is given: rows, cols.
     """
 
     matched: np.ndarray
@@ -75,7 +57,7 @@ class MatchedFrame:
         """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
 
-    @cached_property
+    @property
     def padded(self) -> "MatchedFrame":
         """The same with padded maps, as the windowed kernels want them."""
         return replace(self, matched=maps.pad(self.matched.swapaxes(1, 2)), counts=maps.pad(self.counts),
@@ -83,7 +65,7 @@ class MatchedFrame:
 
     def on(self, kernels) -> "MatchedFrame":
         """The same with its arrays on the kernels' device."""
-        return MatchedFrame(**on_device({field.name: getattr(self, field.name) for field in fields(self)}, kernels))
+        return MatchedFrame(**on_device(vars(self), kernels))
 
 
 class Matcher:

@@ -283,8 +283,7 @@ class Pooled:
                                 self._warm_start)()
             self.forget()
         else:
-            small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
-                -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
+            small = self._matcher.sensor.cropped(slice(8), slice(8))
             Pooled(small, self._matcher.frequencies, self.surfaces, device=self.device)(
                 noise_sketch(small, self._matcher.frequencies))
 

@@ -161,7 +161,6 @@ def test_the_papers_experiments_are_run_and_of_a_quick_look_fewer_and_smaller(mo
 BAD = {
     "missing file": (["absent.npz"], "absent.npz"), "no photon file": (["step.npz"], "step.npz"),
     "unknown method": (["layers.npz", "--methods", "magic"], "method is magic"),
-    "old name": (["layers.npz", "--methods", "srt3d-paper"], "method is srt3d-paper: expected its new name, "),
     "unknown scene": (["--scene", "head"], "scene is head"), "missing scene": (["--scene", "a.npz"], "scene is a.npz"),
     "photons as scene": (["--scene", "layers.npz"], "layers.npz depth_m"),
     "sbr in words": (["--sbr", "high"], "--sbr"), "sbr 0": (["--sbr", "0"], "--sbr is 0"),

@@ -264,7 +264,6 @@ REFUSED = [
     (("FILE", *OUT, "--false-alarm-rate", "nan"), "false_alarm_rate is nan"),
     (("FILE", *OUT, "--device", "cuda"), "device is cuda"), (("FILE", *OUT, "--device", "gpu"), "--device"),
     (("FILE", *OUT, "--method", "magic"), "method is magic"),
-    (("FILE", *OUT, "--method", "srt3d-paper"), "method is srt3d-paper: expected its new name, "),
     (("FILE", *OUT, "--sketch-size", "0"), "sketch_size is 0"),
     (("FILE", *OUT, "--sketch-size", "3", "--frequencies", "1,2"), "sketch_size is 3"),
     (("FILE", *OUT, "--frequencies", "low"), "frequencies is low"),

@@ -218,7 +218,5 @@ def test_a_dark_frame_may_come_as_gates():
 def test_what_cannot_be_used_is_named():
     with pytest.raises(InvalidInput, match="^background is dark: expected auto or sensor or flat"):
         Pooled(make_sensor(), (1, 2, 3), background="dark")
-    with pytest.raises(InvalidInput, match="^background is estimate: expected auto, which has replaced it"):
-        Pooled(make_sensor(), (1, 2, 3), background="estimate")
     with pytest.raises(InvalidInput, match="^dark frame is no photons"):
         dark_shape(PhotonEvents(np.zeros(0, np.uint32), np.zeros(0, np.uint16)), make_sensor())

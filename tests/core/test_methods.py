@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, OLD_NAMES, SKETCH_METHODS, find, refuse_old_name
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, find
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
@@ -216,11 +216,6 @@ def test_every_method_tells_its_device_and_can_warm_up(name):
     assert method.device == "cpu"
 
 
-def test_an_unknown_or_old_name_is_refused_with_the_known_ones():
+def test_an_unknown_name_is_refused_with_the_known_ones():
     with pytest.raises(InvalidInput, match="^method is magic: expected pooled or srt3d or smle or xcorr or rt3d$"):
         find("magic")
-    assert not set(OLD_NAMES) & set(METHODS)
-    for refuse in (find, refuse_old_name):
-        with pytest.raises(InvalidInput) as caught:
-            refuse("srt3d-paper")
-        assert str(caught.value) == "method is srt3d-paper: expected its new name, srt3d (SRT3D as published)"

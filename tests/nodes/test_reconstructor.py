@@ -209,8 +209,6 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames_and_no_
     assert setting(min_range_m=-1.0).startswith("min_range_m is -1.0: expected a number of 0 or more m")
     assert setting(method="smle", warm_start=True) == "warm_start is True: expected False, as smle has no such option"
     assert setting(method="rt3d").startswith("method is rt3d: expected ")
-    assert setting(method="srt3d-paper") == "method is srt3d-paper: expected its new name, srt3d (SRT3D as published)"
-    assert setting(background="estimate") == "background is estimate: expected auto, which has replaced it"
     assert setting(save_format="las") == "save_format is las: expected ply or pcd or npz"
     if not torch.cuda.is_available():
         assert setting(device="cuda").startswith("device is cuda: expected ")

@@ -32,16 +32,7 @@ LEAST_BACKGROUND = 0.01         # photons in a pixel: a photon off every surface
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Everything in the likelihood but the unknowns.
-
-    Args:
-        starts: int64 [rows · cols + 1], toa: float32 [N]: the photons by pixel, delays taken out.
-        irf, slope: float32 [1 or rows · cols, L], h and h′.
-        ref: index into them that marks the depth.
-        information: of a signal photon on the depth, bins⁻².
-        num_bins: T.
-        exposure: float32 [rows, cols], g; 0 where masked.
-    """
+    """Everything in the likelihood but the unknowns: `kernels.data.PhotonData`, delays taken out of `toa`."""
 
     starts: np.ndarray
     toa: np.ndarray
