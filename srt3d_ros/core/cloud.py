@@ -118,8 +118,7 @@ class PointCloud:
         if (key[later - 1] <= key[later]).all():
             return self
         order = np.lexsort((key, np.cumsum(self.surface == 0)))
-        return replace(self, depth_bins=self.depth_bins[order], intensity=self.intensity[order],
-                       depth_std_bins=self.depth_std_bins[order], xyz=self.xyz[order])
+        return replace(self._only(order), surface=self.surface)
 
     def _range_m(self) -> np.ndarray:
         return np.sqrt(np.einsum("ij,ij->i", self.xyz, self.xyz))       # several times faster than np.linalg.norm

@@ -80,22 +80,25 @@ class Sketcher:
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
+        return self._sketch_of(self._sums, self._photons)
+
+    def _sketch_of(self, sums, photons) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
-        photons = self._photons if self.gate is None else self._kernels.counted(self._sums, 2 * m)
+        if self.gate is not None:
+            photons = self._kernels.counted(sums, 2 * m)
         if self._subtracted:
-            photons = self._at_least_as_seen(photons)
-        sums, photons = self._kernels.read_sums(self._sums, photons, 2 * m)
+            photons = self._at_least_as_seen(sums, photons)
+        sums, photons = self._kernels.read_sums(sums, photons, 2 * m)
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
 
-    def _at_least_as_seen(self, photons):
+    def _at_least_as_seen(self, sums, photons):
         """Photon numbers of histograms from which something was subtracted: as many as the longest sum needs, |z| ≤ 1.
 
         Of what is subtracted the noise stays, and n, which is near 0 in a pixel without a surface, stands for it.
         """
-        m = len(self.frequencies)
-        numbers, sums = map(on_host, (photons, self._kernels.read_sums(self._sums, photons.clip(1), 2 * m)[0]))
-        longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
-        return self._kernels.array(np.maximum(numbers, np.ceil(longest).astype(np.int64)))
+        read, _ = self._kernels.read_sums(sums, photons.clip(1), 2 * len(self.frequencies))
+        longest = np.abs(on_host(read)).max(axis=1) * (1 - ROUNDING)
+        return self._kernels.array(np.maximum(on_host(photons), np.ceil(longest).astype(np.int64)))
 
     def _add_events(self, events: PhotonEvents, pixel, toa) -> None:
         kernels, sums, photons = self._kernels, self._sums, self._photons
