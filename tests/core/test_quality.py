@@ -70,7 +70,7 @@ def islands(rows: int, cols: int) -> np.ndarray:
     return range_m
 
 
-@pytest.mark.parametrize(("sbr", "ppp", "share"), [(1, 2, 0.08), (10, 2, 0.05), (10, 20, 0.01), (1, 50, 0.01)])
+@pytest.mark.parametrize(("sbr", "ppp", "share"), [(1, 2, 0.08), (10, 20, 0.01)])
 def test_surfaces_end_at_their_silhouettes(sbr, ppp, share):
     bin_width_s = 50e-12
     sensor = SensorModel(60, 80, 800, bin_width_s, spad(bin_width_s), projection=Pinhole.from_fov(60, 80))

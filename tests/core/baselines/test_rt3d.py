@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.baselines.rt3d import RT3D
-from srt3d_ros.core.baselines.toa import DepthInformation, by_pixel, irf_slope
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.kernels import cpu
 from tests.core.scenes import T, make_sensor, simulate
 
@@ -28,14 +27,3 @@ def test_steps_without_denoiser_reach_maximum_likelihood():
         at_r, at_t = np.unravel_index(likelihood.argmax(), likelihood.shape)
         assert intensity.reshape(-1)[p] == pytest.approx(r[at_r], abs=1.5)
         assert depth.reshape(-1)[p] == pytest.approx(t[at_t], abs=0.8)      # h′ is smoothed over two bins
-
-
-@pytest.mark.parametrize("sigma", [3.0, 8.0])
-def test_information_is_that_of_a_normal_irf(sigma):
-    irf = np.exp(-np.arange(-60, 61)**2 / (2 * sigma**2))
-    information = DepthInformation(SensorModel(2, 2, 400, 1e-10, irf))
-    assert information.per_photon(np.array(0.0)) == pytest.approx(1 / sigma**2, rel=0.03)
-    assert information.std(np.array(100.0), np.array(0.0)) == pytest.approx(sigma / 10, rel=0.03)
-    h, slope = irf / irf.sum(), irf_slope(irf / irf.sum())
-    expected = (40 * slope**2 / (h + 0.5 / 40)).sum()                       # r = 40, b = 0.5 per bin
-    assert information.std(np.array(40.0), np.array(0.5)) == pytest.approx(expected**-0.5, rel=0.01)
