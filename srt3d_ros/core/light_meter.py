@@ -101,13 +101,6 @@ class LightMeter(FrameLooks):
         return self._rungs[rungs - 1] if rungs else 0
 
 
-def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
-    """The light of one frame."""
-    meter = LightMeter(sensor)
-    meter.add(frame)
-    return meter.end_frame()
-
-
 def _power_of_two(least: float) -> int:
     """The smallest that is `least` or more, 1 at least."""
     return 1 << max(int(np.ceil(np.log2(max(least, 1)))), 0)

@@ -148,11 +148,7 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
     estimates' variances of it, whatever the distribution of the photons over the bins.
 
-    Args:
-        sensor: gives the IRF; of an IRF per pixel the mean counts.
-        omega: float64 [m], ω_l.
-        filters: complex [m], f_l.
-        energy: |f_l|², [m].
+    Of an IRF per pixel the mean counts.
 
     Returns:
         For depth and for intensity, float32 [2]: of a signal photon, of a background photon.
@@ -160,11 +156,9 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
     bins = np.arange(len(irf)) - sensor.irf_ref
     response = np.exp(1j * np.outer(bins, omega)) * filters
-    moments = []
-    for score, background in (((response * omega).imag.sum(axis=1), (omega**2 * energy).sum() / 2),
-                              (response.real.sum(axis=1), energy.sum() / 2)):
-        moments.append(np.array([irf @ score**2, background], dtype=np.float32))
-    return moments[0], moments[1]
+    of_depth, of_intensity = (response * omega).imag.sum(axis=1), response.real.sum(axis=1)
+    return (np.array([irf @ of_depth**2, (omega**2 * energy).sum() / 2], np.float32),
+            np.array([irf @ of_intensity**2, energy.sum() / 2], np.float32))
 
 
 def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:

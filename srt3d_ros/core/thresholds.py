@@ -38,9 +38,7 @@ def continuation_threshold(false_alarm_rate: float) -> float:
 def score(frame: MatchedFrame, signal: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Score of single pixels' matched filters against "background alone", standard deviations; right for few photons.
 
-    Args:
-        signal: float [rows, K, cols], photons, the filter's response over Σ|ĥ_l|².
-        counts: the same shape, all photons.
+    `signal` is the filter's response over Σ|ĥ_l|², photons, float [rows, K, cols], `counts` are all photons.
     """
     photons = np.maximum(counts, 1e-6)
     responses = np.linspace(0, frame.max_response, len(frame.background_table))

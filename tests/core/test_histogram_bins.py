@@ -6,11 +6,11 @@ import pytest
 from srt3d_ros.core.frame_watch import FrameWatch
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.light_meter import light_of
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import light_of
 
 SHAPE = (2, 3)
 

@@ -5,11 +5,12 @@ import pytest
 
 from srt3d_ros.core import light_meter
 from srt3d_ros.core.frequency_design import Light, highest_passed
-from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter, light_of
+from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
+from tests.core.scenes import light_of
 
 T = 400
 BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)

@@ -8,6 +8,7 @@ from srt3d_ros.core.matched_frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
+from tests.core import scenes
 
 ROWS, COLS, T = 3, 4, 200
 FREQUENCIES = (1, 2, 5, 9, 14)
@@ -22,16 +23,8 @@ def make(**changes) -> SensorModel:
                            "irf_ref": 2} | changes))
 
 
-def exact(sensor: SensorModel, depth=DEPTH, signal=SIGNAL, background=0.0) -> Sketch:
-    """The expected sketch of surfaces at `depth` seen by every pixel with its own gain, delay and IRF."""
-    omega = angular_frequencies(FREQUENCIES, T)
-    spectrum = irf_spectrum(sensor, FREQUENCIES).reshape(-1, len(omega))
-    late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
-    gain = 1 if sensor.gain is None else sensor.gain
-    phase = np.exp(1j * (depth + late)[..., None] * omega)
-    response = np.broadcast_to(spectrum, (sensor.pixels, len(omega))).reshape(phase.shape)
-    sums = (gain * signal)[..., None] * response * phase
-    return Sketch(FREQUENCIES, sums.astype(np.complex64), np.rint(gain * (signal + background)).astype(np.uint32), 3)
+def exact(sensor: SensorModel) -> Sketch:
+    return scenes.exact(sensor, DEPTH, SIGNAL, frequencies=FREQUENCIES)
 
 
 def frame_energy(sensor: SensorModel) -> np.ndarray:

@@ -9,42 +9,24 @@ from dataclasses import fields
 import numpy as np
 
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
+from tests.core.scenes import make_sensor, ramp, simulate
 
-SIDE, NUM_BINS, PPP = 141, 1_000, 8
+SIDE = 141
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-def make_sensor() -> SensorModel:
-    """A sensor with all calibration that there is."""
-    rng, shape = np.random.default_rng(1), (SIDE, SIDE)
-    return SensorModel(SIDE, SIDE, NUM_BINS, 50e-12, np.exp(-np.linspace(-2, 4, 30)**2),
-                       gain=rng.uniform(0.5, 1.5, shape), delay_bins=rng.uniform(-5, 5, shape),
-                       mask=rng.random(shape) > 0.02)
-
-
-def make_photons(sensor: SensorModel, seed: int) -> PhotonEvents:
-    """A step, a slope across the end of the period, half a window before it, and background; sorted by pixel."""
-    rng = np.random.default_rng([seed, 7])
-    row, col = np.divmod(rng.integers(0, sensor.pixels, PPP * sensor.pixels), sensor.cols)
-    depth = np.where(col < sensor.cols // 2, 200, sensor.num_bins - 60 + 0.7 * row) + seed
-    depth = np.where((col > 3 * sensor.cols // 4) & (rng.random(len(col)) < 0.5), 500, depth)
-    late = sensor.delay_bins[row, col] + rng.normal(0, 4, len(row))
-    toa = np.where(rng.random(len(row)) < 0.6, depth + late, rng.uniform(0, sensor.num_bins, len(row)))
-    order = np.argsort(row * sensor.cols + col, kind="stable")
-    pixel = (row * sensor.cols + col)[order].astype(np.uint32)
-    return PhotonEvents(pixel, (np.floor(toa[order]) % sensor.num_bins).astype(np.uint16))
-
-
 def digests() -> list[str]:
-    """Of every bit of the clouds of a cold and of a warm start."""
-    sensor = make_sensor()
-    frequencies = choose("auto", sensor)
-    pooled = Pooled(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
-    return [digest(pooled(sketch_photons(make_photons(sensor, seed), sensor, frequencies))) for seed in range(2)]
+    """Of every bit of the clouds of a cold and of a warm start, of a step, a slope and a half window before it."""
+    rng, shape = np.random.default_rng(1), (SIDE, SIDE)
+    sensor = make_sensor(*shape, gain=rng.uniform(0.5, 1.5, shape), delay_bins=rng.uniform(-5, 5, shape),
+                         mask=rng.random(shape) > 0.02)
+    near, far = ramp(*shape, 100, 0, 0), ramp(*shape, 300, 0.7, 1.2)
+    depth = np.stack([np.where(far < 400, near, far), np.where(far < 500, np.nan, 150)])
+    pooled = Pooled(sensor, choose("auto", sensor), surfaces=2, warm_start=True, device="cpu")
+    sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, choose("auto", sensor)) for seed in range(2))
+    return [digest(pooled.submit(sketch)()) for sketch in sketches]
 
 
 def digest(cloud) -> str:

@@ -5,13 +5,13 @@ import pytest
 
 from srt3d_ros.core.frame_watch import LOOK_NS, LOOKS
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.light_meter import light_of
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import CHANGE_NS, SMALLER, SketchDesign, design_for
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import light_of
 
 T = 500
 SENSOR = SensorModel(8, 10, T, 1e-10, [1, 2, 4, 2, 1])

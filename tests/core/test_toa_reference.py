@@ -101,13 +101,3 @@ def test_a_dark_frame_and_its_background_count_from_the_same_reference():
         shown = (matcher.equaliser * sketch.sums).mean((0, 1))
         left = shown - matcher.passed[0, 0] * mean * len(t) / sensor.pixels
         assert np.abs(left).max() < 0.01 * np.abs(shown).max(), driver
-
-
-def test_a_gate_leaves_ranges_as_they_are(tmp_path):
-    for driver in DRIVERS:
-        sensor = make(driver)
-        npz.save(tmp_path / "photons.npz", sensor, observe(driver, 3.011, 40), np.full((ROWS, COLS), 20.0))
-        gated = open_photons(tmp_path / "photons.npz", gate=(10, 120))
-        found = mean_range(run("pooled", gated.frame, gated.sensor))
-        assert abs(found - 3.011) < 2 * NEAR * sensor.bin_width_m
-        assert gated.sensor.range_m(gated.reference_depth_bins) == pytest.approx(sensor.range_m(20.0))
