@@ -79,11 +79,9 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None, light
         InvalidInput: if m is too large for T, or the list has a frequency that means nothing.
     """
     if spec in RULES:
-        m = DEFAULT_SKETCH_SIZE if sketch_size is None else sketch_size
-        most = min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE)
-        if sketch_size is None:
-            m = max(min(m, most), 1)
-        require(1 <= m <= max(most, 1), "sketch_size", m, f"1 to {max(most, 1)} for T = {sensor.num_bins} bins")
+        most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
+        m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
+        require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
         return check_frequencies(RULES[spec](sensor, m, light), sensor.num_bins)
     try:
         listed = [int(part) for part in spec.split(",")]

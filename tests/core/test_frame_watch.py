@@ -56,6 +56,16 @@ def test_of_many_photons_some_are_counted(monkeypatch):
         assert 500 < seen.counts.sum() <= 1100
 
 
+def test_of_many_packets_the_last_look_says_how_many_photons_a_frame_has(monkeypatch):
+    monkeypatch.setattr(frame_watch, "MOST", 1000)
+    watch, seen = FrameWatch(SENSOR), []
+    for k in range(2):
+        for packet in range(8):
+            watch.add(frame(packet, background=500, stamp_ns=k * LOOK_NS))
+        seen.append(watch.end_frame().counts.sum())
+    assert seen[0] == 4000 and seen[1] - seen[0] <= 1000
+
+
 def test_looks_add_up_and_most_frames_are_not_looked_at():
     watch, sums = FrameWatch(SENSOR), []
     watch.add(frame(stamp_ns=-LOOK_NS))

@@ -133,12 +133,3 @@ def test_whatever_comes_every_packet_is_in_one_frame_or_dropped_for_one_cause(st
         assert all(len(frame) == packets for frame in frames[:-1])
     elif packets > 1:
         assert all(len(frame) <= packets for frame in frames)
-
-
-@given(shuffled=st.permutations(range(2, 10)), period=st.sampled_from([0, 100]))
-@settings(max_examples=50, deadline=None)
-def test_order_within_a_frame_does_not_matter(shuffled, period):
-    stamps = [100 * frame + 10 * k for frame in (0, 1) for k in (0, 1, *shuffled)]
-    frames, dropped = frames_of(Framing(packets=10, period_ns=period), stamps)
-    assert [sorted(frame) for frame in frames] == [[10 * k for k in range(10)], [100 + 10 * k for k in range(10)], []]
-    assert dropped == {}

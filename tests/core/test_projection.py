@@ -8,13 +8,6 @@ from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
 
 
-@pytest.mark.parametrize("projection", [Pinhole(30, 40, 3, 1), AngularScan(0.5, -0.02, 0.3, -0.05)])
-def test_rays_are_unit_vectors_for_every_pixel(projection):
-    rays = projection.rays(4, 7)
-    assert rays.shape == (4, 7, 3) and rays.dtype == np.float32
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, rtol=1e-6)
-
-
 def test_pinhole_looks_along_z_from_its_principal_point_x_to_the_right_y_down():
     rays = Pinhole(30, 40, 3, 1).rays(4, 7)
     np.testing.assert_allclose(rays / rays[..., 2:], np.stack(np.broadcast_arrays(
@@ -39,6 +32,7 @@ def test_pinhole_refuses_what_gives_no_rays(name, value):
 @pytest.mark.parametrize("lens", [Pinhole(1e-6, 1e-6, -1e9, 1e9), Pinhole(1e100, 1e100, 0, 0),
                                   AngularScan(1e6, 1e6, -1e6, 1e6)])
 def test_the_extremes_have_unit_rays(lens):
+    assert lens.rays(3, 40).shape == (3, 40, 3) and lens.rays(3, 40).dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(lens.rays(3, 40), axis=-1), 1, rtol=1e-6)
 
 

@@ -24,8 +24,9 @@ def digests() -> list[str]:
                          mask=rng.random(shape) > 0.02)
     near, far = ramp(*shape, 100, 0, 0), ramp(*shape, 300, 0.7, 1.2)
     depth = np.stack([np.where(far < 400, near, far), np.where(far < 500, np.nan, 150)])
-    pooled = Pooled(sensor, choose("auto", sensor), surfaces=2, warm_start=True, device="cpu")
-    sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, choose("auto", sensor)) for seed in range(2))
+    frequencies = choose("auto", sensor)
+    pooled = Pooled(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
+    sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, frequencies) for seed in range(2))
     return [digest(pooled.submit(sketch)()) for sketch in sketches]
 
 

@@ -20,7 +20,7 @@ from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.pooled import check_options
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies, noise_sketch
-from srt3d_ros.core.thresholds import score, score_threshold
+from srt3d_ros.core.thresholds import score_threshold
 from srt3d_ros.core.weighting import weighted_steps
 
 SMLE_STEPS = 10
@@ -91,12 +91,22 @@ class SMLE(SketchedBaseline):
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
         depth, intensity = self._matched_filter(frame, there)
         if self.false_alarm_rate is not None:
-            shown = score(frame, intensity * frame.exposure[:, None], frame.counts[:, None])
+            shown = _score(frame, intensity * frame.exposure[:, None], frame.counts[:, None])
             intensity[shown <= score_threshold(self.false_alarm_rate, max(self._matcher.frequencies))] = 0
         depth, intensity = self.kernels.array(depth), self.kernels.array(intensity)
         for _ in range(SMLE_STEPS):
             self.kernels.pixelwise(there, self._table, SMLE_RATE, 0.0, depth, intensity)
         return depth, intensity
+
+
+def _score(frame: MatchedFrame, signal: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Score of single pixels' matched filters against "background alone", standard deviations; right for few photons.
+
+    `signal` is the filter's response over Σ|ĥ_l|², photons, float [rows, K, cols], `counts` are all photons.
+    """
+    photons = np.maximum(counts, 1e-6)
+    responses = np.linspace(0, frame.max_response, len(frame.background_table))
+    return np.sqrt(photons) * np.interp(signal / photons * frame.total_energy, responses, frame.background_table)
 
 
 class SRT3D(SketchedBaseline):
