@@ -1,7 +1,6 @@
 """FrameWatch: the histogram of all photons of a sensor, now and then, and what it says of the scene."""
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,38 +13,6 @@ MOST = 2**20                # photons of a frame that are counted, every n-th of
 # Standard deviations at which bins are not background alone. Of about 400 windows at two looks a second, one deviates
 # so much by chance in ten minutes, and only widens what is taken for the scene.
 SURE = 4.5
-
-
-@dataclass(frozen=True, eq=False)
-class FrameHistogram:
-    """Photons of one or several frames by the time at which they came, less their pixel's delay.
-
-    Args:
-        counts: int64 [T], photons in each bin; of more than MOST a frame, every n-th.
-    """
-
-    counts: np.ndarray
-
-    def occupied(self, least_bins: int) -> tuple[int, int] | None:
-        """The first and the last bin that show more than the emptiest quarter does; None if there is none.
-
-        That quarter shows the level of an even background, and less of another: fog is taken for a part of the scene.
-
-        Windows of `least_bins`, about the width of a pulse, and then of twice, four times, … as many, beside what
-        narrower ones have found, are tested by the likelihood ratio of two Poisson numbers (T.-P. Li & Y.-Q. Ma, ApJ
-        272, 1983, eq. 17), which holds for few photons too and knows how well the level is known.
-        """
-        quarter = max(len(self.counts) // 4, 1)
-        off = int(_sums(self.counts, quarter).min())
-        first, last = len(self.counts), -1
-        width = least_bins
-        while width <= quarter:
-            sure = np.flatnonzero(_deviations(_sums(self.counts, width), off, width / quarter) > SURE)
-            beside = sure[(sure + width <= first) | (sure > last)]
-            if len(beside):
-                first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
-            width *= 2
-        return (first, last) if last >= 0 else None
 
 
 class FrameLooks:
@@ -85,7 +52,8 @@ class FrameLooks:
 
 
 class FrameWatch(FrameLooks):
-    """Makes a FrameHistogram of the newest frames that were looked at."""
+    """Histogram of the newest frames that were looked at: photons by the time at which they came, less their pixel's
+    delay; int64 [T], of more than MOST a frame every n-th."""
 
     def __init__(self, sensor: SensorModel):
         super().__init__(sensor, LOOK_NS)
@@ -103,10 +71,32 @@ class FrameWatch(FrameLooks):
         self._counts += counts
         self._seen += int(counts.sum()) * self._step if frame.photons is None else frame.photons
 
-    def _end(self) -> FrameHistogram:
+    def _end(self) -> np.ndarray:
         self._looks.append(self._counts)
         self._photons = self._seen
-        return FrameHistogram(np.sum(self._looks, axis=0))
+        return np.sum(self._looks, axis=0)
+
+
+def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:
+    """The first and the last bin of a histogram [T] that show more than its emptiest quarter does; None if none does.
+
+    That quarter shows the level of an even background, and less of another: fog is taken for a part of the scene.
+
+    Windows of `least_bins`, about the width of a pulse, and then of twice, four times, … as many, beside what
+    narrower ones have found, are tested by the likelihood ratio of two Poisson numbers (T.-P. Li & Y.-Q. Ma, ApJ
+    272, 1983, eq. 17), which holds for few photons too and knows how well the level is known.
+    """
+    quarter = max(len(counts) // 4, 1)
+    off = int(_sums(counts, quarter).min())
+    first, last = len(counts), -1
+    width = least_bins
+    while width <= quarter:
+        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > SURE)
+        beside = sure[(sure + width <= first) | (sure > last)]
+        if len(beside):
+            first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
+        width *= 2
+    return (first, last) if last >= 0 else None
 
 
 def _sample(frame: PhotonFrame, sensor: SensorModel, step: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.device import on_device
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
+from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 
@@ -72,12 +72,12 @@ class Matcher:
     """Makes the MatchedFrame of a sketch; what depends on sensor and frequencies alone is computed once.
 
     Raises:
-        InvalidInput: the IRF passes none of the frequencies.
+        InvalidInput: frequencies that mean nothing, or of which the IRF passes none.
     """
 
     def __init__(self, sensor: SensorModel, frequencies):
         self.sensor, self.origin = sensor, (0, 0)
-        self.frequencies = tuple(frequencies)
+        self.frequencies = frequencies = check_frequencies(frequencies, sensor.num_bins)
         omega = angular_frequencies(frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
         energy = (np.abs(spectrum)**2).mean(axis=0)

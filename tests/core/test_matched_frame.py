@@ -110,3 +110,18 @@ def test_energy_curvature_and_resolution_are_those_of_the_data_term():
 def test_a_sketch_of_another_sensor_is_refused(sketch, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
         Matcher(make(), FREQUENCIES)(sketch)
+
+
+@pytest.mark.parametrize("photons", [2, 1000])
+def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
+    sensor = make()
+    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
+    u = np.linspace(0, frame.max_response, len(frame.background_table))
+    response = (np.exp(1j * np.outer(np.arange(T), angular_frequencies(FREQUENCIES, T)))
+                * np.conj(irf_spectrum(sensor, FREQUENCIES))).real.sum(axis=1)
+    rng = np.random.default_rng(2)
+    means = response[rng.integers(0, T, (20_000, photons))].mean(axis=1)
+    for sigmas in (1.0, 2.0, 3.0):
+        reached = (np.sqrt(photons) * np.interp(means, u, frame.background_table) >= sigmas).mean()
+        bound = np.exp(-sigmas**2 / 2)
+        assert reached <= bound + 3 * np.sqrt(bound / 20_000)

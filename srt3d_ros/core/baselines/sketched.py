@@ -19,7 +19,7 @@ from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.pooled import check_options
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, check_frequencies, noise_sketch
+from srt3d_ros.core.sketch import Sketch, noise_sketch
 from srt3d_ros.core.thresholds import score_threshold
 from srt3d_ros.core.weighting import weighted_steps
 
@@ -42,7 +42,7 @@ class SketchedBaseline:
         check_options(surfaces, false_alarm_rate)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
-        self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
+        self._matcher = Matcher(sensor, frequencies)
         self.steps = weighted_steps(sensor, self._matcher.frequencies, weighting)
         self._table = self.kernels.array(self.steps.table)
 
