@@ -65,14 +65,6 @@ def test_nothing_is_left_of_the_expected_background(shape, changes):
     assert np.abs(before).max() > 5 and np.abs(left).max() < 1e-3 and clutter.min() == 1 < clutter.max()
 
 
-def test_a_sensor_that_says_nothing_has_an_even_background():
-    matcher = Matcher(make_sensor(8, 12), (1, 2, 5))
-    assert Background(matcher, "sensor").is_even and Background(matcher, "flat").is_even
-    assert not Background(matcher).is_even
-    shaped = Matcher(make_sensor(8, 12, background_shape=SHAPES["fog"]), (1, 2, 5))
-    assert Background(shaped, "flat").is_even and not Background(shaped, "sensor").is_even
-
-
 # Not the wall in fog: there is nothing to tell the fog's sharp edge from a second wall.
 @pytest.mark.parametrize(("shape", "depth_bins"), [("fog", DEPTH), ("fog", SLOPE), ("ramp", SLOPE), ("lump", WALL)],
                          ids=["fog, a ball", "fog, a slope", "ramp, a slope", "lump, a wall"])

@@ -89,19 +89,6 @@ def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
     assert (seen[1, 1] <= 10 * np.sqrt(frame_energy(sensor)) / WEAKEST_PASSBAND).all()
 
 
-def test_energy_curvature_and_resolution_are_those_of_the_data_term():
-    sensor = make()
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
-    omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
-
-    def response(t):
-        return (energy * np.cos(omega * t)).sum()
-    assert frame.total_energy == pytest.approx(response(0), rel=1e-6)
-    bend = (response(0.01) - 2 * response(0) + response(-0.01)) / 0.01**2
-    assert frame.curvature == pytest.approx(-bend, rel=1e-4)
-    assert frame.resolution_bins == pytest.approx(np.sqrt(response(0) / -bend), rel=1e-4)
-
-
 @pytest.mark.parametrize(("sketch", "named"), [
     (Sketch((1, 2, 5, 9, 15), np.zeros((ROWS, COLS, 5), np.complex64), np.zeros((ROWS, COLS), np.uint32)),
      r"sketch frequencies is \[1, 2, 5, 9, 15\]: expected \[1, 2, 5, 9, 14\]"),

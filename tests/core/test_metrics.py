@@ -34,11 +34,6 @@ def test_depths_wrap_around_the_period():
     assert (found.true_detections, found.false_detections) == (1, 0) and found.dae_bins == pytest.approx(2.5)
 
 
-def test_pixels_without_reference_are_not_judged():
-    found = evaluate(cloud((0, 0, 10), (1, 1, 77)), [[10, NAN, 30], [NAN, NAN, NAN]], 3, T)
-    assert (found.true_detections, found.false_detections, found.points) == (1 / 2, 0, 2)
-
-
 def test_points_where_there_is_known_to_be_nothing_are_false():
     points = cloud((0, 0, 10), (1, 1, 77, 2.0))
     found = evaluate(points, [[10, NAN, 30], [NAN] * 3], 3, T, [[1.0, NAN, 1], [NAN] * 3], complete=True)

@@ -7,13 +7,9 @@ from scipy.stats import exponnorm
 from srt3d_ros.core.background import Background, dark_shape
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz, open_photons
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
 from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse
@@ -34,10 +30,10 @@ ROUGH = {"xcorr": 2 * NEAR, "rt3d": 2 * NEAR}     # they interpolate between bin
 def make(driver: str, **changes) -> SensorModel:
     reference, offset, _ = DRIVERS[driver]
     return SensorModel(ROWS, COLS, T, 250e-12, IRF, irf_ref=8, toa_offset_bins=offset, toa_reference=reference,
-                       gates=GateWords(7, 65_535), **changes)
+                       **changes)
 
 
-def observe(driver: str, range_m: float, photons: int = 300) -> PhotonEvents:
+def observe(driver: str, range_m: float, photons: int) -> PhotonEvents:
     """Photons of a target at this range, timed with a clock that starts when the gate opens."""
     rng = np.random.default_rng(3)
     pixel = np.repeat(np.arange(ROWS * COLS, dtype=np.uint32), photons)
@@ -50,37 +46,11 @@ def mean_range(cloud) -> float:
     return float(np.linalg.norm(cloud.xyz.astype(np.float64), axis=1).mean())
 
 
-def on_photons(events, sensor, _):
-    sensor = sensor_message.from_json(sensor_message.to_json(sensor))
-    return photons_message.decode_cdr(photons_message.encode_cdr(events, sensor, "spad"), sensor)[1], sensor
-
-
-def on_gates(events, sensor, _):
-    sent = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, "spad")
-    return gates_message.decode_cdr(sent, sensor)[1], sensor
-
-
-def in_a_file(events, sensor, folder):
-    npz.save(folder / "photons.npz", sensor, events)
-    photons = open_photons(folder / "photons.npz")
-    return photons.frame, photons.sensor
-
-
-@pytest.mark.parametrize("way", [on_photons, on_gates, in_a_file])
 @pytest.mark.parametrize("driver", DRIVERS)
-def test_every_driver_gets_the_range_of_the_target(driver, way, tmp_path):
-    sensor = make(driver)
-    for range_m in (3.011, 3.026):
-        frame, known = way(observe(driver, range_m, 40), sensor, tmp_path)
-        found = mean_range(run("pooled", frame, known))
-        assert abs(found - range_m) < 2 * NEAR * sensor.bin_width_m
-
-
-@pytest.mark.parametrize("driver", ["words, bin_edge", "words, bin_center", "floats, bin_edge"])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_gets_the_range_of_the_target(method, driver):
     sensor = make(driver)
-    found = mean_range(run(method, observe(driver, 3.011), sensor))
+    found = mean_range(run(method, observe(driver, 3.011, photons=300), sensor))
     assert abs(found - 3.011) < ROUGH.get(method, NEAR) * sensor.bin_width_m
 
 
