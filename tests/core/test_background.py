@@ -103,11 +103,12 @@ def test_an_irf_that_is_slightly_wrong_is_no_background():
     assert pooled.uneven_background == 0
 
 
-def test_surfaces_that_fill_the_view_are_no_background():
+@pytest.mark.parametrize("surfaces", [1, 2])
+def test_surfaces_that_fill_the_view_are_no_background(surfaces):
     layers = np.stack([np.full((48, 48), 100.0), np.full((48, 48), 300.0)])
     frame = simulate(make_sensor(), layers, sbr=10)
-    one, other = (reconstruct(frame, make_sensor(), how, surfaces=2) for how in ("auto", "flat"))
-    assert len(one) == 2 * 48 * 48 and np.array_equal(one.depth_bins, other.depth_bins)
+    one, other = (reconstruct(frame, make_sensor(), how, surfaces=surfaces) for how in ("auto", "flat"))
+    assert len(one) == surfaces * 48 * 48 and np.array_equal(one.depth_bins, other.depth_bins)
 
 
 def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
