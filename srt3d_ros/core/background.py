@@ -67,7 +67,6 @@ class Background:
     """
 
     def __init__(self, matcher: Matcher, kind: str = "auto"):
-        refuse_old_kind(kind)
         require(kind in BACKGROUNDS, "background", kind, " or ".join(BACKGROUNDS))
         sensor = self._sensor = matcher.sensor
         self._matcher, self._omega = matcher, angular_frequencies(matcher.frequencies, sensor.num_bins)
@@ -160,11 +159,6 @@ class Background:
         known = mean * np.exp(-1j * k * turn)
         between = np.interp(wanted, k, known.real, right=0) + 1j * np.interp(wanted, k, known.imag, right=0)
         return between * np.exp(1j * wanted * turn)
-
-
-def refuse_old_kind(kind: str) -> None:
-    """Raise InvalidInput with the new name if a kind of background was called so before."""
-    require(kind != "estimate", "background", kind, "auto, which has replaced it")
 
 
 def _possible(mean: np.ndarray) -> np.ndarray:

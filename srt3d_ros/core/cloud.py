@@ -44,15 +44,7 @@ class PointCloud:
     @classmethod
     def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, std: np.ndarray,
                     background: np.ndarray, stamp_ns: int) -> "PointCloud":
-        """The cloud of K layers of surfaces.
-
-        Args:
-            sensor: places the points.
-            depth, std: float32 [rows, K, cols], bins.
-            intensity: float32 [rows, K, cols]; 0 = no point.
-            background: float32 [rows, cols], expected background photons.
-            stamp_ns: start of acquisition.
-        """
+        """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth and std in bins, intensity 0 = no point."""
         order = np.argsort(-intensity, axis=1, kind="stable")
         row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
         layer = order[row, rank, col]
@@ -118,8 +110,7 @@ class PointCloud:
         if (key[later - 1] <= key[later]).all():
             return self
         order = np.lexsort((key, np.cumsum(self.surface == 0)))
-        return replace(self, depth_bins=self.depth_bins[order], intensity=self.intensity[order],
-                       depth_std_bins=self.depth_std_bins[order], xyz=self.xyz[order])
+        return replace(self._only(order), surface=self.surface)
 
     def _range_m(self) -> np.ndarray:
         return np.sqrt(np.einsum("ij,ij->i", self.xyz, self.xyz))       # several times faster than np.linalg.norm
@@ -142,7 +133,6 @@ def refine(cloud: PointCloud, factor: int, sensor: SensorModel, slope_row: np.nd
 
     Args:
         cloud: on the pixels of the sketch.
-        factor: finer pixels along the side of a pixel.
         sensor: the finer one, which places the points.
         slope_row, slope_col: float32 [N], bins per pixel downwards and to the right.
     """

@@ -4,6 +4,7 @@ import ctypes
 import logging
 import os
 from functools import lru_cache
+from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
@@ -25,19 +26,13 @@ def kernels_for(device: str) -> tuple[str, ModuleType]:
     """
     require(device in (*DEVICES, REFERENCE), "device", device, "auto, cpu or cuda")
     if device == "auto":
-        missing = missing_for_cuda()
+        missing = _missing_for_cuda()
         if missing:
             _say(f"{missing}: computing on the CPU")
         device = "cpu" if missing else "cuda"
-    if device == "cpu":
-        from srt3d_ros.kernels import cpu
-        return device, cpu
-    if device == REFERENCE:
-        from srt3d_ros.kernels import reference
-        return device, reference
-    check_cuda()
-    from srt3d_ros.kernels import cuda
-    return device, cuda
+    if device == "cuda":
+        _check_cuda()
+    return device, import_module(f"srt3d_ros.kernels.{device}")
 
 
 def on_device(fields: dict, kernels: ModuleType) -> dict:
@@ -50,17 +45,17 @@ def on_host(values: Any) -> np.ndarray:
     return values if isinstance(values, np.ndarray) else values.cpu().numpy()
 
 
-def check_cuda() -> None:
+def _check_cuda() -> None:
     """Raise InvalidInput unless the CUDA kernels can run: on a GPU or, with TRITON_INTERPRET=1, interpreted."""
     packages = _missing_packages()
     interpreted = os.environ.get("TRITON_INTERPRET") == "1" and not packages
-    missing = "" if interpreted else missing_for_cuda()
+    missing = "" if interpreted else _missing_for_cuda()
     if missing:
         both = missing if packages in missing else f"{missing}, and {packages}"
         raise InvalidInput("device", "cuda", f"cpu or auto: {both}")
 
 
-def missing_for_cuda() -> str:
+def _missing_for_cuda() -> str:
     """The first thing that the CUDA kernels lack to run on a GPU; empty if nothing."""
     try:
         ctypes.CDLL(DRIVER)     # before torch, whose import takes long

@@ -1,7 +1,6 @@
 """FrameWatch: the histogram of all photons of a sensor, now and then, and what it says of the scene."""
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,89 +15,88 @@ MOST = 2**20                # photons of a frame that are counted, every n-th of
 SURE = 4.5
 
 
-@dataclass(frozen=True, eq=False)
-class FrameHistogram:
-    """Photons of one or several frames by the time at which they came, less their pixel's delay.
-
-    Args:
-        counts: int64 [T], photons in each bin; of more than MOST a frame, every n-th.
-    """
-
-    counts: np.ndarray
-
-    @property
-    def _emptiest(self) -> tuple[int, int]:
-        """Photons where the fewest are, a quarter of the bins one after the other, and how many bins these are.
-
-        Of an even background this is its level, and less otherwise: fog is then taken for a part of the scene.
-        """
-        quarter = max(len(self.counts) // 4, 1)
-        return int(_sums(self.counts, quarter).min()), quarter
-
-    def occupied(self, least_bins: int) -> tuple[int, int] | None:
-        """The first and the last bin that show more than the emptiest quarter does; None if there is none.
-
-        Windows of `least_bins`, about the width of a pulse, and then of twice, four times, … as many, beside what
-        narrower ones have found, are tested by the likelihood ratio of two Poisson numbers (T.-P. Li & Y.-Q. Ma, ApJ
-        272, 1983, eq. 17), which holds for few photons too and knows how well the level is known.
-        """
-        off, quarter = self._emptiest
-        first, last = len(self.counts), -1
-        width = least_bins
-        while width <= quarter:
-            sure = np.flatnonzero(_deviations(_sums(self.counts, width), off, width / quarter) > SURE)
-            beside = sure[(sure + width <= first) | (sure > last)]
-            if len(beside):
-                first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
-            width *= 2
-        return (first, last) if last >= 0 else None
-
-
-class FrameWatch:
-    """Makes a FrameHistogram of the newest frames; most frames are not looked at, and cost nothing.
+class FrameLooks:
+    """Has a subclass look at a frame now and then; other frames are not looked at, and cost nothing.
 
     Args:
         sensor: of the photons as they come in.
+        every_ns: from one frame that is looked at to the next.
     """
 
-    def __init__(self, sensor: SensorModel):
-        self._sensor = sensor
-        self._looks: deque[np.ndarray] = deque(maxlen=LOOKS)
+    def __init__(self, sensor: SensorModel, every_ns: int):
+        self._sensor, self._every_ns = sensor, every_ns
         self._looked_ns: int | None = None
-        self._last_photons = 0
+        self._photons = 0               # of the last look
         self.forget()
 
     def forget(self) -> None:
         """Begin a new frame."""
-        self._counts: np.ndarray | None = None      # of the open frame, if it is looked at
-        self._photons, self._step, self._open = 0, 1, False
+        self._open = self._looking = False
 
     def add(self, frame: PhotonFrame) -> None:
-        """Look at the photons of a frame or packet, before any is dropped."""
+        """See the photons of a frame or packet, before any is dropped; InvalidInput for what is not the sensor's."""
         if not self._open:
             self._open = True
-            if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
+            self._looking = self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= self._every_ns
+            if self._looking:
                 self._looked_ns = frame.stamp_ns
-                self._counts = np.zeros(self._sensor.num_bins, np.int64)
-                self._step = most_photons(frame, self._last_photons) // MOST + 1
-        if self._counts is not None:
-            if isinstance(frame, PhotonHistograms):
-                counts = _of_histograms(frame, self._sensor, self._step)
-            else:
-                bins = _sample(frame, self._sensor, self._step)
-                counts = np.bincount(bins, minlength=len(self._counts))
-            self._counts += counts
-            self._photons += int(counts.sum()) * self._step if frame.photons is None else frame.photons
+                self._begin(most_photons(frame, self._photons))
+        if self._looking:
+            self._look(frame)
 
-    def end_frame(self) -> FrameHistogram | None:
-        """End the open frame. The histogram of the newest looks if it was looked at, else None."""
-        counts, photons = self._counts, self._photons
+    def end_frame(self):
+        """End the open frame: what was seen if it was looked at, else None."""
+        found = self._end() if self._looking else None
         self.forget()
-        if counts is None:
-            return None
-        self._looks.append(counts)
-        self._last_photons = photons
-        return FrameHistogram(np.sum(self._looks, axis=0))
+        return found
+
+
+class FrameWatch(FrameLooks):
+    """Histogram of the newest frames that were looked at: photons by the time at which they came, less their pixel's
+    delay; int64 [T], of more than MOST a frame every n-th."""
+
+    def __init__(self, sensor: SensorModel):
+        super().__init__(sensor, LOOK_NS)
+        self._looks: deque[np.ndarray] = deque(maxlen=LOOKS)
+
+    def _begin(self, most: int) -> None:
+        self._counts, self._seen = np.zeros(self._sensor.num_bins, np.int64), 0
+        self._step = most // MOST + 1
+
+    def _look(self, frame: PhotonFrame) -> None:
+        if isinstance(frame, PhotonHistograms):
+            counts = _of_histograms(frame, self._sensor, self._step)
+        else:
+            counts = np.bincount(_sample(frame, self._sensor, self._step), minlength=len(self._counts))
+        self._counts += counts
+        self._seen += int(counts.sum()) * self._step if frame.photons is None else frame.photons
+
+    def _end(self) -> np.ndarray:
+        self._looks.append(self._counts)
+        self._photons = self._seen
+        return np.sum(self._looks, axis=0)
+
+
+def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:
+    """The first and the last bin of a histogram [T] that show more than its emptiest quarter does; None if none does.
+
+    That quarter shows the level of an even background, and less of another: fog is taken for a part of the scene.
+
+    Windows of `least_bins`, about the width of a pulse, and then of twice, four times, … as many, beside what
+    narrower ones have found, are tested by the likelihood ratio of two Poisson numbers (T.-P. Li & Y.-Q. Ma, ApJ
+    272, 1983, eq. 17), which holds for few photons too and knows how well the level is known.
+    """
+    quarter = max(len(counts) // 4, 1)
+    off = int(_sums(counts, quarter).min())
+    first, last = len(counts), -1
+    width = least_bins
+    while width <= quarter:
+        sure = np.flatnonzero(_deviations(_sums(counts, width), off, width / quarter) > SURE)
+        beside = sure[(sure + width <= first) | (sure > last)]
+        if len(beside):
+            first, last = min(first, int(beside[0])), max(last, int(beside[-1]) + width - 1)
+        width *= 2
+    return (first, last) if last >= 0 else None
 
 
 def _sample(frame: PhotonFrame, sensor: SensorModel, step: int) -> np.ndarray:

@@ -83,11 +83,9 @@ class Framing:
             self._lay_grid(stamp_ns)
         if self._is_late(stamp_ns):
             return Placed(dropped="late")
-        if self._period_ns or self._packets > 1:
-            if self._recent.has(stamp_ns, content):
-                return Placed(dropped="duplicate")
-            self._recent.keep(stamp_ns, content)
-        if self._is_of_later_period(stamp_ns):
+        if (self._period_ns or self._packets > 1) and self._recent.has_or_keeps(stamp_ns, content):
+            return Placed(dropped="duplicate")
+        if self._period_ns and self.open.packets and self._period_of(stamp_ns) > self._period_of(self._start_ns):
             ended = self._end()
         return Placed(ended, forgotten, began_again)
 
@@ -115,11 +113,6 @@ class Framing:
         return (self._over is not None and period <= self._over
                 or self._start_ns is not None and period < self._period_of(self._start_ns))
 
-    def _is_of_later_period(self, stamp_ns: int) -> bool:
-        if not (self._period_ns and self.open.packets):
-            return False
-        return self._period_of(stamp_ns) > self._period_of(self._start_ns)
-
     def _period_of(self, stamp_ns: int) -> int:
         return (stamp_ns - self._grid_ns) // self._period_ns
 
@@ -139,11 +132,12 @@ class _Recent:
         self._alike: dict[tuple, list[bytes]] = {}
         self._bytes = 0
 
-    def has(self, stamp_ns: int, content: bytes) -> bool:
-        return content in self._alike.get(self._key(stamp_ns, content), ())
-
-    def keep(self, stamp_ns: int, content: bytes) -> None:
-        key = self._key(stamp_ns, content)
+    def has_or_keeps(self, stamp_ns: int, content: bytes) -> bool:
+        """Whether the packet is there; if not, it is from now on."""
+        middle = len(content) // 2
+        key = stamp_ns, len(content), content[middle:middle + SAMPLE_BYTES]
+        if content in self._alike.get(key, ()):
+            return True
         self._order.append((key, content))
         self._alike.setdefault(key, []).append(content)
         self._bytes += len(content)
@@ -153,8 +147,4 @@ class _Recent:
             self._alike[key].pop(0)
             if not self._alike[key]:
                 del self._alike[key]
-
-    @staticmethod
-    def _key(stamp_ns: int, content: bytes) -> tuple:
-        middle = len(content) // 2
-        return stamp_ns, len(content), content[middle:middle + SAMPLE_BYTES]
+        return False

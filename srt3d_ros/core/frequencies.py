@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.frequency_design import design, increasing
-from srt3d_ros.core.light import Light
+from srt3d_ros.core.frequency_design import Light, design, increasing
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, check_frequencies
 from srt3d_ros.errors import InvalidInput, require
@@ -54,15 +53,14 @@ def _passed(sensor: SensorModel) -> np.ndarray:
     return total / len(irfs)
 
 
-def designed(sensor: SensorModel, sketch_size: int, light: Light | None = None) -> tuple[int, ...]:
-    """The frequencies with the least expected error, see `design`: for few photons, or for the light of a frame."""
+def _designed(sensor: SensorModel, sketch_size: int, light: Light | None) -> tuple[int, ...]:
     if light is None:
         return design(sensor, sketch_size)
     return design(sensor, sketch_size, round(light.octaves(sketch_size)), light.confirmed)
 
 
 AUTO = "auto"
-RULES = {AUTO: designed, "spread": lambda sensor, sketch_size, _: spread(sensor, sketch_size),
+RULES = {AUTO: _designed, "spread": lambda sensor, sketch_size, _: spread(sensor, sketch_size),
          "consecutive": lambda _, sketch_size, __: consecutive(sketch_size)}
 CHOICES = ", ".join(RULES)
 
@@ -72,7 +70,7 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None, light
     """Frequencies from what a user writes.
 
     Args:
-        spec: "auto" (the least expected error, see `designed`), "spread", "consecutive", or a list such as "1,2,5".
+        spec: "auto" (the least expected error, see `design`), "spread", "consecutive", or a list such as "1,2,5".
         sensor: gives T and the IRF.
         sketch_size: m; DEFAULT_SKETCH_SIZE unless given. With a list it must be the list's length, or None.
         light: of a frame, for "auto"; unless given the frequencies are for few photons.
@@ -81,11 +79,9 @@ def choose(spec: str, sensor: SensorModel, sketch_size: int | None = None, light
         InvalidInput: if m is too large for T, or the list has a frequency that means nothing.
     """
     if spec in RULES:
-        m = DEFAULT_SKETCH_SIZE if sketch_size is None else sketch_size
-        most = min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE)
-        if sketch_size is None:
-            m = max(min(m, most), 1)
-        require(1 <= m <= max(most, 1), "sketch_size", m, f"1 to {max(most, 1)} for T = {sensor.num_bins} bins")
+        most = max(min((sensor.num_bins - 1) // 2, MAX_SKETCH_SIZE), 1)
+        m = min(DEFAULT_SKETCH_SIZE, most) if sketch_size is None else sketch_size
+        require(1 <= m <= most, "sketch_size", m, f"1 to {most} for T = {sensor.num_bins} bins")
         return check_frequencies(RULES[spec](sensor, m, light), sensor.num_bins)
     try:
         listed = [int(part) for part in spec.split(",")]

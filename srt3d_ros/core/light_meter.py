@@ -7,11 +7,13 @@ scene may spread over all bins. Pulses that are not the IRF's, fog, and pixels w
 than |ĥ|².
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from srt3d_ros.core.frequency_design import highest_passed, increasing, typical_spectrum
-from srt3d_ros.core.light import Light
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, most_photons
+from srt3d_ros.core.frame_watch import FrameLooks
+from srt3d_ros.core.frequency_design import Light, highest_passed, increasing, typical_spectrum
+from srt3d_ros.core.photons import PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher
@@ -28,58 +30,33 @@ NEIGHBOURS = 3          # rungs that are judged together
 SEEN = 3.0              # standard errors from which on there is signal
 
 
-class LightMeter:
-    """Measures the light of a frame now and then; other frames are not looked at, and cost nothing.
-
-    Args:
-        sensor: of the photons as they come in.
-    """
+class LightMeter(FrameLooks):
+    """Measures the Light of the frames that it looks at."""
 
     def __init__(self, sensor: SensorModel):
-        self._sensor = sensor
+        super().__init__(sensor, LOOK_NS)
         self._mask = np.ones(sensor.pixels, bool) if sensor.mask is None else sensor.mask.ravel()
         top = highest_passed(sensor)
         self._rungs = increasing(np.geomspace(1, top, min(RUNGS, top)))
         self._expected = np.abs(typical_spectrum(sensor)[list(self._rungs)])**2
         # Depths lie between bins, which may widen a pulse by a bin.
         self._wider = self._expected * np.sinc(np.array(self._rungs) / sensor.num_bins)**2
-        self._least_step = _power_of_two(sensor.pixels / MOST_PIXELS)
         self._sketcher: Sketcher | None = None  # of the pixels of the last look, in a row
-        self._looked_ns: int | None = None
-        self._photons = 0                       # of the last look, all pixels
-        self._step = 0                          # from one pixel that is looked at to the next; 0: not at this frame
-        self._open = False
 
-    def forget(self) -> None:
-        """Begin a new frame."""
-        if self._step:
-            self._sketcher.reset()
-        self._open, self._step = False, 0
-
-    def add(self, frame: PhotonFrame) -> None:
-        """Look at the photons of a frame or packet; InvalidInput if one is outside the sensor."""
-        if not self._open:
-            self._open = True
-            if self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= LOOK_NS:
-                self._looked_ns = frame.stamp_ns
-                most = most_photons(frame, self._photons)
-                self._step = max(self._least_step, _power_of_two(most / MOST_PHOTONS))
-                self._look_at(-(-self._sensor.pixels // self._step))
-        if self._step:
-            self._sketcher.add(self._in_a_row(frame))
-
-    def end_frame(self) -> Light | None:
-        """End the open frame: its light if it was looked at, else None."""
-        light = self._light(self._sketcher.sketch()) if self._step else None
-        self.forget()
-        return light
-
-    def _look_at(self, pixels: int) -> None:
-        """Have a sketcher of so many pixels, without photons."""
+    def _begin(self, most: int) -> None:
+        sensor = self._sensor
+        self._step = _power_of_two(max(sensor.pixels / MOST_PIXELS, most / MOST_PHOTONS))    # from pixel to pixel
+        pixels = -(-sensor.pixels // self._step)
         if self._sketcher is None or self._sketcher.sensor.pixels != pixels:
-            row = SensorModel(1, pixels, self._sensor.num_bins, self._sensor.bin_width_s, np.ones(1),
-                              gates=self._sensor.gates)
+            row = SensorModel(1, pixels, sensor.num_bins, sensor.bin_width_s, np.ones(1), gates=sensor.gates)
             self._sketcher = Sketcher(row, self._rungs)
+        self._sketcher.reset()
+
+    def _look(self, frame: PhotonFrame) -> None:
+        self._sketcher.add(self._in_a_row(frame))
+
+    def _end(self) -> Light:
+        return self._light(self._sketcher.sketch())
 
     def _in_a_row(self, frame: PhotonFrame) -> PhotonFrame:
         """The photons of every step-th pixel, as of the sketcher's sensor."""
@@ -94,8 +71,8 @@ class LightMeter:
             return PhotonHistograms(counts[:, ::step], frame.stamp_ns)
         if step == 1:
             return frame
-        kept = np.flatnonzero(frame.pixel & np.uint32(step - 1) == 0)
-        return PhotonEvents(frame.pixel[kept] // np.uint32(step), frame.toa[kept], frame.stamp_ns)
+        kept = frame.part(np.flatnonzero(frame.pixel & np.uint32(step - 1) == 0))
+        return replace(kept, pixel=kept.pixel // np.uint32(step))
 
     def _light(self, sketch: Sketch) -> Light:
         used = self._mask[::self._step]
@@ -122,13 +99,6 @@ class LightMeter:
         wrong = off > DOUBT * _smooth(self._expected)
         rungs = int(wrong.argmax()) if wrong.any() else len(wrong)
         return self._rungs[rungs - 1] if rungs else 0
-
-
-def light_of(frame: PhotonFrame, sensor: SensorModel) -> Light:
-    """The light of one frame."""
-    meter = LightMeter(sensor)
-    meter.add(frame)
-    return meter.end_frame()
 
 
 def _power_of_two(least: float) -> int:

@@ -1,15 +1,14 @@
 """MatchedFrame: a sketch with delay, gain and IRF of its pixels taken out, which is what the iterations work on."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from srt3d_ros.core.device import on_device
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
+from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
 
@@ -77,7 +76,7 @@ class MatchedFrame:
         """Width of the matched filter's peak: closer depths are hardly resolved."""
         return float(np.sqrt(self.total_energy / self.curvature))
 
-    @cached_property
+    @property
     def padded(self) -> "MatchedFrame":
         """The same with padded maps, as the windowed kernels want them."""
         return replace(self, matched=maps.pad(self.matched.swapaxes(1, 2)), counts=maps.pad(self.counts),
@@ -85,19 +84,19 @@ class MatchedFrame:
 
     def on(self, kernels) -> "MatchedFrame":
         """The same with its arrays on the kernels' device."""
-        return MatchedFrame(**on_device({field.name: getattr(self, field.name) for field in fields(self)}, kernels))
+        return MatchedFrame(**on_device(vars(self), kernels))
 
 
 class Matcher:
     """Makes the MatchedFrame of a sketch; what depends on sensor and frequencies alone is computed once.
 
     Raises:
-        InvalidInput: the IRF passes none of the frequencies.
+        InvalidInput: frequencies that mean nothing, or of which the IRF passes none.
     """
 
     def __init__(self, sensor: SensorModel, frequencies):
         self.sensor, self.origin = sensor, (0, 0)
-        self.frequencies = tuple(frequencies)
+        self.frequencies = frequencies = check_frequencies(frequencies, sensor.num_bins)
         omega = angular_frequencies(frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
         energy = (np.abs(spectrum)**2).mean(axis=0)
@@ -112,14 +111,13 @@ class Matcher:
             equaliser = equaliser * sensor.mask.reshape(-1, 1)
         self.equaliser = self._map(equaliser)
         self.used = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.mask is None else np.float32(sensor.mask)
-        self._exposure = self.used if sensor.gain is None else self.used * sensor.gain
         self.spectrum = spectrum.mean(axis=0)
         self.energy = energy = energy.astype(np.float32)
         bin_frequencies = (omega / (2 * np.pi)).astype(np.float32)
         max_response, background_table = _background_table(self.spectrum, self.frequencies)
         self.moments, intensity_moments = _score_moments(sensor, omega, np.conj(self.spectrum), energy)
         self._constants = {
-            "exposure": self._exposure, "energy": energy, "bin_frequencies": bin_frequencies,
+            "exposure": sensor.exposure, "energy": energy, "bin_frequencies": bin_frequencies,
             "num_bins": sensor.num_bins, "highest": max(self.frequencies), "moments": self.moments,
             "intensity_moments": intensity_moments, "max_response": max_response, "background_table": background_table,
             "total_energy": float(energy.sum()), "curvature": float((energy * (2 * np.pi * bin_frequencies)**2).sum())}
@@ -133,8 +131,8 @@ class Matcher:
 
     def padded_on(self, kernels) -> Callable[..., MatchedFrame]:
         """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
-        constants = on_device({**self._constants, "exposure": maps.pad(self._exposure), "size": self._exposure.shape},
-                              kernels)
+        exposure = self.sensor.exposure
+        constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
         return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, origin=self.origin,
                                                                   **constants)
 
@@ -169,11 +167,7 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     all bins, is the variance that a Poisson number of photons has for each one expected; the sandwich formula makes the
     estimates' variances of it, whatever the distribution of the photons over the bins.
 
-    Args:
-        sensor: gives the IRF; of an IRF per pixel the mean counts.
-        omega: float64 [m], ω_l.
-        filters: complex [m], f_l.
-        energy: |f_l|², [m].
+    Of an IRF per pixel the mean counts.
 
     Returns:
         For depth and for intensity, float32 [2]: of a signal photon, of a background photon.
@@ -181,11 +175,9 @@ def _score_moments(sensor: SensorModel, omega: np.ndarray, filters: np.ndarray,
     irf = sensor.irf if sensor.irf.ndim == 1 else sensor.irf.mean(axis=0)
     bins = np.arange(len(irf)) - sensor.irf_ref
     response = np.exp(1j * np.outer(bins, omega)) * filters
-    moments = []
-    for score, background in (((response * omega).imag.sum(axis=1), (omega**2 * energy).sum() / 2),
-                              (response.real.sum(axis=1), energy.sum() / 2)):
-        moments.append(np.array([irf @ score**2, background], dtype=np.float32))
-    return moments[0], moments[1]
+    of_depth, of_intensity = (response * omega).imag.sum(axis=1), response.real.sum(axis=1)
+    return (np.array([irf @ of_depth**2, (omega**2 * energy).sum() / 2], np.float32),
+            np.array([irf @ of_intensity**2, energy.sum() / 2], np.float32))
 
 
 def _background_table(spectrum: np.ndarray, frequencies: tuple[int, ...]) -> tuple[float, np.ndarray]:

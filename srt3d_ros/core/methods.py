@@ -10,7 +10,6 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
 DEFAULT_METHOD = "pooled"
-OLD_NAMES = {"srt3d-paper": "srt3d (SRT3D as published)"}       # of methods: what they are called now
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,8 @@ METHODS = {method.name: method for method in (
            "surface) instead of smoothing depths with APSS afterwards", "sketch", "srt3d_ros.core.pooled:Pooled",
            options=("false_alarm_rate", "background", "warm_start", "upsampling")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
-           "srt3d_ros.core.baselines.srt3d:SRT3D", "consecutive", ("weighting",)),
-    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.smle:SMLE",
+           "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive", ("weighting",)),
+    Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",
            "consecutive", ("false_alarm_rate", "weighting")),
     Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.baselines.xcorr:XCORR",
            options=("false_alarm_rate",)),
@@ -68,14 +67,8 @@ METHODS = {method.name: method for method in (
 SKETCH_METHODS = tuple(method.name for method in METHODS.values() if method.needs == "sketch")
 
 
-def refuse_old_name(name: str) -> None:
-    """Raise InvalidInput with the new name if a method had this one before."""
-    require(name not in OLD_NAMES, "method", name, f"its new name, {OLD_NAMES.get(name)}")
-
-
 def find(name: str) -> Method:
     """The method of this name, or InvalidInput that lists them."""
-    refuse_old_name(name)
     require(name in METHODS, "method", name, " or ".join(METHODS))
     return METHODS[name]
 

@@ -9,6 +9,7 @@ docs/evaluation.md has the equations.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,16 +72,21 @@ def evaluate(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins
             and points of their pixels are not false. All unless given.
         complete: pixels without a reference are known to see no surface, as in a simulation: points there are false.
     """
-    match = _match(cloud, reference_depth_bins, tolerance_bins, num_bins, counted, complete)
-    total = max(int(match.counts.sum()), 1)
-    within_1, within_2 = shares_within(cloud, reference_depth_bins, num_bins, (1, 2), counted)
+    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
+    counts = _counted(counted, reference, cloud)
+    error = np.abs(_errors(cloud, reference, num_bins))
+    nearest, point = _nearest(cloud, reference.shape, error)
+    match = _Match(counts, point, counts & (nearest <= tolerance_bins), error <= tolerance_bins,
+                   _judged(counts, reference, cloud, complete))
+    total = max(int(counts.sum()), 1)
+    false = match.judged & ~match.near.any(axis=0)
+    within_1, within_2 = shares_within(cloud, reference, num_bins, (1, 2), counted)
     return Metrics(
-        float(match.matched.sum() / total), float(match.false.sum() / total), _mean(match.nearest[match.matched]),
-        len(cloud), tuple(float(found.sum() / max(int(every.sum()), 1))
-                          for found, every in zip(match.matched, match.counts)),
+        float(match.matched.sum() / total), float(false.sum() / total), _mean(nearest[match.matched]), len(cloud),
+        tuple(float(found.sum() / max(int(every.sum()), 1)) for found, every in zip(match.matched, counts)),
         NAN if reference_intensity is None else _intensity_error(cloud, match, reference_intensity),
         NAN if reference_background is None else _background_error(cloud, reference_background), within_1, within_2,
-        _swelling(cloud, _as_surfaces("reference shape", reference_depth_bins, cloud)) if complete else NAN)
+        _swelling(cloud, reference) if complete else NAN)
 
 
 def shares_within(cloud: PointCloud, reference_depth_bins: np.ndarray, num_bins: int, deviations,
@@ -134,40 +140,22 @@ def _nearest(cloud: PointCloud, shape: tuple[int, int, int], error: np.ndarray) 
     return nearest, point
 
 
-@dataclass(frozen=True, eq=False)
-class _Match:
+class _Match(NamedTuple):
     """Which points found which references: per reference [S, rows, cols], or per point [N] or [S, N].
 
     Args:
         counts: the reference exists and counts.
-        nearest: least error of a point of the pixel, bins, ∞ if it has none.
-        point: index of that point, -1 if none.
+        point: index of the point of its pixel with the least error, -1 if none.
         matched: it counts, and a point lies within the tolerance.
         near: [S, N], the point lies within the tolerance of the reference.
         judged: [N], the truth about the point's pixel is known, so that it may be false.
     """
 
     counts: np.ndarray
-    nearest: np.ndarray
     point: np.ndarray
     matched: np.ndarray
     near: np.ndarray
     judged: np.ndarray
-
-    @property
-    def false(self) -> np.ndarray:
-        """[N], points near no reference, in pixels that are judged."""
-        return self.judged & ~self.near.any(axis=0)
-
-
-def _match(cloud: PointCloud, reference_depth_bins: np.ndarray, tolerance_bins: float, num_bins: int,
-           counted: np.ndarray | None, complete: bool) -> _Match:
-    reference = _as_surfaces("reference shape", reference_depth_bins, cloud)
-    counts = _counted(counted, reference, cloud)
-    error = np.abs(_errors(cloud, reference, num_bins))
-    nearest, point = _nearest(cloud, reference.shape, error)
-    return _Match(counts, nearest, point, counts & (nearest <= tolerance_bins), error <= tolerance_bins,
-                  _judged(counts, reference, cloud, complete))
 
 
 def _intensity_error(cloud: PointCloud, match: _Match, reference_intensity: np.ndarray) -> float:

@@ -51,11 +51,8 @@ class PhotonEvents:
     @cached_property
     def is_sorted(self) -> bool:
         """True if `pixel` never decreases, which makes sketching several times faster."""
-        for first in range(0, self.photons, CHUNK):
-            part = self.pixel[first:first + CHUNK + 1]
-            if (part[1:] < part[:-1]).any():
-                return False
-        return True
+        parts = (self.pixel[first:first + CHUNK + 1] for first in range(0, self.photons, CHUNK))
+        return all((part[1:] >= part[:-1]).all() for part in parts)
 
     def part(self, which: np.ndarray) -> "PhotonEvents":
         """The photons that an index or a mask [N] chooses."""
@@ -99,8 +96,7 @@ class PhotonGates:
         """The same photons as gates: the i-th photon of a pixel falls into cycle i. A float ToA becomes its bin.
 
         Raises:
-            InvalidInput: a photon lies outside the sensor or has no word of its own, the busiest pixel has too many
-                for this form, or the sensor does not say how it writes words.
+            InvalidInput: a photon has no word of its own, or the busiest pixel has too many for this form.
         """
         form = sensor.gates
         require(form is not None, "sensor.gates", "missing", "first_word and no_detection, to write gates")
@@ -163,8 +159,7 @@ class PhotonHistograms:
         """The same photons counted in the sensor's T bins, uint16 or, if there are more in one, int32.
 
         Raises:
-            InvalidInput: a photon lies outside the sensor, the sensor's histograms have other bins, or there are too
-                many bins for this form.
+            InvalidInput: the sensor's histograms have other bins, or there are too many bins for this form.
         """
         require(sensor.histograms is None, "sensor.histograms", "there", "none, to count events in the sensor's bins")
         events.check(sensor)

@@ -21,7 +21,7 @@ from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, check_frequencies, noise_sketch
+from srt3d_ros.core.sketch import Sketch, noise_sketch
 from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.errors import require
 from srt3d_ros.kernels import maps
@@ -71,7 +71,7 @@ class Pooled:
         self.sensor, self.upsampling = sensor.upsampled(upsampling), upsampling
         self.surfaces = surfaces
         self.false_alarm_rate = false_alarm_rate
-        self._matcher = Matcher(sensor, check_frequencies(frequencies, sensor.num_bins))
+        self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)
         array = self.kernels.array
         self._padded = self._matcher.padded_on(self.kernels)
@@ -283,8 +283,7 @@ class Pooled:
                                 self._warm_start)()
             self.forget()
         else:
-            small = SensorModel(8, 8, self.sensor.num_bins, self.sensor.bin_width_s, self.sensor.irf.reshape(
-                -1, self.sensor.irf.shape[-1])[0], self.sensor.irf_ref)
+            small = self._matcher.sensor.cropped(slice(8), slice(8))
             Pooled(small, self._matcher.frequencies, self.surfaces, device=self.device)(
                 noise_sketch(small, self._matcher.frequencies))
 

@@ -1,5 +1,6 @@
 """SensorModel: everything about a single-photon lidar that its photons do not say."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -92,71 +93,61 @@ class SensorModel:
     scan: ScanRate | None = None
 
     def __post_init__(self) -> None:
-        for name, most in (("rows", MAX_SIDE), ("cols", MAX_SIDE), ("num_bins", MAX_BINS)):
+        for name, least, most in (("rows", 1, MAX_SIDE), ("cols", 1, MAX_SIDE), ("num_bins", 2, MAX_BINS)):
             value = _integer(name, getattr(self, name))
-            require((2 if name == "num_bins" else 1) <= value <= most, name, value,
-                    f"an integer from {2 if name == 'num_bins' else 1} to {most}")
-            object.__setattr__(self, name, value)
-        require(self.pixels <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}",
-                f"at most {MAX_PIXELS} pixels")
+            require(least <= value <= most, name, value, f"an integer from {least} to {most}")
+            self._set(name, value)
+        require(self.pixels <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}", f"at most {MAX_PIXELS} pixels")
         for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
-            object.__setattr__(self, name, _finite(name, getattr(self, name)))
+            self._set(name, _finite(name, getattr(self, name)))
         least, most = BIN_WIDTHS_S
         require(least <= self.bin_width_s <= most, "bin_width_s", self.bin_width_s, f"seconds, {least:g} to {most:g}")
         require(isinstance(self.toa_reference, str) and self.toa_reference in TOA_REFERENCES, "toa_reference",
                 self.toa_reference, " or ".join(TOA_REFERENCES))
-        self._check_range()
-        object.__setattr__(self, "irf", self._checked_irf())
-        peak = int(np.argmax(self.irf if self.irf.ndim == 1 else self.irf.sum(axis=0)))
-        ref = peak if self.irf_ref is None else _integer("irf_ref", self.irf_ref)
-        require(0 <= ref < self.irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {self.irf.shape[-1] - 1}")
-        object.__setattr__(self, "irf_ref", ref)
+        with np.errstate(over="ignore"):
+            farthest = float(np.abs(self.range_m([0, self.num_bins])).max())
+        require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
+                "bin_width_s and range_offset_m")
+        self._check_irf()
         self._check_maps()
-        if self.background_shape is not None:
-            object.__setattr__(self, "background_shape", self._checked_background())
         if self.histograms is not None:
             self.histograms.check(self.rows, self.cols, self.num_bins)
         if self.scan is not None:
             self.scan.check(self.rows, self.cols)
         if self.projection is None:
-            object.__setattr__(self, "projection", Pinhole.from_fov(self.rows, self.cols))
+            self._set("projection", Pinhole.from_fov(self.rows, self.cols))
         if isinstance(self.projection, Pinhole):
             self.projection.check(self.rows, self.cols)
 
-    def _checked_irf(self) -> np.ndarray:
+    def _set(self, name: str, value) -> None:
+        object.__setattr__(self, name, value)
+
+    def _check_irf(self) -> None:
         irf = _array("irf", self.irf, np.float64)
         require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == self.pixels), "irf shape",
                 irf.shape, f"[L], or [{self.pixels}, L] for an IRF per pixel")
         require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
-        return _normalised("irf", irf, "finite float32 values of 0 or more (remove the baseline)", "some response")
-
-    def _checked_background(self) -> np.ndarray:
-        shape = _array("background_shape", self.background_shape, np.float64)
-        require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape, f"({self.num_bins},), num_bins")
-        return _normalised("background_shape", shape, "finite float32 values of 0 or more", "some background")
-
-    def _check_range(self) -> None:
-        with np.errstate(over="ignore"):
-            farthest = float(np.abs(self.range_m([0, self.num_bins])).max())
-        require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
-                "bin_width_s and range_offset_m")
+        self._set("irf", _normalised("irf", irf, "finite float32 values of 0 or more (remove the baseline)"))
+        peak = int(np.argmax(self.irf if irf.ndim == 1 else self.irf.sum(axis=0)))
+        ref = peak if self.irf_ref is None else _integer("irf_ref", self.irf_ref)
+        require(0 <= ref < irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {irf.shape[-1] - 1}")
+        self._set("irf_ref", ref)
 
     def _check_maps(self) -> None:
-        shape = (self.rows, self.cols)
-        for name, dtype in (("gain", np.float32), ("delay_bins", np.float32), ("mask", np.bool_)):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            value = _array(name, value, dtype)
-            require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
-            require(bool(np.isfinite(value).all()), name, "not finite in places",
-                    "finite values (use mask for bad pixels)")
-            object.__setattr__(self, name, value)
-        least, most = GAINS
-        require(self.gain is None or bool(((self.gain >= least) & (self.gain <= most)).all()), "gain",
-                f"below {least:g} or above {most:g} in places", f"{least:g} to {most:g} (use mask for dead pixels)")
-        require(self.delay_bins is None or bool((np.abs(self.delay_bins) <= MAX_DELAY_BINS).all()), "delay_bins",
-                f"above {MAX_DELAY_BINS:g} in places", f"at most {MAX_DELAY_BINS:g} bins either way")
+        shape = self.rows, self.cols
+        for name, dtype, (low, high) in (("gain", np.float32, GAINS), ("mask", np.bool_, (False, True)),
+                                         ("delay_bins", np.float32, (-MAX_DELAY_BINS, MAX_DELAY_BINS))):
+            if getattr(self, name) is not None:
+                value = _array(name, getattr(self, name), dtype)
+                require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
+                require(bool(((value >= low) & (value <= high)).all()), name, "not finite or out of bounds in places",
+                        f"{low:g} to {high:g} (use mask for bad pixels)")
+                self._set(name, value)
+        if self.background_shape is not None:
+            shape = _array("background_shape", self.background_shape, np.float64)
+            require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape,
+                    f"({self.num_bins},), num_bins")
+            self._set("background_shape", _normalised("background_shape", shape, "finite float32 values of 0 or more"))
 
     @property
     def pixels(self) -> int:
@@ -167,6 +158,12 @@ class SensorModel:
     def rays(self) -> np.ndarray:
         """Unit rays in the sensor's frame, float32 [rows, cols, 3]."""
         return self.projection.rays(self.rows, self.cols)
+
+    @cached_property
+    def exposure(self) -> np.ndarray:
+        """How many photons each pixel sees against one of gain 1; 0 where masked. float32 [rows, cols]."""
+        gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
+        return gain if self.mask is None else gain * self.mask
 
     @cached_property
     def pixel_times_s(self) -> np.ndarray | None:
@@ -217,14 +214,10 @@ class SensorModel:
         if factor == 1:
             return self
 
-        def finer(values: np.ndarray | None) -> np.ndarray | None:
-            return None if values is None else values.repeat(factor, axis=0).repeat(factor, axis=1)
+        def finer(values: np.ndarray) -> np.ndarray:
+            return values.repeat(factor, axis=0).repeat(factor, axis=1)
 
-        irf = self.irf
-        if irf.ndim == 2:
-            irf = finer(irf.reshape(self.rows, self.cols, -1)).reshape(-1, irf.shape[1])
-        return self.replace(rows=self.rows * factor, cols=self.cols * factor, irf=irf, gain=finer(self.gain),
-                            delay_bins=finer(self.delay_bins), mask=finer(self.mask), histograms=None,
+        return self.replace(rows=self.rows * factor, cols=self.cols * factor, **self._of_pixels(finer), histograms=None,
                             projection=self.projection.upsampled(factor),
                             scan=self.scan and self.scan.upsampled(factor))
 
@@ -236,18 +229,18 @@ class SensorModel:
         """
         shape = self.rows, self.cols
         (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
-
-        def kept(values: np.ndarray | None) -> np.ndarray | None:
-            return None if values is None else values[rows, cols]
-
-        irf = self.irf
-        if irf.ndim == 2:
-            irf = kept(irf.reshape(*shape, -1)).reshape(-1, irf.shape[1])
-        return self.replace(rows=row_count, cols=col_count, irf=irf, gain=kept(self.gain), mask=kept(self.mask),
-                            delay_bins=kept(self.delay_bins),
+        return self.replace(rows=row_count, cols=col_count, **self._of_pixels(lambda values: values[rows, cols]),
                             histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
                             projection=self.projection.cropped(first_row, first_col),
                             scan=self.scan and self.scan.cropped(first_row, first_col))
+
+    def _of_pixels(self, taken: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
+        """The calibration of each pixel, through a function of maps [rows, cols, …]."""
+        maps = {name: getattr(self, name) for name in ("gain", "delay_bins", "mask")}
+        of_pixels = {name: taken(values) for name, values in maps.items() if values is not None}
+        if self.irf.ndim == 2:
+            of_pixels["irf"] = taken(self.irf.reshape(self.rows, self.cols, -1)).reshape(-1, self.irf.shape[1])
+        return of_pixels
 
     def same_as(self, other: "SensorModel | None") -> bool:
         """True if both describe the same sensor."""
@@ -262,12 +255,12 @@ def _span(name: str, part: slice, side: int) -> tuple[int, int]:
     return first, end - first
 
 
-def _normalised(name: str, density: np.ndarray, range_wanted: str, sum_wanted: str) -> np.ndarray:
+def _normalised(name: str, density: np.ndarray, wanted: str) -> np.ndarray:
     """float32 densities along the last axis, of sum 1."""
     require(bool(((density >= 0) & (density <= np.finfo(np.float32).max)).all()), name,
-            "negative or not finite in places", range_wanted)
+            "negative or not finite in places", wanted)
     total = density.sum(axis=-1, keepdims=True)
-    require(bool((total > 0).all()), name, "all zero", sum_wanted)
+    require(bool((total > 0).all()), name, "all zero", f"{wanted}, not all 0")
     if not np.allclose(total, 1, rtol=0, atol=1e-6):        # else already ours: a copy stays the same to the bit
         density = density / total
     return np.ascontiguousarray(density, dtype=np.float32)

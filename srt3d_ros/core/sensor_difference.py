@@ -21,13 +21,20 @@ def first_difference(one: SensorModel, other: SensorModel) -> Difference | None:
 
 def _difference(name: str, one, other) -> Difference | None:
     if one is None or other is None:
-        if one is other:
-            return None
-        return (name, *(_shown(value) for value in (one, other)))
+        return None if one is other else (name, _shown(one), _shown(other))
     if is_dataclass(one):
-        return _difference_of_parts(name, one, other)
+        prefix = f"{name}." if name else ""
+        if type(one) is not type(other):        # pinhole and angular scan
+            return f"{prefix}kind", one.kind, other.kind
+        parts = (_difference(prefix + field.name, getattr(one, field.name), getattr(other, field.name))
+                 for field in fields(one))
+        return next(filter(None, parts), None)
+    if np.shape(one) != np.shape(other):
+        return f"{name} shape", np.shape(one), np.shape(other)
     if isinstance(one, np.ndarray):
-        return _difference_of_arrays(name, one, other)
+        differs = np.argwhere(~np.isclose(one, other, rtol=RTOL, atol=0))
+        place = tuple(differs[0].tolist()) if len(differs) else ()
+        return (f"{name}{list(place)}", one[place].item(), other[place].item()) if place else None
     same = one == other if isinstance(one, (str, int)) else np.isclose(one, other, rtol=RTOL, atol=0)
     return None if same else (name, one, other)
 
@@ -36,22 +43,3 @@ def _shown(value):
     if value is None:
         return "absent"
     return "given" if is_dataclass(value) or isinstance(value, np.ndarray) else value
-
-
-def _difference_of_parts(name: str, one, other) -> Difference | None:
-    prefix = f"{name}." if name else ""
-    if type(one) is not type(other):        # pinhole and angular scan
-        return f"{prefix}kind", one.kind, other.kind
-    parts = (_difference(prefix + field.name, getattr(one, field.name), getattr(other, field.name))
-             for field in fields(one))
-    return next(filter(None, parts), None)
-
-
-def _difference_of_arrays(name: str, one: np.ndarray, other: np.ndarray) -> Difference | None:
-    if one.shape != other.shape:
-        return f"{name} shape", one.shape, other.shape
-    differs = np.argwhere(~np.isclose(one, other, rtol=RTOL, atol=0))
-    if not len(differs):
-        return None
-    place = tuple(differs[0].tolist())
-    return f"{name}[{', '.join(map(str, place))}]", one[place].item(), other[place].item()

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from srt3d_ros.core.frame_watch import FrameHistogram, FrameWatch
+from srt3d_ros.core.frame_watch import FrameWatch, occupied
 from srt3d_ros.core.frequencies import AUTO as DESIGNED
 from srt3d_ros.core.frequencies import RULES, choose
+from srt3d_ros.core.frequency_design import Light
 from srt3d_ros.core.gate import AUTO, OFF, Gate, in_ranges, parse
-from srt3d_ros.core.light import Light
 from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
@@ -125,11 +125,11 @@ class SketchDesign:
         highest = max(self.frequencies) * self._source.num_bins / self.sensor.num_bins      # of the source's period
         return self.light.is_other(self._lit, round(highest))
 
-    def _followed(self, histogram: FrameHistogram) -> Gate | None:
+    def _followed(self, histogram: np.ndarray) -> Gate | None:
         """The gate that a histogram asks for; the present one while it holds what is seen and is not much too long."""
         irf = np.atleast_2d(self._source.irf).mean(axis=0)
         pulse = max(round(1 / float(np.square(irf).sum())), 1)
-        seen = histogram.occupied(pulse)
+        seen = occupied(histogram, pulse)
         if seen is None:            # too little light to know: no gate
             return None
         first, last = seen
@@ -142,7 +142,7 @@ class SketchDesign:
         if present is not None and present.first <= first and last <= present.last \
                 and bins > SMALLER * (present.last - present.first + 1):
             return present
-        inside = histogram.counts[wanted[0]:wanted[1] + 1].sum() / histogram.counts.sum()
+        inside = histogram[wanted[0]:wanted[1] + 1].sum() / histogram.sum()
         return Gate(self._source, *wanted) if bins >= least and inside <= 1 - WORTHWHILE else None
 
     def _highest(self) -> int:

@@ -60,42 +60,44 @@ class Sketcher:
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
         self._resident(frame)()
+        self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
 
     def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
         """Copy the photons to the device; the function returned adds them, as often as it is called."""
-        if self.gate is not None and isinstance(frame, PhotonEvents) and frame.toa.dtype.kind == "f":
-            frame.check(self.sensor)        # a kernel has no table here whose rows could be zero
-            return self._resident_in_bins(self.gate.photons(frame))
-        return self._resident_in_bins(frame)
-
-    def _resident_in_bins(self, frame: PhotonFrame) -> Callable[[], None]:
         on_device = self._kernels.photon_array
         if isinstance(frame, PhotonHistograms):
             frame.check(self.sensor)
-            return partial(self._add_histograms, frame, on_device(frame.counts.reshape(self.sensor.pixels, -1)))
+            return partial(self._add_histograms, on_device(frame.counts.reshape(self.sensor.pixels, -1)),
+                           frame.counts.dtype.kind != "u")
         if isinstance(frame, PhotonGates):
             gates, rows, cols = frame.words.shape
             return partial(self._add_gates, frame, on_device(frame.words.reshape(gates, rows * cols)))
+        if self.gate is not None and frame.toa.dtype.kind == "f":
+            frame.check(self.sensor)        # a kernel has no table here whose rows could be zero
+            frame = self.gate.photons(frame)
         return partial(self._add_events, frame, on_device(frame.pixel), on_device(frame.toa))
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
+        return self._sketch_of(self._sums, self._photons)
+
+    def _sketch_of(self, sums, photons) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
-        photons = self._photons if self.gate is None else self._kernels.counted(self._sums, 2 * m)
+        if self.gate is not None:
+            photons = self._kernels.counted(sums, 2 * m)
         if self._subtracted:
-            photons = self._at_least_as_seen(photons)
-        sums, photons = self._kernels.read_sums(self._sums, photons, 2 * m)
+            photons = self._at_least_as_seen(sums, photons)
+        sums, photons = self._kernels.read_sums(sums, photons, 2 * m)
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
 
-    def _at_least_as_seen(self, photons):
+    def _at_least_as_seen(self, sums, photons):
         """Photon numbers of histograms from which something was subtracted: as many as the longest sum needs, |z| ≤ 1.
 
         Of what is subtracted the noise stays, and n, which is near 0 in a pixel without a surface, stands for it.
         """
-        m = len(self.frequencies)
-        numbers, sums = map(on_host, (photons, self._kernels.read_sums(self._sums, photons.clip(1), 2 * m)[0]))
-        longest = np.abs(sums).max(axis=1) * (1 - ROUNDING)
-        return self._kernels.array(np.maximum(numbers, np.ceil(longest).astype(np.int64)))
+        read, _ = self._kernels.read_sums(sums, photons.clip(1), 2 * len(self.frequencies))
+        longest = np.abs(on_host(read)).max(axis=1) * (1 - ROUNDING)
+        return self._kernels.array(np.maximum(on_host(photons), np.ceil(longest).astype(np.int64)))
 
     def _add_events(self, events: PhotonEvents, pixel, toa) -> None:
         kernels, sums, photons = self._kernels, self._sums, self._photons
@@ -111,7 +113,6 @@ class Sketcher:
                 kernels.sketch_sorted(pixel, toa, self._rows, sums, photons)
             else:
                 kernels.sketch_unsorted(pixel, toa, self._rows, sums, photons)
-        self._note(events.stamp_ns)
 
     def _add_gates(self, gates: PhotonGates, words) -> None:
         gates.check(self.sensor)
@@ -120,12 +121,10 @@ class Sketcher:
             stray = self._kernels.find_stray(words, form.first_word, form.no_detection, self.sensor.num_bins)
             require(stray < 0, "gates word", stray, word_wanted(self.sensor))
             self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
-        self._note(gates.stamp_ns)
 
-    def _add_histograms(self, histograms: PhotonHistograms, counts) -> None:
+    def _add_histograms(self, counts, signed: bool) -> None:
         self._kernels.sketch_histograms(counts, *self._histogram_tables, self._sums, self._photons)
-        self._subtracted |= histograms.counts.dtype.kind != "u" or self._histogram_tables[1] is not None
-        self._note(histograms.stamp_ns)
+        self._subtracted |= signed or self._histogram_tables[1] is not None
 
     @cached_property
     def _histogram_tables(self) -> tuple:
@@ -135,9 +134,6 @@ class Sketcher:
         if bins is not None and bins.template is not None:
             of_template = self._kernels.array(np.matmul(bins.template[..., None, :], table)[..., 0, :])
         return self._kernels.array(table), of_template
-
-    def _note(self, stamp_ns: int) -> None:
-        self._stamp_ns = stamp_ns if self._stamp_ns is None else min(self._stamp_ns, stamp_ns)
 
 
 def phase_table(frequencies, num_bins: int, first_bin_center: float = 0.0) -> np.ndarray:

@@ -1,11 +1,7 @@
-"""Scores that are enough to show a point, and the score of a matched filter's response."""
+"""Scores that are enough to show a point."""
 
 import math
 from statistics import NormalDist
-
-import numpy as np
-
-from srt3d_ros.core.matched_frame import MatchedFrame
 
 SMALLEST = 1e-300               # probability that floats still tell from 0
 
@@ -33,15 +29,3 @@ def continuation_threshold(false_alarm_rate: float) -> float:
     the evidence.
     """
     return -NormalDist().inv_cdf(math.sqrt(false_alarm_rate))
-
-
-def score(frame: MatchedFrame, signal: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Score of single pixels' matched filters against "background alone", standard deviations; right for few photons.
-
-    Args:
-        signal: float [rows, K, cols], photons, the filter's response over Σ|ĥ_l|².
-        counts: the same shape, all photons.
-    """
-    photons = np.maximum(counts, 1e-6)
-    responses = np.linspace(0, frame.max_response, len(frame.background_table))
-    return np.sqrt(photons) * np.interp(signal / photons * frame.total_energy, responses, frame.background_table)

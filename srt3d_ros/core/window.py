@@ -95,16 +95,11 @@ class WindowSketcher(Sketcher):
     def _sketch_since(self, before: Sums | None) -> Sketch:
         if before is None:
             return self.sketch()
-        now = self._sums, self._photons
         if self._difference is None:
             self._difference = self._copy(None)
-        for whole, part, out in zip(now, before, self._difference, strict=True):
+        for whole, part, out in zip((self._sums, self._photons), before, self._difference, strict=True):
             np.subtract(whole, part, out=out)
-        try:
-            self._sums, self._photons = self._difference
-            return self.sketch()
-        finally:
-            self._sums, self._photons = now
+        return self._sketch_of(*self._difference)
 
     def _copy(self, into: Sums | None) -> Sums:
         """A copy of the sums up to now, in `into` if there is one."""

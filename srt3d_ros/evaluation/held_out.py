@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from srt3d_ros.core.baselines.toa import exposure
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
@@ -35,7 +34,7 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
         held_out_nats and held_out_std, its standard error, over all pixels that are not masked; what the rim and the
         interior (`zones`) add to it, held_out_rim_nats, …_std, and how many of the pixels these are, …_percent.
     """
-    seen_by = exposure(sensor).reshape(-1).astype(np.float64)
+    seen_by = sensor.exposure.reshape(-1).astype(np.float64)
     signal, background, without = _rates(cloud, sensor, seen, seen_by)
     pixel = held_out.pixel.astype(np.int64)
     log_ratio = _log_ratio(cloud, sensor, pixel, held_out.toa, background, without)
@@ -67,7 +66,7 @@ def zones(cloud: PointCloud, sensor: SensorModel) -> tuple[np.ndarray, np.ndarra
     layers = np.full((int(cloud.surface.max(initial=0)) + 1, rows, cols), np.nan)
     layers[cloud.surface, cloud.row, cloud.col] = cloud.depth_bins
     around = np.pad(layers, ((0, 0), (1, 1), (1, 1)), mode="edge")
-    used = np.pad(exposure(sensor) > 0, 1, mode="edge")
+    used = np.pad(sensor.exposure > 0, 1, mode="edge")
     apart = np.zeros(layers.shape, np.uint8)
     for y, x in np.ndindex(3, 3):
         there = (slice(y, y + rows), slice(x, x + cols))

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from srt3d_ros.core.background import BACKGROUNDS, refuse_old_kind
+from srt3d_ros.core.background import BACKGROUNDS
 from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.device import DEVICES
-from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS, refuse_old_name
+from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
 from srt3d_ros.core.tiles import FORM, Tile, TileReconstruction
@@ -20,7 +20,7 @@ PIPELINES = ("latency", "throughput")
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
-        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True, refuse=refuse_old_name),
+        "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
     Parameter("surfaces", 1, "Most surfaces of a pixel.", low=1, high=MAX_SURFACES, live=True),
     Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`; the images and an "
               "organised cloud show only that one. With `surfaces` of 2 or more, nearest shows a net or fog and "
@@ -29,8 +29,7 @@ PARAMETERS = (
               "may show a point.", low=1e-12, high=0.5, live=True),
     Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins. auto: as the last "
               "clouds leave it unexplained, evenly while that is not significant; sensor: as the sensor's "
-              "background_shape says, evenly without; flat: evenly.", choices=BACKGROUNDS, live=True,
-              refuse=refuse_old_kind),
+              "background_shape says, evenly without; flat: evenly.", choices=BACKGROUNDS, live=True),
     Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto: as published.",
               choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
     Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where the photons confirm them: less "

@@ -154,7 +154,7 @@ def test_the_papers_experiments_are_run_and_of_a_quick_look_fewer_and_smaller(mo
 
 @pytest.mark.parametrize(("arguments", "named"), [
     (["absent.npz"], "absent.npz"), (["step.npz"], "step.npz"), (["--scene", "head"], "scene is head"),
-    (["layers.npz", "--methods", "srt3d-paper"], "method is srt3d-paper: expected its new name, "),
+    (["layers.npz", "--methods", "magic"], "method is magic"),
     (["--scene", "layers.npz"], "layers.npz depth_m"), (["--sbr", "high"], "--sbr"), (["--ppp", "-1"], "--ppp is -1"),
     (["--sketch-size", "0"], "--sketch-size is 0"), (["layers.npz", "--tolerance", "near"], "tolerance is near"),
     (["--repeats", "0"], "--repeats is 0"), (["--max-photons", "1"], "--max-photons is 1"),

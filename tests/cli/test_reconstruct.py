@@ -155,7 +155,7 @@ OUT = ("-o", "a.npz")
     (("FILE", *OUT, "--surfaces", "5"), "surfaces is 5"), (("FILE", *OUT, "--surfaces", "two"), "--surfaces"),
     (("FILE", *OUT, "--false-alarm-rate", "nan"), "false_alarm_rate is nan"),
     (("FILE", *OUT, "--device", "cuda"), "device is cuda"),
-    (("FILE", *OUT, "--method", "srt3d-paper"), "method is srt3d-paper: expected its new name, "),
+    (("FILE", *OUT, "--method", "magic"), "method is magic"),
     (("FILE", *OUT, "--sketch-size", "3", "--frequencies", "1,2"), "sketch_size is 3"),
     (("FILE", *OUT, "--frequencies", "1,150"), "frequencies is 150"),
     (("FILE", *OUT, "--gate", "5"), "gate is 5: expected off, auto, or first and last bin such as 100:400"),

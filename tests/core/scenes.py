@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.frequency_design import Light
+from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.methods import METHODS, reconstruct
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
@@ -31,6 +33,18 @@ def simulate(depth_bins: np.ndarray, sbr: float, ppp: float, sensor=None, seed=0
     """Photons of surfaces at these depths, [rows, cols] or [S, rows, cols]."""
     sensor = sensor or make_sensor(*depth_bins.shape[-2:])
     return Simulator(StaticScene(sensor.range_m(depth_bins)), sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
+
+
+def exact(sensor: SensorModel, depth_bins: np.ndarray, signal=20.0, frequencies=None) -> Sketch:
+    """The expected sketch of surfaces at these depths as every pixel sees them, without the noise of photons."""
+    frequencies = frequencies or choose("auto", sensor)
+    late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
+    gain = np.ones((sensor.rows, sensor.cols)) if sensor.gain is None else sensor.gain
+    turned = np.exp(1j * angular_frequencies(frequencies, sensor.num_bins) * (depth_bins + late)[..., None])
+    spectrum = irf_spectrum(sensor, frequencies)
+    response = spectrum if spectrum.ndim == 1 else spectrum.reshape(turned.shape)
+    sums = (gain * signal)[..., None] * response * turned
+    return Sketch(frequencies, sums.astype(np.complex64), np.rint(gain * signal).astype(np.uint32), 3)
 
 
 def background_alone(sensor: SensorModel, ppp: float, seed: int = 0) -> PhotonEvents:
@@ -70,6 +84,12 @@ def errors(cloud, depth_bins) -> np.ndarray:
     truth = depth_bins[cloud.row, cloud.col][:, None] if depth_bins.ndim == 2 else depth_bins[None]
     difference = circular_difference(cloud.depth_bins[:, None].astype(np.float64), truth, T)
     return difference[np.arange(len(difference)), np.abs(difference).argmin(axis=1)]
+
+
+def light_of(frame, sensor: SensorModel) -> Light:
+    meter = LightMeter(sensor)
+    meter.add(frame)
+    return meter.end_frame()
 
 
 def assert_finite(cloud, num_bins: int = T):

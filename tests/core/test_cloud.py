@@ -22,10 +22,8 @@ def two_in_one_pixel() -> PointCloud:
 
 @pytest.mark.parametrize(("image", "expected"), [
     (lambda cloud: cloud.image("depth_bins"), [[NAN, 10, NAN], [NAN, NAN, 20]]),
-    (lambda cloud: cloud.image("intensity"), [[NAN, 5, NAN], [NAN, NAN, 4]]),
     (lambda cloud: cloud.image("depth_std_bins"), [[NAN, 0.5, NAN], [NAN, NAN, 0.25]]),
     (lambda cloud: cloud.image("depth_bins", surface=1), [[NAN, 30, NAN], [NAN] * 3]),
-    (lambda cloud: cloud.image("depth_bins", surface=2), [[NAN] * 3] * 2),
     (lambda cloud: cloud.range_image(), [[NAN, 2, NAN], [NAN, NAN, 5]]),
     (lambda cloud: cloud.depth_image(Pinhole(10, 10, 1, 0.5)), [[NAN, 2, NAN], [NAN, NAN, 4]]),
     (lambda cloud: cloud.depth_image(AngularScan(0, 0.1, 0, 0.1)), [[NAN, 2, NAN], [NAN, NAN, 5]])])
@@ -43,6 +41,8 @@ def test_limits_are_ranges_along_the_ray_and_count_themselves_in(two_in_one_pixe
     assert kept.intensity.tolist() == [2, 4] and kept.depth_bins.tolist() == [30, 20]
     assert kept.depth_std_bins.tolist() == [1, 0.25]
     assert len(two_in_one_pixel.within(max_m=1)) == 0
+    np.testing.assert_array_equal(kept.range_image(), [[NAN, 6, NAN], [NAN, NAN, 5]])       # the first that is left
+    assert kept.ordered("nearest") is kept
 
 
 def test_a_window_has_its_points_and_background_counted_from_its_first_pixel(two_in_one_pixel):
@@ -51,14 +51,6 @@ def test_a_window_has_its_points_and_background_counted_from_its_first_pixel(two
     assert part.row.dtype == np.uint16 and (part.xyz == two_in_one_pixel.xyz[2:]).all()
     assert (part.background == two_in_one_pixel.background[1:2, 1:3]).all()
     assert two_in_one_pixel.cropped(slice(0, 1), slice(0, 2)).surface.tolist() == [0, 1]
-
-
-def test_the_strongest_point_within_the_limits_is_the_first_of_its_pixel(two_in_one_pixel):
-    kept = two_in_one_pixel.within(min_m=3)
-    assert kept.surface.tolist() == [0, 0] and kept.surface.dtype == np.uint8
-    np.testing.assert_array_equal(kept.range_image(), [[NAN, 6, NAN], [NAN, NAN, 5]])
-    np.testing.assert_array_equal(kept.image("intensity"), [[NAN, 2, NAN], [NAN, NAN, 4]])
-    assert (kept.background == two_in_one_pixel.background).all()
 
 
 def test_further_surfaces_within_the_limits_keep_their_order():
@@ -86,12 +78,6 @@ def test_the_points_of_a_pixel_come_in_the_order_asked_for_and_ties_keep_theirs(
     for name in ("row", "col", "surface"):
         assert getattr(ordered, name).tolist() == getattr(cloud, name).tolist()
     assert ordered.ordered("strongest").intensity.tolist() == cloud.intensity.tolist()
-
-
-@pytest.mark.parametrize("surface_order", ["strongest", "nearest", "farthest"])
-def test_a_cloud_of_one_surface_in_each_pixel_keeps_its_order(two_in_one_pixel, surface_order):
-    single = two_in_one_pixel.within(min_m=3)
-    assert single.ordered(surface_order) is single
 
 
 def test_an_unknown_order_is_refused(two_in_one_pixel):

@@ -12,49 +12,34 @@ def said(field: str, value: object, expected: str = "something else") -> str:
 
 
 @pytest.mark.parametrize(("field", "value", "begins"), [
-    ("toa", -1, "toa is -1: expected something else"), ("device", "gpu", "device is gpu: "),
+    ("toa", -1, "toa is -1: expected something else"), ("photon file", "Gerät 光.npz", "photon file is Gerät 光.npz: "),
     ("shape", (3, 4), "shape is (3, 4): "), ("rows", quoted("3"), 'rows is "3": '),
-    ("rows", quoted(3.5), "rows is 3.5: "),
-    ("key", quoted("x" * 10_000), 'key is "xxx'), ("key", quoted(""), 'key is "": '), ("irf", "", "irf is empty: "),
-    ("irf", "  ", "irf is empty: "), ("irf", "\n", "irf is empty: "),
-    ("photon file", "Gerät 光.npz", "photon file is Gerät 光.npz: ")])
+    ("rows", quoted(3.5), "rows is 3.5: "), ("key", quoted(""), 'key is "": '), ("irf", " \n", "irf is empty: ")])
 def test_the_line_names_field_value_and_what_was_expected(field, value, begins):
     assert said(field, value).startswith(begins)
+    with pytest.raises(InvalidInput) as caught:
+        require(False, field, value, "something else")
+    assert (caught.value.field, caught.value.value, caught.value.expected) == (field, value, "something else")
+    require(True, field, value, "something else")
 
 
-def test_the_parts_can_be_read_from_the_exception():
-    error = InvalidInput("toa", -1, "bins in [0, 10)")
-    assert (error.field, error.value, error.expected) == ("toa", -1, "bins in [0, 10)")
-    assert isinstance(error, ValueError)
-
-
-@pytest.mark.parametrize("value", ["x" * 10_000, list(range(10_000)), b"y" * 10_000])
-def test_long_values_are_shortened(value):
+@pytest.mark.parametrize("value", ["x" * 10_000, list(range(10_000)), b"y" * 10_000, "a  " * 10**6])
+def test_long_values_are_shortened_in_the_middle(value):
     line = said("value", value, "less")
     assert len(line) <= len("value is : expected less") + 80 and "..." in line
-
-
-def test_a_long_path_is_shortened_in_the_middle():
     assert said("file", f"/home/{'folder/' * 20}photons.npz").endswith("/photons.npz: expected something else")
-    assert said("file", f"/home/{'folder/' * 20}photons.npz").startswith("file is /home/folder/")
 
 
 @pytest.mark.parametrize("part", ["field", "value", "expected"])
-@pytest.mark.parametrize("broken", ["a\nb", "a\r\nb", "a\u2028b", "a\x0bb", "a\x85b", "a\tb"])
-def test_line_breaks_and_tabs_become_a_space(part, broken):
-    parts = {"field": "f", "value": "v", "expected": "e"} | {part: broken}
-    line = said(**parts)
-    assert len(line.splitlines()) == 1 and "a b" in line
+def test_line_breaks_and_tabs_become_a_space(part):
+    line = said(**{"field": "f", "value": "v", "expected": "e"} | {part: "a\nb\r\nc\u2028d\x0be\x85f\tg"})
+    assert len(line.splitlines()) == 1 and "a b c d e f g" in line
 
 
 @pytest.mark.parametrize("part", ["field", "value", "expected"])
-@pytest.mark.parametrize(("control", "shown"), [
-    ("\x1b[31m", "\\x1b[31m"), ("\x07", "\\x07"), ("\x00", "\\x00"), ("\x7f", "\\x7f"), ("\x9b2J", "\\x9b2J"),
-    ("\u202e", "\\u202e"), ("\udcff", "\\udcff"), ("\b", "\\x08")])
-def test_control_characters_do_not_reach_the_terminal(part, control, shown):
-    parts = {"field": "f", "value": "v", "expected": "e"} | {part: f"a{control}b"}
-    line = said(**parts)
-    assert line.isprintable() and f"a{shown}b" in line
+def test_control_characters_do_not_reach_the_terminal(part):
+    line = said(**{"field": "f", "value": "v", "expected": "e"} | {part: "a\x1b[31m\x00\x9b2J\u202e\udcff\bb"})
+    assert line.isprintable() and "a\\x1b[31m\\x00\\x9b2J\\u202e\\udcff\\x08b" in line
     line.encode()
 
 
@@ -64,16 +49,6 @@ def test_a_shortened_value_has_no_half_of_an_escape(value):
     head, tail = line.removeprefix("value is ").removesuffix(": expected something else").split("...")
     assert line.isprintable() and set(head.removeprefix("x" * 36).split("\\x1b")) <= {"", "x" * 2}
     assert set(tail.removesuffix("y" * 36).split("\\x1b")) <= {"", "y" * 2}
-
-
-def test_require_raises_only_if_the_condition_fails():
-    require(True, "rows", 1, "more")
-    with pytest.raises(InvalidInput, match="^rows is 0: expected more$"):
-        require(False, "rows", 0, "more")
-
-
-def test_values_of_many_words_are_shortened_as_if_they_had_been_joined():
-    assert said("value", "a  " * 10**6) == f"value is {'a ' * 19}...{' a' * 19}: expected something else"
 
 
 @pytest.mark.parametrize("part", ["field", "expected"])

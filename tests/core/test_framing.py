@@ -37,19 +37,15 @@ def frames_of(framing: Framing, stamps, contents=None) -> tuple[list[list[int]],
 
 
 def test_a_number_of_packets_makes_a_frame():
-    assert frames_of(Framing(), [5, 7, 7]) == ([[5], [7], [7], []], {})
+    assert frames_of(Framing(), [5, 7, 7], [b"static"] * 3) == ([[5], [7], [7], []], {})       # never a duplicate
     assert frames_of(Framing(packets=3), [1, 2, 3, 4, 5, 6, 7]) == ([[1, 2, 3], [4, 5, 6], [7]], {})
 
 
 def test_a_period_holds_its_stamps_however_many_and_in_any_order():
     frames, dropped = frames_of(Framing(period_ns=100), [0, 10, 90, 40, 100, 260, 210, 540])
     assert frames == [[0, 10, 90, 40], [100], [260, 210], [540]] and dropped == {}
-
-
-def test_packets_that_share_the_stamp_of_their_frame_make_it():
-    stamps = [stamp for stamp in (0, 33, 67, 100) for _ in range(4)]
-    for period in (1, 20, 33):      # anything up to the time between frames
-        assert frames_of(Framing(period_ns=period), stamps)[0] == [[stamp] * 4 for stamp in (0, 33, 67, 100)]
+    stamps = [stamp for stamp in (0, 33, 67, 100) for _ in range(4)]        # a frame's packets may share its stamp
+    assert frames_of(Framing(period_ns=33), stamps)[0] == [[stamp] * 4 for stamp in (0, 33, 67, 100)]
 
 
 @pytest.mark.parametrize("jitter", [[0, 3, -3, 1, 4, -4, -1, 2], [1, -1, 2, 0, -2, 1, -1, 0]])
@@ -79,15 +75,8 @@ def test_the_same_packet_again_is_a_duplicate_but_not_another_of_its_stamp(frami
     stamps, contents = [0, 0, 0, 2, 0, 2], [b"one", b"two", b"one", b"one", b"two", b"six"]
     frames, dropped = frames_of(framing, stamps, contents)
     assert frames[0] == [0, 0, 2, 2] and dropped == {"duplicate": [0, 0]}
-
-
-def test_a_double_of_the_last_packet_of_a_frame_is_not_the_next_frames_first():
     frames, dropped = frames_of(Framing(packets=2), [1, 2, 2, 3, 4], [b"a", b"b", b"b", b"c", b"d"])
-    assert frames == [[1, 2], [3, 4], []] and dropped == {"duplicate": [2]}
-
-
-def test_one_packet_a_frame_is_never_a_duplicate():
-    assert frames_of(Framing(), [0, 0, 0], [b"static"] * 3)[0] == [[0], [0], [0], []]
+    assert frames == [[1, 2], [3, 4], []] and dropped == {"duplicate": [2]}     # not the next frame's first
 
 
 def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
@@ -95,7 +84,7 @@ def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
     forgetful = Framing(packets=10**6)
     for k in range(1000):
         forgetful.place(0, bytes([k % 200]) * 30)
-    assert len(forgetful._recent._order) == 3 == sum(map(len, forgetful._recent._alike.values()))
+    assert len(forgetful._recent._order) == 3 and [*map(len, forgetful._recent._alike.values())] == [1, 1, 1]
 
 
 BEFORE = [100 * S + 10 * MS * k for k in range(5)]
@@ -118,12 +107,6 @@ def test_a_sensor_that_begins_again_is_not_late():
         assert placed[-1].dropped or framing.add(stamp) == (1, 0)
     again = Placed(began_again=True)
     assert placed == [Placed(), Placed(dropped="late"), again, Placed(), again]
-
-
-def test_a_stamp_from_far_ahead_costs_one_frame():
-    frames, dropped = frames_of(Framing(packets=2), [S, 10**6 * S, S + MS, S + 2 * MS, S + 3 * MS, S + 4 * MS])
-    assert frames == [[S + MS, S + 2 * MS], [S + 3 * MS, S + 4 * MS], []]
-    assert dropped == {"incomplete": [S, 10**6 * S]}
 
 
 def test_silence_ends_a_period_but_not_a_number():
@@ -150,12 +133,3 @@ def test_whatever_comes_every_packet_is_in_one_frame_or_dropped_for_one_cause(st
         assert all(len(frame) == packets for frame in frames[:-1])
     elif packets > 1:
         assert all(len(frame) <= packets for frame in frames)
-
-
-@given(shuffled=st.permutations(range(2, 10)), period=st.sampled_from([0, 100]))
-@settings(max_examples=50, deadline=None)
-def test_order_within_a_frame_does_not_matter(shuffled, period):
-    stamps = [100 * frame + 10 * k for frame in (0, 1) for k in (0, 1, *shuffled)]
-    frames, dropped = frames_of(Framing(packets=10, period_ns=period), stamps)
-    assert [sorted(frame) for frame in frames] == [[10 * k for k in range(10)], [100 + 10 * k for k in range(10)], []]
-    assert dropped == {}

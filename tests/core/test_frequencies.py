@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, PASSBAND, angular_frequencies, choose, irf_spectrum, spread
-from srt3d_ros.core.frequency_design import design
-from srt3d_ros.core.light import Light
+from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, PASSBAND, choose, irf_spectrum, spread
+from srt3d_ros.core.frequency_design import Light, design
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -18,28 +17,16 @@ def make(num_bins=1000, irf=bell(4), **changes) -> SensorModel:
     return SensorModel(1, 2, num_bins, 1e-10, irf, **changes)
 
 
-def test_frequencies_are_turns_per_period():
-    np.testing.assert_allclose(angular_frequencies((1, 5), 100), [2 * np.pi / 100, 10 * np.pi / 100], rtol=1e-15)
+def test_spectrum_of_a_delta_is_the_phase_of_its_distance_from_the_reference():
+    irf = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 5]])
+    sensor = SensorModel(1, 3, 20, 1e-10, irf, irf_ref=1)
+    expected = np.exp(2j * np.pi * np.outer([0, -1, 2], [1, 3]) / 20)
+    np.testing.assert_allclose(irf_spectrum(sensor, (1, 3)), expected, atol=1e-7)
+    np.testing.assert_allclose(irf_spectrum(sensor.replace(irf=irf[2]), (1, 3)), expected[2], atol=1e-7)
 
 
-@pytest.mark.parametrize(("delta", "ref"), [(3, 3), (7, 3), (0, 3)])
-def test_spectrum_of_a_delta_is_the_phase_of_its_distance_from_the_reference(delta, ref):
-    irf = np.zeros(10)
-    irf[delta] = 5
-    sensor = make(num_bins=50, irf=irf, irf_ref=ref)
-    expected = np.exp(2j * np.pi * np.array([1, 2, 24]) * (delta - ref) / 50)
-    np.testing.assert_allclose(irf_spectrum(sensor, (1, 2, 24)), expected, atol=1e-7)
-
-
-def test_spectrum_of_each_pixel():
-    irf = np.array([[0, 1, 0], [1, 0, 0]])
-    spectrum = irf_spectrum(make(num_bins=20, irf=irf, irf_ref=1), (1, 3))
-    np.testing.assert_allclose(spectrum, [[1, 1], np.exp(-2j * np.pi * np.array([1, 3]) / 20)], atol=1e-7)
-
-
-@pytest.mark.parametrize("width", [0.01, 1.0, 4.0, 30.0])
-@pytest.mark.parametrize("num_bins", [61, 100, 153, 4613])
-@pytest.mark.parametrize("m", [1, 2, 5, 10, 30])
+@pytest.mark.parametrize(("width", "num_bins", "m"), [(0.01, 61, 30), (1.0, 100, 10), (4.0, 153, 5), (30.0, 4613, 10),
+                                                      (4.0, 4613, 1), (1e6, 100, 5)])
 def test_spread_strictly_increases_and_stays_in_the_band(width, num_bins, m):
     sensor = make(num_bins, bell(width))
     chosen = spread(sensor, m)
@@ -47,10 +34,6 @@ def test_spread_strictly_increases_and_stays_in_the_band(width, num_bins, m):
     magnitude = np.abs(irf_spectrum(sensor, np.arange(1, (num_bins - 1) // 2 + 1)))
     passed = np.flatnonzero(np.append(magnitude, 0) < PASSBAND)[0]
     assert chosen[-1] == passed if passed >= m > 1 else chosen[-1] <= m
-
-
-def test_a_response_wider_than_the_period_leaves_consecutive_frequencies():
-    assert spread(make(num_bins=100, irf=np.ones(100)), 5) == (1, 2, 3, 4, 5)
 
 
 def test_spread_takes_the_mean_of_the_pixels_spectra():
@@ -84,11 +67,9 @@ def test_without_a_size_a_short_period_gets_as_many_as_it_has(spec, num_bins, m)
 
 @pytest.mark.parametrize(("spec", "m", "named"), [
     ("", None, "frequencies is empty"), ("fast", None, "frequencies is fast"), ("1,,2", None, "frequencies is 1,,2"),
-    ("1.5,2", None, "frequencies is 1.5,2"), ("1;2", None, "frequencies is 1;2"), ("0,1", None, "frequencies is 0"),
-    ("-1", None, "frequencies is -1"), ("1,50", None, "frequencies is 50"), ("3,3", None, r"frequencies is \[3, 3\]"),
-    (",".join(map(str, range(1, 66))), None, "sketch size is 65"), ("1,2,5", 2, "sketch_size is 2: expected 3"),
-    ("auto", 0, "sketch_size is 0: expected 1 to 49 for T = 100"), ("auto", -3, "sketch_size is -3"),
-    ("auto", 50, "sketch_size is 50"), ("consecutive", 50, "sketch_size is 50")])
+    ("1.5,2", None, "frequencies is 1.5,2"), ("1,50", None, "frequencies is 50"),
+    ("1,2,5", 2, "sketch_size is 2: expected 3"), ("auto", 0, "sketch_size is 0: expected 1 to 49 for T = 100"),
+    ("consecutive", 50, "sketch_size is 50")])
 def test_what_means_nothing_is_refused_by_name(spec, m, named):
     with pytest.raises(InvalidInput, match=f"^{named}"):
         choose(spec, make(num_bins=100), m)
@@ -96,5 +77,7 @@ def test_what_means_nothing_is_refused_by_name(spec, m, named):
 
 def test_sketches_are_at_most_64_numbers():
     assert len(choose("auto", make(), 64)) == 64
-    with pytest.raises(InvalidInput, match="^sketch_size is 65: expected 1 to 64"):
-        choose("auto", make(), 65)
+    for spec, m, named in (("auto", 65, "sketch_size is 65: expected 1 to 64"),
+                           (",".join(map(str, range(1, 66))), None, "sketch size is 65")):
+        with pytest.raises(InvalidInput, match=f"^{named}"):
+            choose(spec, make(), m)

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core import light_meter
-from srt3d_ros.core.frequency_design import highest_passed
-from srt3d_ros.core.light import Light
-from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter, light_of
+from srt3d_ros.core.frequency_design import Light, highest_passed
+from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
-from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import light_of
 
 T = 400
 BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
@@ -30,7 +29,7 @@ def frame(sbr: float, ppp: float, sensor=None, behind=(), seed=0) -> PhotonEvent
     return Simulator(scene, sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
 
 
-@pytest.mark.parametrize(("sbr", "ppp"), [(0.1, 30), (0.3, 10), (1, 3), (1, 100), (10, 1), (30, 20)])
+@pytest.mark.parametrize(("sbr", "ppp"), [(0.1, 30), (1, 3), (1, 100), (10, 1)])
 def test_a_scene_that_spreads_over_all_bins_tells_its_light(sbr, ppp):
     light = light_of(frame(sbr, ppp), make())
     assert light.photons_per_pixel == pytest.approx(ppp, rel=0.05)
@@ -57,20 +56,17 @@ def test_many_photons_confirm_the_irf_up_to_what_it_passes():
     assert confirmed == sorted(confirmed) and confirmed[0] < 15 and confirmed[-1] >= 0.8 * highest_passed(sensor)
 
 
+def test_two_surfaces_in_a_pixel_or_fog_do_not_confirm_the_irf():
+    assert light_of(frame(2, 50, behind=(25,)), make()).confirmed < 5
+    fog = make(background_shape=np.exp(-np.arange(T) / 100))
+    assert light_of(frame(0.5, 50, fog), make()).confirmed == 0
+
+
 @pytest.mark.parametrize("true_irf", [np.exp(-0.5 * ((np.arange(41) - 20) / 3.0)**2),       # sharper, and wider
                                       np.exp(-0.5 * ((np.arange(41) - 20) / 6.0)**2)])
 def test_photons_of_another_pulse_do_not_confirm_the_irf(true_irf):
     light = light_of(frame(2, 50, make(irf=true_irf)), make())
     assert light.confirmed < 12 and light.signal_share == pytest.approx(2 / 3, rel=0.1)
-
-
-def test_pixels_with_two_surfaces_do_not_confirm_the_irf():
-    assert light_of(frame(2, 50, behind=(25,)), make()).confirmed < 5
-
-
-def test_a_background_that_is_not_even_does_not_confirm_the_irf():
-    fog = make(background_shape=np.exp(-np.arange(T) / 100))
-    assert light_of(frame(0.5, 50, fog), make()).confirmed == 0
 
 
 def test_a_bright_pixel_counts_as_its_photons():
@@ -98,12 +94,10 @@ def test_gates_packets_and_events_of_any_order_tell_the_same():
     assert meter.end_frame() == expected == light_of(PhotonGates.from_events(events, sensor), sensor)
 
 
-@pytest.mark.parametrize("as_gates", [False, True])
-def test_of_many_pixels_some_are_looked_at(as_gates):
-    sensor = make(400, 300, gates=GateWords(first_word=0, no_detection=65_535))
+def test_of_many_pixels_some_are_looked_at():
+    sensor = make(400, 300)
     assert sensor.pixels > 3 * MOST_PIXELS
-    events = frame(1, 5, sensor)
-    light = light_of(PhotonGates.from_events(events, sensor) if as_gates else events, sensor)
+    light = light_of(frame(1, 5, sensor), sensor)
     assert light.photons_per_pixel == pytest.approx(5, rel=0.03) and light.signal_share == pytest.approx(0.5, rel=0.1)
 
 
@@ -122,24 +116,12 @@ def test_of_very_many_photons_fewer_pixels_are_looked_at(as_gates, monkeypatch):
 def test_the_light_of_a_stream_is_measured_now_and_then():
     meter, events = LightMeter(make()), frame(1, 5)
     looks = []
+    meter.add(PhotonEvents(events.pixel, events.toa, -LOOK_NS))
+    meter.forget()                      # such photons do not count
     for k in range(10):
         meter.add(PhotonEvents(events.pixel, events.toa, k * LOOK_NS // 4))
         looks.append(meter.end_frame())
     assert [k for k, light in enumerate(looks) if light is not None] == [0, 4, 8] and looks[0] == looks[8]
-
-
-def test_a_frame_that_is_forgotten_does_not_count():
-    meter, events = LightMeter(make()), frame(1, 5)
-    meter.add(events)
-    meter.forget()
-    assert meter.end_frame() is None
-    meter.add(PhotonEvents(events.pixel, events.toa, LOOK_NS))
-    assert meter.end_frame() == light_of(events, make())
-
-
-def test_photons_outside_are_refused():
-    with pytest.raises(InvalidInput, match="toa"):
-        light_of(PhotonEvents(np.zeros(2, np.uint32), np.full(2, T, np.uint16)), make())
 
 
 def test_octaves_count_doublings_of_photons_and_of_what_a_sketch_keeps():
@@ -156,7 +138,7 @@ def test_a_gate_keeps_the_signal():
 
 
 @pytest.mark.parametrize(("light", "is_other"), [
-    (Light(10, 0.5, 40), False), (Light(15, 0.5, 40), False), (Light(17, 0.5, 40), True), (Light(5.9, 0.5, 40), True),
+    (Light(15, 0.5, 40), False), (Light(17, 0.5, 40), True), (Light(5.9, 0.5, 40), True),
     (Light(10, 0.5, 31), False), (Light(10, 0.5, 29), True), (Light(10, 0.5, 48), False), (Light(10, 0.5, 49), True)])
 def test_small_changes_are_not_another_light(light, is_other):
     assert light.is_other(Light(10, 0.5, 40), top=30) == is_other

@@ -8,6 +8,7 @@ from srt3d_ros.core.matched_frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
+from tests.core import scenes
 
 ROWS, COLS, T = 3, 4, 200
 FREQUENCIES = (1, 2, 5, 9, 14)
@@ -22,16 +23,8 @@ def make(**changes) -> SensorModel:
                            "irf_ref": 2} | changes))
 
 
-def exact(sensor: SensorModel, depth=DEPTH, signal=SIGNAL, background=0.0) -> Sketch:
-    """The expected sketch of surfaces at `depth` seen by every pixel with its own gain, delay and IRF."""
-    omega = angular_frequencies(FREQUENCIES, T)
-    spectrum = irf_spectrum(sensor, FREQUENCIES).reshape(-1, len(omega))
-    late = 0 if sensor.delay_bins is None else sensor.delay_bins.astype(np.float64)
-    gain = 1 if sensor.gain is None else sensor.gain
-    phase = np.exp(1j * (depth + late)[..., None] * omega)
-    response = np.broadcast_to(spectrum, (sensor.pixels, len(omega))).reshape(phase.shape)
-    sums = (gain * signal)[..., None] * response * phase
-    return Sketch(FREQUENCIES, sums.astype(np.complex64), np.rint(gain * (signal + background)).astype(np.uint32), 3)
+def exact(sensor: SensorModel) -> Sketch:
+    return scenes.exact(sensor, DEPTH, SIGNAL, frequencies=FREQUENCIES)
 
 
 def frame_energy(sensor: SensorModel) -> np.ndarray:
@@ -68,16 +61,10 @@ def calibrated(**changes) -> np.ndarray:
     {"irf": np.stack([np.roll(IRF, k % 2) for k in range(ROWS * COLS)]), "gain": RNG.uniform(0.5, 2, (ROWS, COLS)),
      "delay_bins": RNG.uniform(-9, 9, (ROWS, COLS))}], ids=["delay", "gain", "all at once"])
 def test_calibration_is_taken_out(changes):
-    plain = {"irf": changes["irf"]} if "irf" in changes else {}
-    np.testing.assert_allclose(calibrated(**changes), calibrated(**plain), rtol=1e-4, atol=2e-3)
-
-
-def test_gain_becomes_an_exposure():
-    gain = RNG.uniform(0.1, 3, (ROWS, COLS))
-    sensor = make(gain=gain)
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor, background=20))
-    np.testing.assert_allclose(frame.exposure, gain, rtol=1e-6)
-    np.testing.assert_allclose(frame.counts, gain * (SIGNAL + 20), atol=0.5)
+    sensor = make(**changes)
+    expected = SIGNAL[..., None] * frame_energy(sensor) * np.exp(
+        1j * DEPTH[..., None] * angular_frequencies(FREQUENCIES, T))
+    np.testing.assert_allclose(calibrated(**changes), expected, rtol=1e-4, atol=2e-3)
 
 
 def test_a_masked_pixel_counts_for_nothing_whatever_it_saw():
@@ -91,16 +78,6 @@ def test_a_masked_pixel_counts_for_nothing_whatever_it_saw():
     assert (frame.exposure[mask] == 1).all()
 
 
-def test_the_irf_of_each_pixel_is_taken_out():
-    shapes = np.stack([np.roll(IRF, k % 2) + 0.02 * k for k in range(ROWS * COLS)])
-    sensor = make(irf=shapes, irf_ref=2)
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
-    omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
-    np.testing.assert_allclose(frame.energy, energy, rtol=1e-6)
-    expected = SIGNAL[..., None] * energy * np.exp(1j * DEPTH[..., None] * omega)
-    np.testing.assert_allclose(complex_matched(frame), expected, rtol=1e-4, atol=1e-4)
-
-
 def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
     shapes = np.tile(IRF, (ROWS * COLS, 1))
     shapes = np.pad(shapes, ((0, 0), (0, T - len(IRF))))
@@ -110,35 +87,6 @@ def test_what_a_pixels_irf_does_not_pass_is_not_blown_up():
                    np.full((ROWS, COLS), 100, np.uint32))
     seen = np.abs(complex_matched(Matcher(sensor, FREQUENCIES)(noise)))
     assert (seen[1, 1] <= 10 * np.sqrt(frame_energy(sensor)) / WEAKEST_PASSBAND).all()
-
-
-def test_energy_curvature_and_resolution_are_those_of_the_data_term():
-    sensor = make()
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
-    omega, energy = angular_frequencies(FREQUENCIES, T), frame_energy(sensor)
-
-    def response(t):
-        return (energy * np.cos(omega * t)).sum()
-    assert frame.total_energy == pytest.approx(response(0), rel=1e-6)
-    bend = (response(0.01) - 2 * response(0) + response(-0.01)) / 0.01**2
-    assert frame.curvature == pytest.approx(-bend, rel=1e-4)
-    assert frame.resolution_bins == pytest.approx(np.sqrt(response(0) / -bend), rel=1e-4)
-
-
-def test_moments_are_what_a_photon_adds_to_the_variances_of_the_scores():
-    sensor = make()
-    frame = Matcher(sensor, FREQUENCIES)(exact(sensor))
-    omega, spectrum = angular_frequencies(FREQUENCIES, T), irf_spectrum(sensor, FREQUENCIES)
-    rng = np.random.default_rng(1)
-    frames, photons = 20_000, 20
-    owner = np.repeat(np.arange(frames), rng.poisson(photons, frames))
-    signal, background = rng.choice(len(IRF), len(owner), p=IRF / IRF.sum()) - 2, rng.integers(0, T, len(owner))
-    for which, x in enumerate((signal, background)):
-        matched = np.exp(1j * np.outer(x, omega)) * np.conj(spectrum)
-        for score, moments in ((matched.imag @ omega, frame.moments),
-                               (matched.real.sum(axis=1), frame.intensity_moments)):
-            of_frames = np.bincount(owner, score, minlength=frames)
-            assert of_frames.var() == pytest.approx(photons * moments[which], rel=0.04)
 
 
 @pytest.mark.parametrize(("sketch", "named"), [
@@ -151,7 +99,7 @@ def test_a_sketch_of_another_sensor_is_refused(sketch, named):
         Matcher(make(), FREQUENCIES)(sketch)
 
 
-@pytest.mark.parametrize("photons", [1, 2, 5, 50, 1000])
+@pytest.mark.parametrize("photons", [2, 1000])
 def test_background_is_no_likelier_to_respond_than_its_rarity_says(photons):
     sensor = make()
     frame = Matcher(sensor, FREQUENCIES)(exact(sensor))

@@ -15,64 +15,50 @@ def events(pixel, toa, dtype=np.uint16, stamp_ns=0) -> PhotonEvents:
     return PhotonEvents(np.array(pixel, np.uint32), np.array(toa, dtype), stamp_ns)
 
 
-@pytest.mark.parametrize("dtype", [np.int32, np.float64, np.int64, np.uint8, np.dtype(">u2"), bool])
-def test_other_types_of_toa_are_refused(dtype):
-    with pytest.raises(InvalidInput, match="^toa dtype is"):
-        events([0, 1, 2], [0, 1, 0], dtype)
+TWO = np.zeros(2, np.uint32)
+REFUSED = {
+    "toa dtype": lambda: events([0, 1], [0, 1], np.float64),
+    "pixel dtype": lambda: PhotonEvents(np.zeros(2, np.int64), np.zeros(2, np.uint16)),
+    "pixel and toa shapes": lambda: events([[0, 1]], [[0, 1]]),
+    "t": lambda: PhotonEvents(TWO, np.zeros(2, np.uint16), 0, np.zeros(2, ">u4")),
+    "gates dtype": lambda: PhotonGates(np.zeros((2, 3, 4), np.int16)),
+    "gates shape": lambda: PhotonGates(np.zeros((2, 12), np.uint16)),
+    "histograms dtype": lambda: PhotonHistograms(np.zeros((3, 4, 100), np.int64)),
+    "histograms shape": lambda: PhotonHistograms(np.zeros((3, 400), np.uint16)),
+}
 
 
-@pytest.mark.parametrize("dtype", [np.int64, np.uint16, np.float32])
-def test_other_types_of_pixel_are_refused(dtype):
-    with pytest.raises(InvalidInput, match="^pixel dtype is"):
-        PhotonEvents(np.zeros(2, dtype), np.zeros(2, np.uint16))
+@pytest.mark.parametrize("named", REFUSED)
+def test_arrays_of_other_types_or_shapes_are_refused(named):
+    with pytest.raises(InvalidInput, match=f"^{named} is"):
+        REFUSED[named]()
 
 
-@pytest.mark.parametrize(("pixel", "toa"), [([0, 1], [0]), ([[0, 1]], [[0, 1]]), ([0], 0)])
-def test_shapes_that_differ_or_are_not_lists_are_refused(pixel, toa):
-    with pytest.raises(InvalidInput, match="^pixel and toa shapes"):
-        events(pixel, toa)
-
-
-@pytest.mark.parametrize(("pixel", "ordered"), [([], True), ([3], True), ([0, 0, 1, 7, 7], True), ([1, 0], False),
-                                                ([0, 1, 2, 1], False), ([2, 3, 3, 0], False)])
+@pytest.mark.parametrize(("pixel", "ordered"), [([], True), ([0, 0, 1, 7, 7], True), ([2, 3, 3, 0], False)])
 def test_sorted_means_that_pixels_never_decrease(pixel, ordered):
     assert events(pixel, [9] * len(pixel)).is_sorted is ordered
 
 
-@pytest.mark.parametrize("drop", [2**16 - 1, 2**16, 2**16 + 1, 2 * 2**16, 3 * 2**16 - 1])
+@pytest.mark.parametrize("drop", [2**16 - 1, 2**16, 2**16 + 1, 3 * 2**16 - 1])
 def test_one_drop_among_many_photons_is_seen(drop):
     pixel = np.arange(1, 3 * 2**16 + 1, dtype=np.uint32)
     pixel[drop] = 0
     assert not PhotonEvents(pixel, np.zeros(len(pixel), np.uint16)).is_sorted
 
 
-@pytest.mark.parametrize("pixel", [[0, 12], [12, 0], [2**32 - 1, 0, 3]])
+@pytest.mark.parametrize("pixel", [[0, 12], [2**32 - 1, 0, 3]])
 def test_a_pixel_outside_the_sensor_is_named(pixel):
     with pytest.raises(InvalidInput, match=f"^pixel is {max(pixel)}: expected an index below 3 × 4 = 12$"):
         events(pixel, [0] * len(pixel)).check(SENSOR)
 
 
 @pytest.mark.parametrize(("toa", "dtype", "shown"), [
-    ([0, 100], np.uint16, "100"), ([65_535, 0], np.uint16, "65535"), ([2**32 - 1, 0], np.uint32, "4294967295"),
-    ([0, 100], np.float32, "100.0"), ([-0.25, 5], np.float32, "-0.25"), ([3, np.nan], np.float32, "nan"),
-    ([np.inf, 3], np.float32, "inf"), ([-np.inf, 3], np.float32, "-inf"), ([np.nan, -1], np.float32, "nan")])
+    ([0, 100], np.uint16, "100"), ([2**32 - 1, 0], np.uint32, "4294967295"), ([0, 100], np.float32, "100.0"),
+    ([-0.25, 5], np.float32, "-0.25"), ([3, np.nan], np.float32, "nan"), ([-np.inf, 3], np.float32, "-inf")])
 def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
     with pytest.raises(InvalidInput, match=rf"^toa is {shown}: expected bins in \[0, 100\)$"):
         events([0, 1], toa, dtype).check(SENSOR)
-
-
-@pytest.mark.parametrize("frame", [
-    events([], []), events([], [], np.float32), events([11, 0], [99, 0]), events([0, 11], [99, 0], np.uint32),
-    events([0, 11], [0, np.nextafter(np.float32(100), np.float32(0))], np.float32)])
-def test_the_last_pixel_and_the_last_bin_are_inside(frame):
-    frame.check(SENSOR)
-
-
-@pytest.mark.parametrize("t", [np.zeros(2, np.int32), np.zeros(2, np.float32), np.zeros(1, np.uint32),
-                               np.zeros((2, 1), np.uint32), np.zeros(2, ">u4")])
-def test_instants_of_other_types_and_shapes_are_refused(t):
-    with pytest.raises(InvalidInput, match=r"^t is .*: expected uint32 \(2,\), nanoseconds$"):
-        PhotonEvents(np.zeros(2, np.uint32), np.zeros(2, np.uint16), 0, t)
+    events([11], [99.99 if dtype == np.float32 else 99], dtype).check(SENSOR)        # the last ones are inside
 
 
 def test_an_instant_before_the_stamp_wraps_around_and_is_named():
@@ -82,22 +68,13 @@ def test_an_instant_before_the_stamp_wraps_around_and_is_named():
     PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16), 0, np.array([MAX_T_NS], np.uint32)).check(SENSOR)
 
 
-@pytest.mark.parametrize("which", [np.array([2, 0]), np.array([True, False, True]), np.zeros(3, bool)])
-@pytest.mark.parametrize("t", [None, np.array([5, 6, 7], np.uint32)])
+@pytest.mark.parametrize(("which", "t"), [([2, 0], np.array([5, 6, 7], np.uint32)), (np.zeros(3, bool), None)])
 def test_a_part_of_the_photons_keeps_stamp_type_and_instants(which, t):
     frame = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array([7.5, 8, 9], np.float32), 11, t)
     part = frame.part(which)
     assert part.stamp_ns == 11 and part.toa.dtype == np.float32
     assert np.array_equal(part.pixel, frame.pixel[which]) and np.array_equal(part.toa, frame.toa[which])
     assert part.t is None if t is None else np.array_equal(part.t, t[which])
-
-
-@pytest.mark.parametrize(("words", "named"), [
-    (np.zeros((2, 3, 4), np.uint32), "gates dtype"), (np.zeros((2, 3, 4), np.int16), "gates dtype"),
-    (np.zeros((2, 12), np.uint16), "gates shape")])
-def test_words_of_other_types_or_dimensions_are_refused(words, named):
-    with pytest.raises(InvalidInput, match=f"^{named}"):
-        PhotonGates(words)
 
 
 def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
@@ -114,39 +91,22 @@ def test_events_become_gates_and_events_again(dtype):
     back = PhotonGates.from_events(frame, SENSOR).to_events(SENSOR)
     order = np.argsort(frame.pixel, kind="stable")
     assert back.is_sorted and back.stamp_ns == 77 and back.toa.dtype == np.uint16
+    assert PhotonGates.from_events(events([], []), SENSOR).to_events(SENSOR).photons == 0
     assert np.array_equal(back.pixel, frame.pixel[order]) and np.array_equal(back.toa, frame.toa[order])
-
-
-def test_no_photons_are_one_empty_cycle():
-    gates = PhotonGates.from_events(events([], []), SENSOR)
-    assert gates.words.shape == (1, 3, 4) and (gates.words == 5).all()
-    assert gates.to_events(SENSOR).photons == 0
 
 
 @pytest.mark.parametrize(("gates", "toa", "named"), [
     (None, 3, "sensor.gates is missing"), (GateWords(65_500, 0), 60, "gates word is 65560"),
-    (GateWords(0, 60), 60, "toa is 60"), (GateWords(3, 63), 60, "toa is 60"), (GateWords(0, 0), 100, "toa is 100")])
+    (GateWords(3, 63), 60, "toa is 60"), (GateWords(0, 0), 100, "toa is 100")])
 def test_a_photon_that_no_word_can_say_is_refused(gates, toa, named):
     with pytest.raises(InvalidInput, match=f"^{named}: expected"):
         PhotonGates.from_events(events([4], [toa]), SENSOR.replace(gates=gates))
-
-
-def test_one_busy_pixel_cannot_fill_the_memory():
-    sensor = SENSOR.replace(rows=2_000, cols=2_000)
-    busy = events([4] * (MAX_WORDS // 4_000_000 + 1), [0] * (MAX_WORDS // 4_000_000 + 1))
-    with pytest.raises(InvalidInput, match="^gates is 34 cycles of 4000000 pixels: .*send events instead"):
-        PhotonGates.from_events(busy, sensor)
 
 
 def test_a_word_below_the_first_is_named_not_wrapped():
     sensor = SensorModel(2, 3, 65_535, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
     with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 to 65535, or 0 for no detection"):
         PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)
-
-
-def test_gates_of_no_cycle_have_no_photons():
-    none = PhotonGates(np.zeros((0, 3, 4), np.uint16)).to_events(SENSOR)
-    assert none.photons == 0 and none.pixel.dtype == np.uint32
 
 
 def histograms(counts, dtype=np.uint16, **fields):
@@ -157,22 +117,8 @@ def histograms(counts, dtype=np.uint16, **fields):
 def test_histograms_count_their_photons(dtype):
     counts = np.random.default_rng(1).integers(0, 255, (3, 4, 100))
     assert histograms(counts, dtype).photons == counts.sum()
-
-
-def test_all_of_many_full_bins_are_counted():
     assert histograms(np.full((10, 1, 65_535), 65_535)).photons == 10 * 65_535**2
-
-
-def test_subtracted_ambient_light_leaves_no_less_than_no_photons():
-    assert histograms(np.full((3, 4, 100), -1), np.int32).photons == 0
-
-
-@pytest.mark.parametrize(("counts", "named"), [
-    (np.zeros((3, 4, 100), np.int64), "histograms dtype is int64"),
-    (np.zeros((3, 400), np.uint16), "histograms shape")])
-def test_what_is_no_histogram_is_refused(counts, named):
-    with pytest.raises(InvalidInput, match=named):
-        PhotonHistograms(counts)
+    assert histograms(np.full((3, 4, 100), -1), np.int32).photons == 0          # less than was subtracted
 
 
 @pytest.mark.parametrize(("counts", "named"), [
@@ -200,16 +146,11 @@ def test_events_that_no_histogram_of_the_sensor_can_hold_are_refused():
         PhotonHistograms.from_events(events([3], [100]), SENSOR)
     with pytest.raises(InvalidInput, match="^sensor.histograms is there: expected none"):
         PhotonHistograms.from_events(events([3], [9]), SENSOR.replace(histograms=HistogramBins(5)))
-    with pytest.raises(InvalidInput, match="^histograms is 100 bins of 4000000 pixels: .*send events instead"):
-        PhotonHistograms.from_events(events([3], [9]), SENSOR.replace(rows=2_000, cols=2_000))
-
-
-def test_histograms_become_events_sorted_by_pixel():
-    counts = np.zeros((3, 4, 100))
-    counts[0, 1, 7], counts[2, 3, 99] = 2, 1
-    found = histograms(counts, stamp_ns=5).to_events(SENSOR)
-    assert found.pixel.tolist() == [1, 1, 11] and found.toa.tolist() == [7, 7, 99] and found.stamp_ns == 5
-    assert found.toa.dtype == np.uint16 and found.pixel.dtype == np.uint32
+    large, several = SENSOR.replace(rows=2_000, cols=2_000), MAX_WORDS // 4_000_000 + 1
+    for form, given, named in ((PhotonHistograms, events([3], [9]), "histograms is 100 bins of 4000000 pixels"),
+                               (PhotonGates, events([4] * several, [0] * several), "gates is 34 cycles of 4000000")):
+        with pytest.raises(InvalidInput, match=f"^{named}.*send events instead"):
+            form.from_events(given, large)
 
 
 @pytest.mark.parametrize(("dtype", "count"), [(np.int32, -1), (np.float32, 0.5)])

@@ -8,31 +8,10 @@ from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
 
 
-@pytest.mark.parametrize("projection", [Pinhole(30, 40, 3, 1), AngularScan(0.5, -0.02, 0.3, -0.05)])
-def test_rays_are_unit_vectors_for_every_pixel(projection):
-    rays = projection.rays(4, 7)
-    assert rays.shape == (4, 7, 3) and rays.dtype == np.float32
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1, rtol=1e-6)
-
-
-def test_pinhole_looks_along_z_from_its_principal_point():
+def test_pinhole_looks_along_z_from_its_principal_point_x_to_the_right_y_down():
     rays = Pinhole(30, 40, 3, 1).rays(4, 7)
-    np.testing.assert_allclose(rays[1, 3], [0, 0, 1])
-    assert rays[1, 4, 0] > 0 and rays[2, 3, 1] > 0          # x to the right, y down
-    np.testing.assert_allclose(rays[3, 6] / rays[3, 6, 2], [3 / 30, 2 / 40, 1], rtol=1e-6)
-
-
-@pytest.mark.parametrize(("rows", "cols"), [(20, 31), (31, 20)])
-def test_field_of_view_spans_the_larger_side(rows, cols):
-    lens = Pinhole.from_fov(rows, cols, 40)
-    assert lens.fx == lens.fy == pytest.approx(31 / 2 / np.tan(np.radians(20)))
-    assert (lens.cx, lens.cy) == ((cols - 1) / 2, (rows - 1) / 2)       # the outer edges of the outer pixels see ± 20°
-
-
-def test_scan_looks_along_x_with_y_to_the_left_and_z_up():
-    rays = AngularScan(0, 0.1, 0, 0.2).rays(3, 4)
-    np.testing.assert_allclose(rays[0, 0], [1, 0, 0])
-    assert rays[0, 1, 1] > 0 and rays[1, 0, 2] > 0
+    np.testing.assert_allclose(rays / rays[..., 2:], np.stack(np.broadcast_arrays(
+        (np.arange(7) - 3) / 30, (np.arange(4)[:, None] - 1) / 40, 1), axis=-1), atol=1e-6)
 
 
 def test_scan_angles_are_azimuth_and_elevation():
@@ -43,9 +22,8 @@ def test_scan_angles_are_azimuth_and_elevation():
 
 
 @pytest.mark.parametrize(("name", "value"), [
-    *((name, value) for name in ("fx", "fy", "cx", "cy") for value in (np.nan, np.inf)),
-    ("fx", 0), ("fx", -1.5), ("fy", 0), ("fy", -1.5),
-    ("fx", 1e-300), ("fy", 1e-7), ("fx", 1e300), ("cx", 1e300), ("cy", -2e9)])      # whose squares are no numbers
+    ("fx", np.nan), ("cy", np.inf), ("fx", 0), ("fy", -1.5),
+    ("fx", 1e-300), ("fy", 1e300), ("cx", 1e300), ("cy", -2e9)])                    # whose squares are no numbers
 def test_pinhole_refuses_what_gives_no_rays(name, value):
     with pytest.raises(InvalidInput, match=f"^projection.{name} is"):
         Pinhole(**({"fx": 1, "fy": 1, "cx": 0, "cy": 0} | {name: value}))
@@ -54,20 +32,24 @@ def test_pinhole_refuses_what_gives_no_rays(name, value):
 @pytest.mark.parametrize("lens", [Pinhole(1e-6, 1e-6, -1e9, 1e9), Pinhole(1e100, 1e100, 0, 0),
                                   AngularScan(1e6, 1e6, -1e6, 1e6)])
 def test_the_extremes_have_unit_rays(lens):
+    assert lens.rays(3, 40).shape == (3, 40, 3) and lens.rays(3, 40).dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(lens.rays(3, 40), axis=-1), 1, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", AngularScan.__dataclass_fields__)
-@pytest.mark.parametrize(("value", "shown"), [(np.nan, "nan"), (1e308, r"1e\+308: expected radians, at most")])
-def test_scan_refuses_angles_that_are_not_finite_or_huge(name, value, shown):
-    with pytest.raises(InvalidInput, match=f"^projection.{name} is {shown}"):
-        AngularScan(**(dict.fromkeys(AngularScan.__dataclass_fields__, 0.1) | {name: value}))
+def test_scan_refuses_angles_that_are_not_finite_or_huge(name):
+    for value, shown in ((np.nan, "nan"), (1e308, r"1e\+308: expected radians, at most")):
+        with pytest.raises(InvalidInput, match=f"^projection.{name} is {shown}"):
+            AngularScan(**(dict.fromkeys(AngularScan.__dataclass_fields__, 0.1) | {name: value}))
 
 
-@pytest.mark.parametrize("fov_deg", [0, 180, -5, np.nan])
-def test_impossible_fields_of_view_are_refused(fov_deg):
-    with pytest.raises(InvalidInput, match="^fov_deg is"):
-        Pinhole.from_fov(10, 10, fov_deg)
+def test_a_field_of_view_spans_the_larger_side_and_impossible_ones_are_refused():
+    lens = Pinhole.from_fov(20, 31, 40)
+    assert lens.fx == lens.fy == pytest.approx(31 / 2 / np.tan(np.radians(20)))
+    assert (lens.cx, lens.cy) == (15, 9.5)
+    for fov_deg in (0, 180, np.nan):
+        with pytest.raises(InvalidInput, match="^fov_deg is"):
+            Pinhole.from_fov(10, 10, fov_deg)
 
 
 def coordinates(lens, rows: int, cols: int) -> np.ndarray:
@@ -78,7 +60,7 @@ def coordinates(lens, rows: int, cols: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("lens", [Pinhole(30, 40, 3.2, 1.1), AngularScan(0.5, -0.25, -0.2, 0.1)])
-@pytest.mark.parametrize("factor", [1, 2, 3, 4])
+@pytest.mark.parametrize("factor", [2, 3])
 def test_finer_pixels_fill_the_place_of_each(lens, factor):
     coarse, finer = coordinates(lens, 4, 7), coordinates(lens.upsampled(factor), 4 * factor, 7 * factor)
     np.testing.assert_allclose(finer.reshape(4, factor, 7, factor, 2).mean(axis=(1, 3)), coarse, atol=1e-6)
@@ -107,15 +89,3 @@ def test_a_camera_sees_nothing_behind_it_or_where_its_lens_model_turns_back():
         assert np.isnan(place)
     assert np.isfinite(lens.places(np.array([1.0, 0, 1]))).all()
     assert PlumbBob(k1=0.1).reach == np.inf == PlumbBob().reach
-
-
-def test_a_scan_of_a_whole_turn_sees_all_around():
-    scan = AngularScan(-3, 2 * np.pi / 9, 0, 0.1)
-    azimuth = np.linspace(-10, 10, 200)
-    _, col = scan.places(np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1))
-    assert (col >= -0.5).all() and (col <= 8.5).all()
-
-
-@pytest.mark.parametrize("lens", LENSES)
-def test_kernels_read_the_lens(lens):
-    assert lens.lens.dtype == np.float32 and lens.lens.shape == (10 if lens.kind == "pinhole" else 4,)

@@ -31,7 +31,7 @@ def test_each_pixel_is_in_one_tile_and_windows_have_the_margin_and_whole_cells(r
     assert all(CELLS % size == 0 for _, size in (*SURE_SCALES, *REST_SCALES, SLANTED))
 
 
-@pytest.mark.parametrize("text", ["0,0,2", "2,0,2,2", "0,2,2,2", "-1,0,2,2", "0,0,0,1", "a,b,c,d", "0,0,2,2.5", "off"])
+@pytest.mark.parametrize("text", ["0,0,2", "2,0,2,2", "-1,0,2,2", "0,0,2,2.5", "off"])
 def test_what_is_no_tile_is_named(text):
     with pytest.raises(InvalidInput, match=f"^tile is {text}: expected empty for all, or row,col,rows,cols"):
         Tile.read(text)

@@ -7,15 +7,9 @@ from scipy.stats import exponnorm
 from srt3d_ros.core.background import Background, dark_shape
 from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz, open_photons
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
-from srt3d_ros.messages import gates as gates_message
-from srt3d_ros.messages import photons as photons_message
-from srt3d_ros.messages import sensor as sensor_message
 from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse
@@ -36,10 +30,10 @@ ROUGH = {"xcorr": 2 * NEAR, "rt3d": 2 * NEAR}     # they interpolate between bin
 def make(driver: str, **changes) -> SensorModel:
     reference, offset, _ = DRIVERS[driver]
     return SensorModel(ROWS, COLS, T, 250e-12, IRF, irf_ref=8, toa_offset_bins=offset, toa_reference=reference,
-                       gates=GateWords(7, 65_535), **changes)
+                       **changes)
 
 
-def observe(driver: str, range_m: float, photons: int = 300) -> PhotonEvents:
+def observe(driver: str, range_m: float, photons: int) -> PhotonEvents:
     """Photons of a target at this range, timed with a clock that starts when the gate opens."""
     rng = np.random.default_rng(3)
     pixel = np.repeat(np.arange(ROWS * COLS, dtype=np.uint32), photons)
@@ -52,56 +46,12 @@ def mean_range(cloud) -> float:
     return float(np.linalg.norm(cloud.xyz.astype(np.float64), axis=1).mean())
 
 
-def on_photons(events, sensor, _):
-    sensor = sensor_message.from_json(sensor_message.to_json(sensor))
-    return photons_message.decode_cdr(photons_message.encode_cdr(events, sensor, "spad"), sensor)[1], sensor
-
-
-def on_gates(events, sensor, _):
-    sent = gates_message.encode_cdr(PhotonGates.from_events(events, sensor), sensor, "spad")
-    return gates_message.decode_cdr(sent, sensor)[1], sensor
-
-
-def in_a_file(events, sensor, folder):
-    npz.save(folder / "photons.npz", sensor, events)
-    photons = open_photons(folder / "photons.npz")
-    return photons.frame, photons.sensor
-
-
-@pytest.mark.parametrize("way", [on_photons, on_gates, in_a_file])
-@pytest.mark.parametrize("driver", DRIVERS)
-def test_every_driver_gets_the_range_of_the_target(driver, way, tmp_path):
-    sensor = make(driver)
-    for range_m in (3.0, 3.011, 3.026):
-        frame, known = way(observe(driver, range_m, 40), sensor, tmp_path)
-        found = mean_range(run("pooled", frame, known))
-        assert abs(found - range_m) < 2 * NEAR * sensor.bin_width_m
-
-
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_gets_the_range_of_the_target(method, driver):
     sensor = make(driver)
-    found = mean_range(run(method, observe(driver, 3.011), sensor))
+    found = mean_range(run(method, observe(driver, 3.011, photons=300), sensor))
     assert abs(found - 3.011) < ROUGH.get(method, NEAR) * sensor.bin_width_m
-
-
-def test_phases_are_those_of_the_bins_centers_and_floats_of_the_same_times():
-    pixel = np.zeros(3, np.uint32)
-    words, edge, center = (sketch_photons(PhotonEvents(pixel, np.array(toa, dtype)), make(driver), (1, 76))
-                           for toa, dtype, driver in (([0, 5, 152], np.uint16, "words, bin_edge"),
-                                                      ([0.5, 5.5, 152.5], np.float32, "floats, bin_edge"),
-                                                      ([0, 5, 152], np.float32, "floats, bin_center")))
-    np.testing.assert_allclose(words.sums, edge.sums, atol=1e-5)
-    half_a_bin = np.exp(1j * np.pi * np.array([1, 76]) / T)
-    np.testing.assert_allclose(edge.sums, center.sums * half_a_bin, atol=1e-5)
-
-
-def test_floats_fall_into_their_bins_when_they_become_gates():
-    for driver, toa, bins in (("floats, bin_edge", [4.0, 4.99, 152.9], [4, 4, 152]),
-                              ("floats, bin_center", [3.5, 4.49, 152.9], [4, 4, 0])):
-        events = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array(toa, np.float32))
-        assert PhotonGates.from_events(events, make(driver)).to_events(make(driver)).toa.tolist() == bins
 
 
 def test_a_dark_frame_and_its_background_count_from_the_same_reference():
@@ -121,25 +71,3 @@ def test_a_dark_frame_and_its_background_count_from_the_same_reference():
         shown = (matcher.equaliser * sketch.sums).mean((0, 1))
         left = shown - matcher.passed[0, 0] * mean * len(t) / sensor.pixels
         assert np.abs(left).max() < 0.01 * np.abs(shown).max(), driver
-
-
-def test_the_simulator_puts_its_surfaces_where_the_reference_says():
-    clouds = {}
-    for driver in ("words, bin_edge", "words, bin_center"):
-        sensor = make(driver)
-        simulator = Simulator(StaticScene(np.full((ROWS, COLS), 3.011)), sensor, sbr=10, ppp=100)
-        frame, truth = simulator.frame(0)
-        assert sensor.range_m(truth) == pytest.approx(3.011, abs=1e-5)
-        clouds[driver] = mean_range(run("pooled", frame, sensor)), frame.toa
-        assert abs(clouds[driver][0] - 3.011) < 2 * NEAR * sensor.bin_width_m
-    assert np.array_equal(*(toa for _, toa in clouds.values()))     # the same clock, described in two ways
-
-
-def test_a_gate_leaves_ranges_as_they_are(tmp_path):
-    for driver in DRIVERS:
-        sensor = make(driver)
-        npz.save(tmp_path / "photons.npz", sensor, observe(driver, 3.011, 40), np.full((ROWS, COLS), 20.0))
-        gated = open_photons(tmp_path / "photons.npz", gate=(10, 120))
-        found = mean_range(run("pooled", gated.frame, gated.sensor))
-        assert abs(found - 3.011) < 2 * NEAR * sensor.bin_width_m
-        assert gated.sensor.range_m(gated.reference_depth_bins) == pytest.approx(sensor.range_m(20.0))

@@ -52,7 +52,7 @@ def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
     return sketches
 
 
-@pytest.mark.parametrize("width", [1, 2, 5, 50])
+@pytest.mark.parametrize("width", [1, 2, 50])
 def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
     sent = frames(20)
     sketcher = windows(width)
@@ -67,11 +67,6 @@ def test_the_stamp_of_a_window_is_the_instant_that_was_chosen(stamp, expected):
     assert [sketch.stamp_ns for sketch in sketches] == expected
     alone = slide(WindowSketcher(SENSOR, FREQUENCIES, 1, stamp), frames(4))
     assert [sketch.stamp_ns for sketch in alone] == [0, 1_000, 2_000, 3_000]       # of one frame: its start
-
-
-def test_a_stamp_that_there_is_not_is_refused():
-    with pytest.raises(InvalidInput, match="window_stamp .*latest.*: expected oldest, middle, newest"):
-        WindowSketcher(SENSOR, FREQUENCIES, 3, "latest")
 
 
 def test_sums_that_run_over_change_nothing():
@@ -104,18 +99,12 @@ def test_the_width_may_change_while_it_runs():
     sent = frames(16)
     sketcher = windows(4)
     slide(sketcher, sent[:6])
-    for width, first, last in ((2, 6, 8), (1, 8, 10), (3, 10, 14), (3, 14, 16)):
+    for width, first, last in ((2, 6, 8), (1, 8, 10), (3, 10, 14), (3, 14, 15)):
         sketcher.resize(width)
         assert_same(slide(sketcher, sent[first:last])[-1], directly(sent[max(last - width, 0):last]))
-
-
-def test_a_window_that_gets_narrower_in_the_middle_of_a_frame_ends_with_that_frame():
-    sent = frames(5)
-    sketcher = windows(4)
-    slide(sketcher, sent[:4])
-    sketcher.add(sent[4])
-    sketcher.resize(2)
-    assert_same(sketcher.end_frame(), directly(sent[3:]))
+    sketcher.add(sent[15])
+    sketcher.resize(2)                      # in the middle of a frame: its window is shorter already
+    assert_same(sketcher.end_frame(), directly(sent[14:]))
 
 
 @pytest.mark.parametrize("width", [1, 3])
@@ -128,31 +117,18 @@ def test_after_a_reset_nothing_of_the_past_remains(width):
     assert_same(slide(sketcher, sent[5:])[0], directly(sent[5:]))
 
 
-def test_a_frame_costs_the_same_in_any_window(monkeypatch):
-    """Copies and subtractions of whole sums: one of each a frame, and memory for no more than the window."""
-    copies = []
-    original = WindowSketcher._copy
-    monkeypatch.setattr(WindowSketcher, "_copy", lambda self, into: copies.append(into) or original(self, into))
-    for width in (2, 20):
-        sketcher = windows(width)
-        slide(sketcher, frames(2 * width))
-        copies.clear()
-        slide(sketcher, frames(10))
-        assert len(copies) == 10 and all(into is not None for into in copies)
-        assert len(sketcher._before) == width
-
-
 def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
     monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 20_000)
     WindowSketcher(SENSOR, FREQUENCIES, 9)
     with pytest.raises(InvalidInput, match="window_frames is 500: expected 1 to 9 for 3 × 5 pixels"):
         WindowSketcher(SENSOR, FREQUENCIES, 500)
+    with pytest.raises(InvalidInput, match="window_stamp .*latest.*: expected oldest, middle, newest"):
+        WindowSketcher(SENSOR, FREQUENCIES, 3, "latest")
     one = dataclasses.replace(SENSOR, rows=300, cols=500)
     assert WindowSketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
 
 
-@pytest.mark.parametrize("width", [1, 3, 50])
-@pytest.mark.parametrize("unsent", [1, 2, 7, 11])
+@pytest.mark.parametrize(("width", "unsent"), [(1, 7), (3, 1), (3, 7), (50, 11)])
 def test_windows_that_were_not_sent_are_one_that_covers_all_their_frames(width, unsent):
     sent = frames(30)
     sketches = slide(windows(width), sent)

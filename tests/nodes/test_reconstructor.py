@@ -188,8 +188,7 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconst
                            ({"min_range_m": -1.0}, "min_range_m is -1.0: expected a number of 0 or more m"),
                            ({"method": "smle", "warm_start": True},
                             "warm_start is True: expected False, as smle has no such option"),
-                           ({"method": "srt3d-paper"}, "method is srt3d-paper: expected its new name, srt3d (SRT3D as"),
-                           ({"background": "estimate"}, "background is estimate: expected auto, which has replaced it"),
+                           ({"method": "rt3d"}, "method is rt3d: expected "),
                            ({"surface_order": "first"}, "surface_order is first: expected strongest or nearest or far"),
                            ({"save_folder": "/tmp"}, "Trying to set a read-only parameter"),
                            *([] if torch.cuda.is_available() else [({"device": "cuda"}, "device is cuda: expected ")])):

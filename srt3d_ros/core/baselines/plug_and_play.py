@@ -25,8 +25,6 @@ def plug_and_play(step: Callable, depth, intensity, exposure, faintest: float, s
         exposure: float32 [rows, cols], 0 where no point may be.
         faintest: the threshold.
         scale_bins: bins that count as one pixel, see `depth_scale_bins`.
-        num_bins: T.
-        kernels: has `apss`.
     """
     depth, intensity, normal = kernels.apss(depth, intensity, None, exposure, scale_bins, num_bins)
     for iteration in progress(range(ITERATIONS + 1), "reconstructing"):
@@ -50,7 +48,6 @@ def depth_scale_bins(sensor: SensorModel, depth: np.ndarray, intensity: np.ndarr
     apart, and over more, surfaces would merge where the field of view is not known.
 
     Args:
-        sensor: gives rays and range.
         depth, intensity: the start, [rows, K, cols].
         peak_bins: width of the matched filter's peak.
     """

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, exposure, irf_slope
+from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, irf_slope
 from srt3d_ros.core.baselines.xcorr import correlate
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import kernels_for, on_device
@@ -72,7 +72,7 @@ class RT3D:
     def __call__(self, frame: PhotonFrame) -> PointCloud:
         """The point cloud of one frame."""
         sensor, kernels, photons = self.sensor, self.kernels, by_pixel(frame, self.sensor)
-        start, seen = correlate(photons, sensor, self.surfaces), exposure(sensor)
+        start, seen = correlate(photons, sensor, self.surfaces), sensor.exposure
         usual = usual_intensity(start.intensity, seen)
         data = self._likelihood(photons, float(start.background.mean()) / max(usual, 1e-6)).on(kernels)
         smooth = self._smoother(seen)
@@ -95,7 +95,7 @@ class RT3D:
         if delay is not None:
             toa = toa - np.repeat(delay.ravel(), photons.counts)
         return Likelihood(photons.starts, toa, self._irf, self._slope, self.sensor.irf_ref,
-                          float(self._information.per_photon(ratio)), self.sensor.num_bins, exposure(self.sensor))
+                          float(self._information.per_photon(ratio)), self.sensor.num_bins, self.sensor.exposure)
 
     def _smoother(self, seen: np.ndarray) -> Callable:
         """Function from background photons to background per bin at a gain of 1, averaged over a window.

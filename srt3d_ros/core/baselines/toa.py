@@ -46,12 +46,6 @@ def by_pixel(frame: PhotonFrame, sensor: SensorModel) -> PixelToa:
     return PixelToa(starts, sensor.toa_positions(toa), frame.stamp_ns)
 
 
-def exposure(sensor: SensorModel) -> np.ndarray:
-    """How many photons a pixel sees against one of gain 1; 0 where masked. float32 [rows, cols]."""
-    gain = np.ones((sensor.rows, sensor.cols), np.float32) if sensor.gain is None else sensor.gain
-    return gain if sensor.mask is None else gain * sensor.mask
-
-
 def irf_slope(irf: np.ndarray) -> np.ndarray:
     """h′ between neighbouring bins' means, per bin; as long as the IRF, [..., L]."""
     padded = np.pad(irf.astype(np.float64), [(0, 0)] * (irf.ndim - 1) + [(1, 1)])

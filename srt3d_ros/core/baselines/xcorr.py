@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, exposure
+from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.pooled import check_options
@@ -49,7 +49,7 @@ class XCORR:
         intensity = peaks.intensity
         if self.false_alarm_rate is not None:
             intensity = np.where(peaks.false_alarm <= self.false_alarm_rate, intensity, 0)
-        seen = exposure(self.sensor)
+        seen = self.sensor.exposure
         std = self._information.std(intensity * seen[:, None], (peaks.background * seen)[:, None])
         background = peaks.background * seen * self.sensor.num_bins
         return PointCloud.from_layers(self.sensor, peaks.depth, intensity, std, background, photons.stamp_ns)
@@ -86,7 +86,7 @@ def correlate(photons: PixelToa, sensor: SensorModel, surfaces: int) -> Peaks:
     background = np.concatenate([part[3] for part in parts])
     if sensor.delay_bins is not None:
         depth = depth - sensor.delay_bins.ravel()
-    seen = np.maximum(exposure(sensor).ravel(), 1e-6)
+    seen = np.maximum(sensor.exposure.ravel(), 1e-6)
     depth, signal, chance = (values.reshape(surfaces, rows, cols).swapaxes(0, 1)
                              for values in (depth % sensor.num_bins, signal / seen, chance))
     return Peaks(np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(signal, np.float32),

@@ -5,16 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins, usual_intensity
+from srt3d_ros.core.baselines.plug_and_play import depth_scale_bins
+from srt3d_ros.core.baselines.rt3d import RT3D
+from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import open_photons
-from tests.core.scenes import TAILED, T, background_alone, make_sensor, ramp, run, simulate
-
-REGULARISED = ("srt3d", "rt3d")
-regularised = pytest.mark.parametrize("name", REGULARISED)
+from srt3d_ros.kernels import cpu
+from tests.core.scenes import T, background_alone, make_sensor, run, simulate
 
 
 def blob(rows=48, cols=48) -> np.ndarray:
@@ -25,8 +25,7 @@ def blob(rows=48, cols=48) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "pixelwise", "ppp", "sbr", "least", "most", "error"), [
-    ("srt3d", "smle", 4, 5, 0.97, 0.02, 1.1), ("srt3d", "smle", 40, 5, 0.985, 0.015, 0.7),
-    ("rt3d", "xcorr", 4, 5, 0.97, 0.02, 0.75), ("rt3d", "xcorr", 40, 5, 0.985, 0.015, 0.5)])
+    ("srt3d", "smle", 4, 5, 0.97, 0.02, 1.1), ("rt3d", "xcorr", 4, 5, 0.97, 0.02, 0.75)])
 def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp, sbr, least, most, error):
     depth = blob()
     frame, sensor = simulate(depth, sbr, ppp), make_sensor(*depth.shape)
@@ -35,7 +34,7 @@ def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp,
     assert found.dae_bins < alone.dae_bins and found.true_detections > alone.true_detections - 0.015
 
 
-@regularised
+@pytest.mark.parametrize("name", ["srt3d", "rt3d"])
 def test_background_alone_shows_next_to_nothing(name):
     sensor = make_sensor(48, 48)
     frame = background_alone(sensor, 5, seed=2)
@@ -54,22 +53,6 @@ def test_the_papers_numbers_of_steps_and_denoisings_are_run():
     assert calls == 5 * ["pixelwise"] + 25 * ["apss", "pixelwise"] + ["apss", "pixelwise"]
 
 
-@regularised
-def test_a_single_layer_stays_single(name):
-    depth = ramp(24, 40, 150, 0.3, 0.1)
-    cloud = run(name, simulate(depth, sbr=20, ppp=50), make_sensor(24, 40), surfaces=3)
-    assert evaluate(cloud, depth, 10, T).false_detections < 0.1 and (cloud.surface == 0).sum() == depth.size
-
-
-def test_precision_is_more_exact_than_identity():
-    depth = blob()
-    sensor = make_sensor(*depth.shape, irf=TAILED)
-    frame = simulate(depth, 50, 20, sensor)
-    identity, precision = (evaluate(run("srt3d", frame, sensor, weighting=w), depth, 10, T)
-                           for w in ("identity", "precision"))
-    assert precision.dae_bins < 0.9 * identity.dae_bins and precision.true_detections > 0.98
-
-
 def test_depth_counts_by_the_distance_of_neighbouring_rays_within_what_the_peak_allows():
     sensor = SensorModel(40, 40, 600, 20e-12, np.ones(3), toa_offset_bins=400)
     depth, lit = np.full((40, 1, 40), 100, np.float32), np.ones((40, 1, 40), np.float32)
@@ -80,22 +63,32 @@ def test_depth_counts_by_the_distance_of_neighbouring_rays_within_what_the_peak_
     assert depth_scale_bins(sensor, depth, 0 * lit, peak_bins=4) == 2
 
 
-def test_the_usual_intensity_is_that_of_the_strongest_points_of_pixels_in_use():
-    intensity = np.array([[[4.0, 8, 99], [1, 0, 0]]], np.float32)               # [1, K = 2, 3]
-    assert usual_intensity(intensity, np.array([[1.0, 2, 0]])) == 6
-    assert usual_intensity(intensity, np.zeros((1, 3))) == 0
+def test_steps_without_denoiser_reach_maximum_likelihood():
+    sensor = make_sensor(3, 4)
+    photons = by_pixel(simulate(np.full((3, 4), 200.0), sbr=2, ppp=60), sensor)
+    data = RT3D(sensor)._likelihood(photons, ratio=0.01)
+    depth, intensity = np.full((3, 1, 4), 203, np.float32), np.full((3, 1, 4), 10, np.float32)
+    background = np.full((3, 4), 20 / T, np.float32)
+    for _ in range(200):
+        cpu.poisson(data, background, 0.25, 0.0, depth, intensity)
+    t, r = np.linspace(195, 205, 201), np.linspace(10, 70, 121)
+    irf = sensor.irf.astype(float)
+    for p in range(12):
+        toa = photons.toa[photons.starts[p]:photons.starts[p + 1]]
+        place = toa - t[:, None] + sensor.irf_ref
+        h = np.interp(place, np.arange(-1, len(irf) + 1), np.r_[0, irf, 0], left=0, right=0)          # [t, photons]
+        likelihood = np.log(r[:, None, None] * h + 20 / T).sum(axis=2) - r[:, None]
+        at_r, at_t = np.unravel_index(likelihood.argmax(), likelihood.shape)
+        assert intensity.reshape(-1)[p] == pytest.approx(r[at_r], abs=1.5)
+        assert depth.reshape(-1)[p] == pytest.approx(t[at_t], abs=0.8)      # h′ is smoothed over two bins
 
 
 # ---- On measured photons: TD at least, FD and DAE at most; m = 10, τ = 10 bins
 
 MEASURED = {
     ("rt3d", "polystyrene_head_142_1ppp"): (0.95, 0.03, 1.3),
-    ("rt3d", "polystyrene_head_142_10ppp"): (0.995, 0.01, 0.5),
-    ("srt3d", "polystyrene_head_142_1ppp"): (0.9, 0.03, 2.0),
-    ("srt3d", "polystyrene_head_142_10ppp"): (0.99, 0.01, 0.8),
     ("srt3d", "polystyrene_head_142_full"): (0.995, 0.01, 0.45),
-    ("srt3d", "art_real_unif_ppp5_sbr1"): (0.87, 0.03, 2.0),
-    ("srt3d", "art_real_unif_ppp5_sbr10"): (0.98, 0.015, 1.4)}
+    ("srt3d", "art_real_unif_ppp5_sbr1"): (0.87, 0.03, 2.0)}
 
 
 def measured(folder, name: str, method: str) -> tuple[Metrics, object]:
@@ -111,9 +104,8 @@ def test_quality_on_measured_photons(shared_data, method, name):
     assert found.true_detections >= true and found.false_detections <= false and found.dae_bins <= error, found
 
 
-@pytest.mark.parametrize("sbr", ["1", "10"])
-def test_rt3d_is_as_good_as_its_authors_program_on_the_same_photons(shared_data, sbr):
-    name = f"art_real_unif_ppp5_sbr{sbr}"
+def test_rt3d_is_as_good_as_its_authors_program_on_the_same_photons(shared_data):
+    name = "art_real_unif_ppp5_sbr1"
     found, photons = measured(shared_data, name, "rt3d")
     with np.load(shared_data / "photons" / f"{name}.npz") as file:
         theirs = np.abs(file["rt3d_depth_bins"] - photons.reference_depth_bins[0])

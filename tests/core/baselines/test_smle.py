@@ -47,7 +47,7 @@ def test_precision_ends_where_its_gradient_vanishes():
         assert abs(left[0]) < 0.05 and abs(left[1]) < 0.01           # what a full step would still change
 
 
-@pytest.mark.parametrize(("weighting", "sbr"), [("identity", 10), ("precision", 10), ("precision", 1)])
+@pytest.mark.parametrize(("weighting", "sbr"), [("identity", 10), ("precision", 1)])
 def test_errors_are_as_large_as_their_standard_deviations_say(weighting, sbr):
     depth = ramp(40, 40, 200.3, 0.3, 0.2)
     cloud = run("smle", simulate(depth, sbr, ppp=300), make_sensor(40, 40), weighting=weighting)
@@ -63,7 +63,7 @@ def test_precision_is_more_exact_than_identity():
     assert precision < 0.9 * identity
 
 
-@pytest.mark.parametrize("ppp", [0.3, 5, 50])
+@pytest.mark.parametrize("ppp", [0.3, 50])
 def test_background_alone_shows_no_more_points_than_the_rate_allows(ppp):
     sensor = make_sensor(64, 64)
     frame = background_alone(sensor, ppp, seed=1)
