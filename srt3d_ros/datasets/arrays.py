@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, pinhole
+from srt3d_ros.datasets import photons
+from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons
 from srt3d_ros.datasets.stream import PhotonStream
+from srt3d_ros.datasets.survey import Survey
 from srt3d_ros.errors import InvalidInput, require
 
 NAME = "arrays"
-FIELDS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols", "gates"))
-OPTIONS = ("shape", "fov_deg", *FIELDS)
+OPTIONS = ("shape", "fov_deg", *photons.SENSOR_OPTIONS)
 ESTIMATED_IRF = "IRF estimated from the photons, which makes it slightly broad: give irf"
 NO_BIN_WIDTH = "seconds in a bin (where bins alone matter 2 / 299792458: x, y and z then count bins, not metres)"
 
@@ -66,7 +67,7 @@ def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options:
     counts = _array("counts", counts)
     require(counts.ndim == 3 and counts.dtype.kind in "buif", "counts", f"{counts.dtype} {counts.shape}",
             "numbers [rows, cols, bins]")
-    histograms = PhotonHistograms(_small(counts), stamp_ns)
+    histograms = PhotonHistograms(photons.sendable(counts), stamp_ns)
 
     def frame(sensor: SensorModel) -> PhotonHistograms:
         try:
@@ -104,16 +105,14 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
     own = sensor.rows, sensor.cols
     require(_shape(given.pop("shape", own)) == own, "shape", options.get("shape"), f"{own}, as the sensor has")
-    fov_deg = given.pop("fov_deg", None)
-    if fov_deg is not None:
-        require("projection" not in given, "fov_deg", fov_deg, "fov_deg or projection, not both")
-        given["projection"] = pinhole(*own, fov_deg)
+    require(not {"fov_deg", "projection"} <= given.keys(), "fov_deg", options.get("fov_deg"),
+            "fov_deg or projection, not both")
     for name in ("gain", "delay_bins", "mask", "background_shape", "irf"):
         if name in given and not isinstance(given[name], (str, Path)):
             given[name] = _array(name, given[name])
-    if "irf" in given:      # irf_ref belongs to the one that is replaced
-        given = {"irf_ref": None} | given | {"irf": irfs.read(given["irf"])}
-    return sensor.replace(**given) if given else sensor
+    if "irf" in given:
+        given["irf"] = irfs.read(given["irf"])
+    return photons.described(sensor, given)
 
 
 def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms], counted: tuple[int, ...] | None,
@@ -146,21 +145,15 @@ def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms],
 
 
 def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
-    """The IRF that the photons show, see `irf.estimate`; of histograms those of the pixels with the most photons."""
-    used = np.ones(sensor.pixels, bool) if sensor.mask is None else sensor.mask.reshape(-1)
+    """The IRF that the photons show, see `irf.estimate`."""
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
-        counts = frame.counts.reshape(sensor.pixels, -1)
-        whole = counts.dtype.kind != "f" or bool((counts == np.floor(counts)).all())
-        require(whole and bool((counts >= 0).all()), "irf", "missing",
-                "the impulse response: it can be estimated from whole photons only")
-        totals = counts.sum(axis=1, dtype=np.float64) * used
-        fullest = np.argsort(-totals)[:max(np.count_nonzero(totals), 1)]
-        fullest = fullest[:np.searchsorted(np.cumsum(totals[fullest]), irfs.PHOTONS_USED) + 1]
-        few = SensorModel(1, len(fullest), sensor.num_bins, sensor.bin_width_s, np.ones(1))
-        return irfs.estimate(PhotonHistograms(counts[fullest][None]).to_events(few), sensor.num_bins)
-    kept = used[frame.pixel]
-    return irfs.estimate(PhotonEvents(frame.pixel[kept], frame.toa[kept]), sensor.num_bins)
+        survey = Survey(sensor.pixels, sensor.num_bins)
+        survey.add_histograms(frame.counts.reshape(sensor.pixels, -1), 0)
+        require(survey.countable, "irf", "missing", "the impulse response: it can be estimated from whole photons only")
+        frame = survey.sample
+    return irfs.estimate(frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel]),
+                         sensor.num_bins)
 
 
 def _array(name: str, values: Any) -> np.ndarray:
@@ -183,36 +176,18 @@ def _shape(shape: Any) -> tuple[int, int]:
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
     """Whole numbers from 0 to below `end`, as uint32."""
-    _check_within(name, values, end)
+    photons.check_within(name, values, end)
     whole = values.astype(np.uint32)
     odd = np.flatnonzero(whole != values)
     require(len(odd) == 0, name, values[odd[:1]].tolist(), "whole numbers")
     return whole
 
 
-def _check_within(name: str, values: np.ndarray, end: int) -> None:
-    if values.size:
-        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
-        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
-
-
 def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     """ToA in bins, uint16 or float32."""
-    _check_within("toa", toa, sensor.num_bins)
+    photons.check_within("toa", toa, sensor.num_bins)
     if toa.dtype.kind != "f":
         return toa.astype(np.uint16)
     if sensor.first_bin_center == 0 and (toa == np.floor(toa)).all():       # means the same, and is faster to sketch
         return toa.astype(np.uint16)
     return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
-
-
-def _small(counts: np.ndarray) -> np.ndarray:
-    """Counts in a type that histograms may have: the smallest that holds integers."""
-    if counts.dtype in COUNT_DTYPES:
-        return counts
-    if counts.dtype.kind == "f":
-        return counts.astype(np.float32)
-    low, high = (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
-    kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
-    require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
-    return counts.astype(kind)

@@ -10,7 +10,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import COMPRESSIONS, npy_header, one_error, read_npz_arrays
+from srt3d_ros.datasets.files import COMPRESSIONS, naming_file, npy_header, read_npz_arrays
 from srt3d_ros.datasets.photons import number, positive_integer
 from srt3d_ros.datasets.stream import Recording, Rows
 from srt3d_ros.errors import require
@@ -24,13 +24,14 @@ GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "
 
 
 def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[int], Iterator[np.ndarray]],
-         options: dict, given: dict | None = None, notes: tuple[str, ...] = ()) -> Recording:
+         options: dict, given: dict | None = None, notes: tuple[str, ...] = (), reference: np.ndarray | None = None
+         ) -> Recording:
     """The recording that an array of counts is.
 
     Args:
         shape: [rows, cols, bins], or [pixels, bins], whose rows and cols `options` tell; else all are in one row.
         read: gives the array, so many rows (or pixels) at a time.
-        given: what the file itself says, see Recording.
+        given, reference: what the file itself says, see Recording.
     """
     field, given = f"{path.name} counts", given or {}
     require(dtype.kind in "iufb" and len(shape) in (2, 3) and min(shape) > 0, field, f"{dtype} {shape}",
@@ -49,14 +50,15 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
 
     def chunks() -> Iterator[Rows]:
         first = 0
-        with one_error(path, "a whole file of counts"):
+        with naming_file(path, "a whole file of counts"):
             for part in read(at_once * (1 if len(shape) == 3 else cols)):
                 counts = np.ascontiguousarray(part).reshape(-1, cols, bins)
                 possible = dtype.itemsize < 4 or bool((np.abs(counts) <= MAX_COUNT).all())      # NaN is not
                 require(possible, "counts", f"beyond {MAX_COUNT} or not finite in places", "photons in a bin")
                 yield Rows(first, counts, (first + len(counts)) / rows)
                 first += len(counts)
-    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given)
+    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given,
+                     reference)
 
 
 def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
@@ -64,14 +66,14 @@ def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
     return lambda rows: (counts[first:first + rows] for first in range(0, len(counts), rows))
 
 
-def read_npy(path: Path, options: dict) -> Recording:
+def read(path: Path, options: dict) -> Recording:
     """An .npy file of counts."""
     return _from_stream(path, lambda: path.open("rb"), path.stat().st_size, options, {})
 
 
 def read_npz(path: Path, options: dict) -> Recording:
     """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
-    with one_error(path, "a complete .npz file (a zip of arrays)"):
+    with naming_file(path, "a complete .npz file (a zip of arrays)"):
         with zipfile.ZipFile(path) as archive:
             sizes = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
             shapes = {}

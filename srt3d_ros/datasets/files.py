@@ -3,13 +3,14 @@
 import logging
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
+from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import json_text
 
@@ -42,21 +43,13 @@ def readable(path: str | Path) -> Iterator[None]:
 
 
 @contextmanager
-def naming_file(path: Path) -> Iterator[None]:
-    """Put the name of the file before the field of any InvalidInput."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
-
-
-@contextmanager
-def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
-    """Turn what a reader of others raises on a damaged file into one InvalidInput, and keep its log to itself.
+def naming_file(path: Path, expected: str = "", library: str = "") -> Iterator[None]:
+    """Put the name of the file before the field of any InvalidInput.
 
     Args:
-        expected: what the file should be, in words.
-        library: the name of the reader's logger.
+        expected: what the file should be, in words: then whatever else a reader of others raises on a damaged file
+            becomes one InvalidInput.
+        library: the name of that reader's logger, which is kept silent.
     """
     log = logging.getLogger(library or __name__)
     level = log.level
@@ -66,16 +59,31 @@ def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
     except InvalidInput as error:
         if error.field.startswith(path.name):
             raise
-        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
+        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
     except ModuleNotFoundError:
         raise
     except Exception as error:      # each library has its own, and Python's where it trusts the file
+        if not expected:
+            raise
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         if isinstance(error, OF_THE_READER):
             why = "its reader failed"
         raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
     finally:
         log.setLevel(level)
+
+
+def in_child(read: Callable[..., dict], path: Path, *arguments, expected: str, **bounds) -> dict[str, np.ndarray]:
+    """What `read(path, *arguments)` returns in a child process, for libraries that a damaged file can make crash.
+
+    Args:
+        expected: what the file should be, in words.
+        bounds: of bounded_call.call.
+    """
+    try:
+        return call(read, str(path), *arguments, **bounds)
+    except ChildFailed as error:
+        raise InvalidInput(path.name, f"unreadable (its reader {error})", expected) from None
 
 
 def read_text(path: Path) -> str:
@@ -88,12 +96,17 @@ def read_text(path: Path) -> str:
         raise InvalidInput(path.name, f"unreadable ({error})", "JSON in UTF-8") from None
 
 
-def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[str, np.ndarray]:
+def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None, field: str = "photon file"
+                    ) -> dict[str, np.ndarray]:
     """Arrays of an .npz file, those of `names` that it has, or all; no pickles, sizes checked against the headers.
+
+    Args:
+        field: what the file is, to say that it is absent.
 
     Raises:
         InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
     """
+    require_file(path, field)
     try:
         with zipfile.ZipFile(path) as archive:
             members = [info for info in archive.infolist() if info.filename.endswith(".npy")]

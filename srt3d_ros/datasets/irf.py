@@ -131,7 +131,7 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool) -> tuple[np.ndar
 
 def _read_file(path: Path, key: str | None) -> np.ndarray:
     if path.suffix.lower() == ".npz":
-        arrays = read_npz_arrays(path, None if key is None else (key,))
+        arrays = read_npz_arrays(path, None if key is None else (key,), "irf")
         if key is None and "irf" not in arrays:
             numeric = [name for name, array in arrays.items() if array.dtype.kind in "iuf" and array.ndim]
             require(len(numeric) == 1, f"{path.name} arrays", ", ".join(arrays), "one named irf, or FILE.npz:NAME")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sensor import MAX_BINS
-from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import number, positive_integer
 from srt3d_ros.datasets.scan import FRAME, LINE, STOP, LineScan, Records, chosen_channel, look_at_marks, photons_of
 from srt3d_ros.datasets.stream import Events, Recording
@@ -33,7 +33,7 @@ def read(path: Path, options: dict) -> Recording:
     """
     import ptufile
 
-    with one_error(path, EXPECTED, "ptufile"), path.open("rb") as file:
+    with naming_file(path, EXPECTED, "ptufile"), path.open("rb") as file:
         ptu = ptufile.PtuFile(io.BytesIO(file.read(HEADER_BYTES)))
         num_bins, bin_width_s, convert, timing_notes = (_t3 if ptu.is_t3 else _t2)(path, ptu, options)
         records = partial(_converted, path, ptu, convert)
@@ -41,7 +41,7 @@ def read(path: Path, options: dict) -> Recording:
         new_scan, scan_notes = _scan(ptu, records, options)
 
     def chunks() -> Iterator[Events]:
-        with one_error(path, EXPECTED, "ptufile"):
+        with naming_file(path, EXPECTED, "ptufile"):
             yield from photons_of(records(), new_scan(), channel)
 
     scan, stated, found = new_scan(), int(ptu.tags.get("TTResult_NumberOfRecords", 0)), _whole_records(path, ptu)

@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.datasets import irf
-from srt3d_ros.datasets.files import read_npz_arrays, require_file
+from srt3d_ros.datasets.files import read_npz_arrays
 from srt3d_ros.errors import require
 
 SIZE = 141      # pixels along the larger side of a scene from a file, as the head that the SRT3D paper uses
@@ -97,8 +97,7 @@ def read_scene(path: str | Path, size: int = SIZE) -> tuple[StaticScene, SensorM
         InvalidInput: naming the file and the array that cannot be used.
     """
     path = Path(path)
-    require_file(path, "scene")
-    arrays = read_npz_arrays(path, ("depth_m", "reflectivity", "valid"))
+    arrays = read_npz_arrays(path, ("depth_m", "reflectivity", "valid"), "scene")
     require("depth_m" in arrays, f"{path.name} depth_m", "missing", "the array depth_m [rows, cols], metres")
     depth_m = _image(arrays, "depth_m", path.name, arrays["depth_m"].shape)
     reflectivity = _image(arrays, "reflectivity", path.name, depth_m.shape, 1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import number, positive_integer
 from srt3d_ros.datasets.scan import FRAME, LINE, PIXEL, LineScan, Records, chosen_channel, look_at_marks, photons_of
 from srt3d_ros.datasets.stream import Events, Recording
@@ -35,7 +35,7 @@ def read(path: Path, options: dict) -> Recording:
     require(settings is not None, path.name, "without its .set file", f"{path.stem}.set beside it: it names the card")
     size = settings.stat().st_size
     require(size <= MAX_SETTINGS_BYTES, f"{settings.name} size", size, f"at most {MAX_SETTINGS_BYTES} bytes")
-    with one_error(path, EXPECTED):
+    with naming_file(path, EXPECTED):
         setup = bhreader.load_set(settings)["setup"]
         records = partial(_records, path, settings)
         channel, notes = chosen_channel(records(), options)
@@ -55,7 +55,7 @@ def read(path: Path, options: dict) -> Recording:
                       "marker 1, frames by " + ("marker 2" if marks.frames else "the number of lines"),)
 
     def chunks() -> Iterator[Events]:
-        with one_error(path, EXPECTED):
+        with naming_file(path, EXPECTED):
             yield from photons_of(records(), new_scan(), channel)
     return Recording(rows, cols, 4096, width_s, chunks, path.stem, notes)
 
