@@ -24,22 +24,20 @@ ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
-def require_file(path: Path, field: str) -> None:
-    """Raise InvalidInput unless `path` is a file that can be opened."""
-    try:        # a name too long is not absent, nor what lies in a folder that may not be entered
-        require(path.is_file(), field, str(path), "a file that exists")
-        path.open("rb").close()
-    except OSError as error:
-        raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror})") from None
-
-
 @contextmanager
-def readable(path: str | Path) -> Iterator[None]:
-    """Turn what the system says of a photon file that cannot be read into InvalidInput."""
+def readable(path: str | Path, field: str = "photon file") -> Iterator[None]:
+    """Turn what the system says of a file that cannot be read into InvalidInput."""
     try:
         yield
     except OSError as error:
-        raise InvalidInput("photon file", str(path), f"a file that can be read ({error.strerror or error})") from None
+        raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror or error})") from None
+
+
+def require_file(path: Path, field: str) -> None:
+    """Raise InvalidInput unless `path` is a file that can be opened."""
+    with readable(path, field):     # a name too long is not absent, nor what lies in a folder that may not be entered
+        require(path.is_file(), field, str(path), "a file that exists")
+        path.open("rb").close()
 
 
 @contextmanager
@@ -107,49 +105,56 @@ def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None, field: str
         InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
     """
     require_file(path, field)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-            require(len(members) <= MAX_MEMBERS, f"{path.name} members", len(members), f"at most {MAX_MEMBERS}")
-            wanted = [info for info in members if names is None or info.filename[:-4] in names]
-            size = sum(_member_bytes(archive, info, f"{path.name} {info.filename[:-4]}") for info in wanted)
-            require(size <= MAX_BYTES, f"{path.name} size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
-            arrays = {}
-            for info in wanted:
-                with archive.open(info) as stream:
-                    arrays[info.filename[:-4]] = np.lib.format.read_array(stream, allow_pickle=False)
-            return arrays
-    except InvalidInput:
-        raise
-    except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
-        why = f"unreadable ({error})"
-        if _begins_as_zip(path):    # whose directory is at its end: without it, zipfile takes the file for no zip
-            why = "truncated or damaged" + ("" if isinstance(error, zipfile.BadZipFile) else f" ({error})")
-        raise InvalidInput(path.name, why, "a complete .npz file (a zip of arrays)") from None
+    with open_npz(path) as archive:
+        headers = npz_headers(archive, names)
+        size = sum(math.prod(shape) * dtype.itemsize for shape, _, dtype in headers.values())
+        require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
+        arrays = {}
+        for name in headers:
+            with archive.open(f"{name}.npy") as stream:
+                arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+        return arrays
 
 
-def _begins_as_zip(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(ZIP_MARK)) == ZIP_MARK
-    except OSError:
-        return False
+@contextmanager
+def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive that an .npz file is; what goes wrong as long as it is open becomes InvalidInput."""
+    with path.open("rb") as file, naming_file(path):
+        begins_as_zip = file.read(len(ZIP_MARK)) == ZIP_MARK
+        try:
+            with zipfile.ZipFile(file) as archive:
+                yield archive
+        except InvalidInput:
+            raise
+        except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
+            why = f"unreadable ({error})"
+            if begins_as_zip:           # whose directory is at its end: without it, zipfile takes the file for no zip
+                why = "truncated or damaged" + ("" if isinstance(error, zipfile.BadZipFile) else f" ({error})")
+            raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
 
 
-def map_npy(path: Path, field: str) -> np.ndarray:
-    """The array of an .npy file, mapped into memory; InvalidInput if it is none."""
+def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None, most: int = MAX_BYTES
+                ) -> dict[str, tuple]:
+    """`npy_header` of the arrays of an .npz file, of those of `names` that it has, or of all."""
+    members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+    require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
+    headers = {}
+    for info in members:
+        name = info.filename[:-4]
+        if names is None or name in names:
+            require(info.compress_type in COMPRESSIONS, name, f"packed by method {info.compress_type}",
+                    "an array stored or deflated, as NumPy writes it")
+            with archive.open(info) as stream:
+                headers[name] = npy_header(stream, info.file_size, name, most)
+    return headers
+
+
+def map_npy(path: Path, field: str, most: int = MAX_BYTES) -> np.ndarray:
+    """The array of an .npy file, mapped into memory; InvalidInput if it is none, or of more than `most` bytes."""
     with path.open("rb") as stream:
-        shape, _, _ = npy_header(stream, path.stat().st_size, field)
+        shape, _, _ = npy_header(stream, path.stat().st_size, field, most)
     require(math.prod(shape) > 0, field, "empty", "an array with something in it")
     return np.load(path, mmap_mode="r", allow_pickle=False)
-
-
-def _member_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo, field: str) -> int:
-    require(info.compress_type in COMPRESSIONS, field, f"packed by method {info.compress_type}",
-            "an array stored or deflated, as NumPy writes it")
-    with archive.open(info) as stream:
-        shape, _, dtype = npy_header(stream, info.file_size, field)
-    return math.prod(shape) * dtype.itemsize
 
 
 def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, bool, np.dtype]:

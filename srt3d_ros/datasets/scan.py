@@ -1,13 +1,15 @@
 """LineScan: which pixel of a raster scan each photon of a time-tagged stream is in, by the marks of the scanner."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import number
-from srt3d_ros.datasets.stream import Events
+from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import require
 
 # Bits of a mark: a line begins, a line ends, a new frame begins with the next line, a pixel begins.
@@ -109,14 +111,6 @@ class LineScan:
         return np.where(inside, col, -1)
 
 
-def photons_of(records: Iterable[Records], scan: LineScan, channel: int) -> Iterator[Events]:
-    """The photons of a channel in their pixels."""
-    for part in records:
-        pixel = scan.pixels(part.time, part.marks)
-        photon = np.flatnonzero(part.channel == channel)
-        yield Events(pixel[photon], part.toa[photon], part.done)
-
-
 class Marks(NamedTuple):
     """What the first marks of a recording say.
 
@@ -175,3 +169,26 @@ def chosen_channel(records: Iterable[Records], options: dict) -> tuple[int, tupl
     others = ", ".join(str(one) for one in seen)
     return chosen, () if len(seen) == 1 else (f"photons of channel {chosen}, which has the most, of channels {others} "
                                               "(--channel)",)
+
+
+def recording(path: Path, records: Callable[[], Iterator[Records]], options: dict, new_scan: Callable[[], LineScan],
+              num_bins: int, bin_width_s: float, notes: tuple[str, ...], errors: tuple[str, ...]) -> Recording:
+    """The photons of a channel in the pixels of a scan.
+
+    Args:
+        records: begins to read the file anew.
+        options: `channel`; else the one with the most photons in the first chunk that has any, and a note.
+        new_scan: begins a scan.
+        num_bins, bin_width_s, notes: of the recording.
+        errors: of `naming_file`, for what goes wrong as the file is read.
+    """
+    channel, others = chosen_channel(records(), options)
+
+    def chunks() -> Iterator[Events]:
+        scan = new_scan()
+        with naming_file(path, *errors):
+            for part in records():
+                pixel, photon = scan.pixels(part.time, part.marks), np.flatnonzero(part.channel == channel)
+                yield Events(pixel[photon], part.toa[photon], part.done)
+    scan = new_scan()
+    return Recording(scan.rows, scan.cols, num_bins, bin_width_s, chunks, path.stem, others + notes)
