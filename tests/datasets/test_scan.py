@@ -24,17 +24,12 @@ def pixels(scan: LineScan, stream, cut: int) -> list[int]:
 @pytest.mark.parametrize("cut", [1, 2, 5, 100])
 def test_photons_are_in_the_pixel_at_their_time(cut):
     assert pixels(LineScan(2, 3, 4), STREAM, cut) == PIXELS
+    assert pixels(LineScan(2, 3, 4, skipping=True), STREAM, cut) == [-1] * 7 + PIXELS[7:]   # before the first frame
 
 
-@pytest.mark.parametrize("cut", [1, 3, 100])
-def test_without_frame_marks_a_frame_has_as_many_lines_as_rows(cut):
+def test_without_frame_marks_a_frame_has_as_many_lines_as_rows():
     stream = [(time, mark & ~FRAME) for time, mark in STREAM]
-    assert pixels(LineScan(2, 3, 4, frames_marked=False), stream, cut) == [*PIXELS[:-1], 0]
-
-
-@pytest.mark.parametrize("cut", [1, 3, 100])
-def test_what_comes_before_the_first_frame_is_left_out_if_asked_for(cut):
-    assert pixels(LineScan(2, 3, 4, skipping=True), STREAM, cut) == [-1] * 7 + PIXELS[7:]
+    assert pixels(LineScan(2, 3, 4, frames_marked=False), stream, 3) == [*PIXELS[:-1], 0]
 
 
 def test_odd_rows_of_a_bidirectional_scan_run_backwards():

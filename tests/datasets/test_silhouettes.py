@@ -22,8 +22,7 @@ def test_a_plane_aslant_is_seen_through_a_shape(make, least, most):
     assert np.nanmin(bins) > 300 and np.nanmax(bins) < 700 and np.nanmax(bins) - np.nanmin(bins) > 50
 
 
-@pytest.mark.parametrize("scene", ["lattice", "house"])
-@pytest.mark.parametrize(("sbr", "ppp"), [(0.15, 10), (1, 1)])
+@pytest.mark.parametrize(("scene", "sbr", "ppp"), [("lattice", 0.15, 10), ("house", 1, 1)])
 def test_outlines_swell_by_less_than_a_pixel_and_windows_stay_open(scene, sbr, ppp):
     case, = simulated(scene, [sbr], [ppp])
     observation = case.observe()
