@@ -15,26 +15,17 @@ def width_at_half(response: np.ndarray) -> float:
     return above[-1] - above[0] + 1
 
 
-def test_the_spad_response_rises_fast_and_decays_with_the_tail():
-    bin_width_s = 2e-12
-    response = irf.spad(bin_width_s)
-    peak = int(np.argmax(response))
-    assert response.sum() == pytest.approx(1) and response.dtype == np.float32
-    assert 25 <= width_at_half(response) <= 30                              # 50 to 60 ps
-    assert len(response) - peak > 4 * peak
-    tail = response[peak + 75: peak + 275]
-    decay_s = -bin_width_s / np.polyfit(np.arange(len(tail)), np.log(tail), 1)[0]
-    assert decay_s == pytest.approx(100e-12, rel=0.03)
-
-
 @pytest.mark.parametrize("bin_width_s", [1e-12, 250e-12])
-def test_the_spad_response_keeps_its_width_in_time(bin_width_s):
+def test_the_spad_response_keeps_its_width_in_time_and_decays_with_the_tail(bin_width_s):
     response = irf.spad(bin_width_s)
+    assert response.sum() == pytest.approx(1) and response.dtype == np.float32
     time_s = np.arange(len(response)) * bin_width_s
-    mean_s = time_s @ response
-    spread_s = np.sqrt((time_s - mean_s) ** 2 @ response)
+    spread_s = np.sqrt((time_s - time_s @ response) ** 2 @ response)
     expected_s = np.sqrt((55e-12 / 2.3548) ** 2 + (2 * 0.3 - 0.3**2) * 100e-12**2 + bin_width_s**2 / 12)
     assert spread_s == pytest.approx(expected_s, rel=0.1)
+    if bin_width_s == 1e-12:
+        tail = response[np.argmax(response) + 150:][:400]
+        assert -1e-12 / np.polyfit(np.arange(400), np.log(tail), 1)[0] == pytest.approx(100e-12, rel=0.03)
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.npz", "only.npz", "many.npz:second", "a.csv", "a.txt", "column.csv"])

@@ -18,11 +18,9 @@ def test_ranges_count_from_the_reference_pulse(tmp_path):
 
 
 def test_zones_lie_as_seen(tmp_path):
-    path = made.tmf882x_log(tmp_path / "log.json", [10.0])
-    log = json.loads(path.read_text())
-    log[0]["hists"] = [[0] * 40 + [zone] + [0] * 87 for zone in range(9)]
-    path.write_text(json.dumps(log))
-    counts = next(tmf882x.read(path)).frame.counts[..., 40]
+    capture = json.loads(made.tmf882x_log(tmp_path / "log.json", [10.0]).read_text())[0]
+    capture["hists"] = [[0] * 40 + [zone] + [0] * 87 for zone in range(9)]
+    counts = tmf882x.reading(capture, "capture").frame.counts[..., 40]
     assert counts.tolist() == [[2, 1, 0], [5, 4, 3], [8, 7, 6]]
 
 
