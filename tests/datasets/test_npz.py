@@ -1,6 +1,5 @@
 """The npz photon file: what is written comes back, and what cannot be used is named in one line."""
 
-import io
 import struct
 import tracemalloc
 import zipfile
@@ -86,54 +85,29 @@ def test_arrays_of_other_names_are_left_alone(tmp_path):
 
 
 DEPTH = np.full((2, 3), 20.0)
-MALFORMED = {
-    "no rows": ({"rows": None}, "rows"), "no toa": ({"toa": None}, "toa"), "no rows at all": ({"rows": 0}, "rows"),
-    "a number as reference of ToA": ({"toa_reference": 0.5}, "toa_reference dtype"),
-    "rows of text": ({"rows": "two"}, "rows dtype"), "two rows": ({"rows": [2, 2]}, "rows shape"),
-    "complex IRF": ({"irf": IRF + 0j}, "irf dtype"), "negative IRF": ({"irf": -IRF}, "irf"),
-    "objects": ({"pixel": np.array([{}, 1, 2, 3], dtype=object)}, "pixel dtype"),
-    "fractional pixels": ({"pixel": np.ones(4)}, "pixel dtype"),
-    "negative pixel": ({"pixel": np.array([-1, 0, 0, 0])}, "pixel"),
-    "pixel that wraps": ({"pixel": np.array([2**32, 0, 0, 0])}, "pixel"),
-    "toa that wraps": ({"toa": np.array([65_536, 0, 0, 0])}, "toa"),
-    "toa that is rounded to T": ({"toa": np.array([np.nextafter(50, 0), 0, 0, 0])}, "toa"),
-    "NaN toa": ({"toa": np.array([np.nan, 0, 0, 0])}, "toa"),
-    "two-dimensional toa": ({"toa": EVENTS.toa.reshape(2, 2)}, "toa shape"),
-    "fewer toa than pixels": ({"toa": EVENTS.toa[:3]}, "pixel and toa shapes"),
-    "reference of another shape": ({"ref_depth_bins": np.zeros((3, 2))}, "ref_depth_bins shape"),
-    "unknown projection": ({"projection": "fisheye"}, "projection"),
-    "projection without values": ({"projection": "pinhole"}, "projection_values"),
-    "three values": ({"projection": "pinhole", "projection_values": np.ones(3)}, "projection_values shape"),
-    "a lens on a scanner": ({"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)},
-                            "distortion"),
-    "field of view of 200°": ({"fov_deg": 200.0}, "fov_deg"),
-    "one gate word": ({"gate_words": np.array([1])}, "gate_words shape"),
-    "a NaN scan": ({"scan": np.full(3, np.nan)}, "scan"),
-    "instants in seconds": ({"t_ns": np.zeros(4)}, "t_ns"), "fewer instants": ({"t_ns": np.zeros(3, int)}, "t_ns"),
-    "an instant that wraps": ({"t_ns": np.array([0, 2**32, 0, 0])}, "t_ns"),
-    "no character": ({"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")}, "frame_id"),
-    "intensity of another shape": ({"ref_depth_bins": DEPTH, "ref_refl_photons": DEPTH.T}, "ref_refl_photons shape"),
-    "negative intensity": ({"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH}, "ref_refl_photons"),
-}
-
-
-@pytest.mark.parametrize(("changes", "field"), MALFORMED.values(), ids=MALFORMED)
-def test_malformed_files_are_named_in_one_line(tmp_path, changes, field):
+@pytest.mark.parametrize(("field", "changes"), [
+    ("rows", {"rows": None}), ("toa", {"toa": None}), ("rows", {"rows": 0}), ("rows dtype", {"rows": "two"}),
+    ("rows shape", {"rows": [2, 2]}), ("toa_reference dtype", {"toa_reference": 0.5}), ("irf dtype", {"irf": IRF + 0j}),
+    ("irf", {"irf": -IRF}), ("pixel dtype", {"pixel": np.array([{}, 1, 2, 3], dtype=object)}),
+    ("pixel dtype", {"pixel": np.ones(4)}), ("pixel", {"pixel": np.array([-1, 0, 0, 0])}),
+    ("pixel", {"pixel": np.array([2**32, 0, 0, 0])}), ("toa", {"toa": np.array([65_536, 0, 0, 0])}),
+    ("toa", {"toa": np.array([np.nextafter(50, 0), 0, 0, 0])}), ("toa", {"toa": np.array([np.nan, 0, 0, 0])}),
+    ("toa shape", {"toa": EVENTS.toa.reshape(2, 2)}), ("pixel and toa shapes", {"toa": EVENTS.toa[:3]}),
+    ("ref_depth_bins shape", {"ref_depth_bins": DEPTH.T}), ("projection", {"projection": "fisheye"}),
+    ("projection_values", {"projection": "pinhole"}), ("fov_deg", {"fov_deg": 200.0}),
+    ("projection_values shape", {"projection": "pinhole", "projection_values": np.ones(3)}),
+    ("distortion", {"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)}),
+    ("gate_words shape", {"gate_words": np.array([1])}), ("scan", {"scan": np.full(3, np.nan)}),
+    ("t_ns", {"t_ns": np.zeros(4)}), ("t_ns", {"t_ns": np.zeros(3, int)}),
+    ("t_ns", {"t_ns": np.array([0, 2**32, 0, 0])}),
+    ("frame_id", {"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")}),      # no character
+    ("ref_refl_photons shape", {"ref_depth_bins": DEPTH, "ref_refl_photons": DEPTH.T}),
+    ("ref_refl_photons", {"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH})])
+def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
     with pytest.raises(InvalidInput) as caught:
         open_photons(write(tmp_path, **changes))
     assert caught.value.field == f"photons.npz {field}"
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
-
-
-def _header(shape, dtype="<f8", body=b"") -> bytes:
-    out = io.BytesIO()
-    np.lib.format.write_array_header_1_0(out, {"descr": dtype, "fortran_order": False, "shape": shape})
-    return out.getvalue() + body
-
-
-def literal(text: str) -> bytes:
-    """An .npy header of this text, and some data."""
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1") + b"\x01\0" * 4
 
 
 def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
@@ -143,16 +117,9 @@ def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
     assert open_photons(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
 
 
-@pytest.mark.parametrize("share", [0.01, 0.5, 0.999])
-def test_a_truncated_file_is_said_to_be_one(tmp_path, share):
-    path = write(tmp_path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:int(len(whole) * share)])
-    with pytest.raises(InvalidInput, match=r"^photons\.npz is truncated or damaged: expected a complete \.npz file"):
-        open_photons(path)
-
-
 @pytest.mark.parametrize(("damage", "said"), [
+    (lambda data: data[:20], r"is truncated or damaged: expected a complete \.npz file"),
+    (lambda data: data[:-1], r"is truncated or damaged: expected a complete \.npz file"),
     (lambda data: b"no zip file at all", r"is unreadable \(File is not a zip file\): expected"),
     (lambda data: data.replace(b"\x93NUMPY", b"\x93NUMPI"), r"is unreadable \(Bad CRC-32")])
 def test_damaged_files_are_refused(tmp_path, damage, said):
@@ -170,16 +137,19 @@ def write_with_member(tmp_path, content: bytes, method: int = zipfile.ZIP_STORED
     return path
 
 
-SHAPED = "{{'descr': '<u2', 'fortran_order': False, 'shape': {}}}"
+def header(shape: object, dtype: object = "<u2", body: bytes = b"") -> bytes:
+    """An .npy file of this header, and some data."""
+    text = repr({"descr": dtype, "fortran_order": False, "shape": shape})
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1") + body
+
+
 MEMBERS = {
-    "a zip bomb": (_header((2**40,), "<u2", bytes(2**20)), "size is 2199023255552 bytes: expected at most"),
-    "less than the header says": (_header((4,), "<u2", b"12"), "size is 2 bytes: expected 8 bytes"),
-    "brackets alone": (literal("[" * 9000), "is unreadable"),
-    "negative": (literal(SHAPED.format("(-2, -2)")), "shape is"),
-    "not a number": (literal(SHAPED.format("('a',)")), "is unreadable"),
-    "a product of 20000 digits": (literal(SHAPED.format("(" + f"{10**18}, " * 400 + ")")), "shape is"),
-    "records": (literal("{'descr': [('a', '<u2')], 'fortran_order': False, 'shape': (1,)}"), "dtype is"),
-    "version 9": (b"\x93NUMPY\x09\x00", "is unreadable"),
+    "a zip bomb": (header((2**40,), body=bytes(2**20)), "size is 2199023255552 bytes: expected at most"),
+    "less than the header says": (header((4,), body=b"12"), "size is 2 bytes: expected 8 bytes"),
+    "brackets alone": (b"\x93NUMPY\x01\x00" + struct.pack("<H", 9000) + b"[" * 9000, "is unreadable"),
+    "negative": (header((-2, -2)), "shape is"), "not a number": (header(("a",)), "is unreadable"),
+    "a product of 20000 digits": (header((10**18,) * 400), "shape is"),
+    "records": (header((1,), [("a", "<u2")]), "dtype is"), "version 9": (b"\x93NUMPY\x09\x00", "is unreadable"),
 }
 
 
@@ -191,16 +161,15 @@ def test_members_that_are_no_array_are_one_line(tmp_path, content, expected):
 
 
 def test_packing_without_bounds_is_refused(tmp_path):
-    content = _header((4,), "<u2", bytes(8))
     with pytest.raises(InvalidInput, match="toa is packed by method 14: expected an array stored or deflated"):
-        open_photons(write_with_member(tmp_path, content, zipfile.ZIP_LZMA))
+        open_photons(write_with_member(tmp_path, header((4,), body=bytes(8)), zipfile.ZIP_LZMA))
 
 
 def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_path, monkeypatch):
     path = write(tmp_path)
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
         for name in ("gain", "mask", "delay_bins"):
-            archive.writestr(f"{name}.npy", _header((4, 2**20), "|u1", bytes(4 * 2**20)))
+            archive.writestr(f"{name}.npy", header((4, 2**20), "|u1", bytes(4 * 2**20)))
     monkeypatch.setattr(files, "MAX_BYTES", 10**7)
     tracemalloc.start()
     with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 10000000 bytes of arrays"):
