@@ -86,12 +86,10 @@ def in_child(read: Callable[..., dict], path: Path, *arguments, expected: str, *
 
 def read_text(path: Path) -> str:
     """The text of a JSON file, with or without a byte order mark; InvalidInput if it is too long or not UTF-8."""
-    try:
+    with naming_file(path, "JSON in UTF-8"):
         size = path.stat().st_size
-        require(size <= json_text.MAX_BYTES, path.name, f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
+        require(size <= json_text.MAX_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
         return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(path.name, f"unreadable ({error})", "JSON in UTF-8") from None
 
 
 def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None, field: str = "photon file"
