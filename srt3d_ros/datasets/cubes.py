@@ -10,7 +10,7 @@ from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
 from srt3d_ros.datasets.photons import number, positive_integer
-from srt3d_ros.datasets.stream import Recording, Rows
+from srt3d_ros.datasets.stream import Counts, Recording
 from srt3d_ros.errors import require
 
 CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more
@@ -46,14 +46,14 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
     require(row_bytes <= MAX_ROW_BYTES, f"{field} row", f"{row_bytes} bytes", f"at most {MAX_ROW_BYTES}")
     at_once = max(CHUNK_BYTES // row_bytes, 1)
 
-    def chunks() -> Iterator[Rows]:
+    def chunks() -> Iterator[Counts]:
         first = 0
         with naming_file(path, "a whole file of counts"):
             for part in read(at_once * (1 if len(shape) == 3 else cols)):
-                counts = np.ascontiguousarray(part).reshape(-1, cols, bins)
+                counts = np.ascontiguousarray(part).reshape(-1, bins)
                 possible = dtype.itemsize < 4 or bool((np.abs(counts) <= MAX_COUNT).all())      # NaN is not
                 require(possible, "counts", f"beyond {MAX_COUNT} or not finite in places", "photons in a bin")
-                yield Rows(first, counts, (first + len(counts)) / rows)
+                yield Counts(first, counts, (first + len(counts)) / (rows * cols))
                 first += len(counts)
     return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given,
                      reference)

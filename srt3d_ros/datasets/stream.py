@@ -36,17 +36,12 @@ class Events(NamedTuple):
     done: float
 
 
-class Rows(NamedTuple):
-    """Histograms of some rows: the index of the first; counts [r, cols, n], numbers; the part of the file read."""
+class Counts(NamedTuple):
+    """Histograms of whole rows: the first pixel; counts [pixels, n], numbers; the part of the file read so far."""
 
-    first_row: int
+    first_pixel: int
     counts: np.ndarray
     done: float
-
-    @property
-    def by_pixel(self) -> tuple[np.ndarray, int]:
-        """The counts [pixels, n], and the index of the first of these pixels."""
-        return self.counts.reshape(-1, self.counts.shape[2]), self.first_row * self.counts.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +51,7 @@ class Recording:
     Args:
         rows, cols, num_bins: size of the frame; num_bins: of a laser period, or of all that the file can hold.
         bin_width_s: seconds.
-        chunks: begins to read the file anew, in bounded memory, as often as it is called; gives either Events or Rows.
+        chunks: begins to read the file anew, in bounded memory, as often as it is called; Events or else Counts.
         name: the file's name without its suffix.
         notes: one line each for what was assumed.
         given: what the file says of its sensor: irf, fov_deg, … by their names in `photons.OPTIONS`.
@@ -67,7 +62,7 @@ class Recording:
     cols: int
     num_bins: int
     bin_width_s: float
-    chunks: Callable[[], Iterator[Events | Rows]]
+    chunks: Callable[[], Iterator[Events | Counts]]
     name: str
     notes: tuple[str, ...] = ()
     given: dict = field(default_factory=dict)
@@ -103,10 +98,13 @@ class PhotonStream:
         plain = SensorModel(recording.rows, recording.cols, self._bins, recording.bin_width_s, np.ones(1))
         survey, total = Survey(plain.pixels, self._bins), 0.0
         for chunk in self._chunks():
-            is_rows = isinstance(chunk, Rows)
-            total += chunk.counts.sum(dtype=np.float64) if is_rows else np.count_nonzero(chunk.pixel >= 0)
             part = self._inside(chunk)
-            survey.add_histograms(*part.by_pixel) if is_rows else survey.add_events(part)
+            if isinstance(part, Counts):
+                total += chunk.counts.sum(dtype=np.float64)
+                survey.add_histograms(part.counts, part.first_pixel)
+            else:
+                total += np.count_nonzero(chunk.pixel >= 0)
+                survey.add_events(part)
         self.photons, self._countable, events = survey.photons, survey.countable, survey.sample
         self.histogram, self.counts = survey.histogram, survey.counts.reshape(recording.rows, recording.cols)
         last, notes = self._first + self._bins - 1, recording.notes
@@ -140,7 +138,7 @@ class PhotonStream:
         sketcher, strips = None, []
         for chunk in self._chunks():
             part = self._inside(chunk)
-            if isinstance(part, Rows):
+            if isinstance(part, Counts):
                 strips.append(self._strip(part.counts, frequencies, gate))
             else:
                 sketcher = sketcher or Sketcher(self.sensor, frequencies, gate=gate)
@@ -159,11 +157,11 @@ class PhotonStream:
         require(self.photons <= MAX_PHOTONS, f"{self.name} photons", round(self.photons), f"at most {MAX_PHOTONS} in "
                 "memory; `srt3d reconstruct` reads any number, by a method on sketches")
         parts = [self._inside(chunk) for chunk in self._chunks()]
-        parts = [events_of(*part.by_pixel) if isinstance(part, Rows) else part for part in parts]
+        parts = [events_of(part.counts, part.first_pixel) if isinstance(part, Counts) else part for part in parts]
         events = PhotonEvents(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "toa")))
         return Photons(self.sensor, events, self.sample.reference_depth_bins, self.name, self.notes)
 
-    def _chunks(self) -> Iterator[Events | Rows]:
+    def _chunks(self) -> Iterator[Events | Counts]:
         """The file from its beginning; a progress bar on a terminal if it takes long."""
         from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
 
@@ -173,17 +171,18 @@ class PhotonStream:
                 bar.update(100 * chunk.done - bar.n)
                 yield chunk
 
-    def _inside(self, chunk: Events | Rows) -> PhotonEvents | Rows:
+    def _inside(self, chunk: Events | Counts) -> PhotonEvents | Counts:
         """What of a chunk is in a pixel and in one of the bins that are kept, which count from the first of them."""
         end = self._first + self._bins
-        if isinstance(chunk, Rows):
-            return chunk._replace(counts=chunk.counts[..., self._first:end])
+        if isinstance(chunk, Counts):
+            return chunk._replace(counts=chunk.counts[:, self._first:end])
         kept = (chunk.pixel >= 0) & (chunk.toa >= self._first) & (chunk.toa < end)
         return PhotonEvents(chunk.pixel[kept].astype(np.uint32), (chunk.toa[kept] - self._first).astype(np.uint16))
 
     def _strip(self, counts: np.ndarray, frequencies, gate: Gate | None) -> Sketch:
         """The sketch of some rows; histograms of fewer than T bins have the first ones."""
-        counts = np.pad(sendable(counts), ((0, 0), (0, 0), (0, self._bins - counts.shape[2])))
+        counts = sendable(np.pad(counts, ((0, 0), (0, self._bins - counts.shape[1]))))
+        counts = counts.reshape(-1, self.sensor.cols, self._bins)
         strip = SensorModel(len(counts), self.sensor.cols, self._bins, self.sensor.bin_width_s, np.ones(1),
                             toa_reference=self.sensor.toa_reference)
         return sketch_photons(PhotonHistograms(counts), strip, frequencies,

@@ -103,33 +103,22 @@ def test_photons_that_are_there_already_get_the_options():
         arrays.completed(frame, read.sensor, {"num_bins": 40})
 
 
-# ---- What is assumed
-
-@pytest.fixture(scope="module")
-def wall():
-    sensor = SensorModel(30, 30, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
+def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels():
+    seen = SensorModel(30, 30, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
     depth = 100 + 4 * np.arange(30.0) + np.zeros((30, 1))
-    return sensor, Simulator(StaticScene(sensor.range_m(depth)), sensor, ppp=30, sbr=5).frame(0)[0]
-
-
-def rms_width(sensor):
-    """Of its IRF about the mark, bins."""
-    position = np.arange(len(sensor.irf)) - sensor.irf_ref
-    return np.sqrt((sensor.irf * position**2).sum())
-
-
-def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels(wall):
+    photons = Simulator(StaticScene(seen.range_m(depth)), seen, ppp=30, sbr=5).frame(0)[0]
     mask, noise = np.ones((30, 30), bool), np.arange(400_000) % 400
     mask[0, 0] = False
-    row, col = np.divmod(np.concatenate([wall[1].pixel, np.zeros(len(noise), np.uint32)]), 30)
-    toa, given = np.concatenate([wall[1].toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
+    row, col = np.divmod(np.concatenate([photons.pixel, np.zeros(len(noise), np.uint32)]), 30)
+    toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
     by_events = arrays.from_events(row, col, toa, None, 0, given | {"shape": (30, 30), "num_bins": 400})
     assert by_events.notes == (arrays.ESTIMATED_IRF, arrays.ASSUMED_FOV)
-    assert rms_width(by_events.sensor) == pytest.approx(3, abs=1)
+    found, ref = by_events.sensor.irf, by_events.sensor.irf_ref
+    assert np.sqrt((found * (np.arange(len(found)) - ref)**2).sum()) == pytest.approx(3, abs=1)
     cube = np.zeros((30, 30, 400), np.float64)
     np.add.at(cube, (row, col, toa), 1)
     by_counts = arrays.from_counts(cube, None, 0, given)
-    assert np.array_equal(by_counts.sensor.irf, by_events.sensor.irf) and by_counts.notes == by_events.notes
+    assert np.array_equal(by_counts.sensor.irf, found) and by_counts.notes == by_events.notes
 
 
 def test_photons_that_show_no_irf_ask_for_it():
@@ -145,8 +134,6 @@ def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
     with pytest.raises(InvalidInput, match=f"^irf is missing: expected the impulse response.*{expected}"):
         counts(values, irf=None, **options)
 
-
-# ---- What is refused
 
 @pytest.mark.parametrize(("changes", "said"), [
     ({"row": None}, "row is missing: expected row, col and toa, one entry a photon; or counts"),

@@ -93,8 +93,14 @@ def test_a_bag_gives_back_the_bytes_and_the_times_that_it_was_given(bag):
     assert later == read[2:] and alone == read
 
 
-def test_metadata_says_what_rosbag2_needs(bag, storage):
+def test_metadata_and_definitions_say_what_rosbag2_needs(bag, storage):
     """The keys that rosbag2 of Jazzy reads (rosbag2_storage/yaml.hpp)."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([bag]) as reader:
+        read = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+    assert sensor_message.from_json(read["/sensor"].data).same_as(SENSOR)
+    assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
     info = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert (info["version"], info["storage_identifier"], info["message_count"]) == (9, storage, 4)
     forever = {"sec": 9_223_372_036, "nsec": 854_775_807}
@@ -109,30 +115,14 @@ def test_metadata_says_what_rosbag2_needs(bag, storage):
             "liveliness": "automatic", "liveliness_lease_duration": forever, "avoid_ros_namespace_conventions": False}]
 
 
-def test_rosbags_reads_the_messages_by_the_definitions_in_the_bag(bag):
-    from rosbags.highlevel import AnyReader
-
-    with AnyReader([bag]) as reader:
-        read = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
-    assert sensor_message.from_json(read["/sensor"].data).same_as(SENSOR)
-    assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
-
-
-def test_messages_are_found_though_metadata_and_files_give_another_qos(tmp_path):
-    bag = write(tmp_path / "bag", RECORDED)
-    metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("transient_local", "volatile"))
-    with Bag(bag) as opened:
-        assert [message.raw for message in opened.messages(opened.topics)] == [raw for *_, raw in RECORDED]
-
-
-def test_a_bag_of_several_files_is_read_in_the_order_of_their_times(tmp_path):
+def test_several_files_are_read_in_the_order_of_their_times_whatever_qos_the_metadata_give(tmp_path):
     bag = write(tmp_path / "bag", RECORDED)
     write(tmp_path / "later", [("/photons", CLOUD, photons_of(7))], first=10)
     name = storage_file(tmp_path / "later").name
     storage_file(tmp_path / "later").rename(bag / name)
     metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("relative_file_paths:", f"relative_file_paths:\n  - {name}"))
+    text = metadata.read_text().replace("relative_file_paths:", f"relative_file_paths:\n  - {name}")
+    metadata.write_text(text.replace("transient_local", "volatile"))
     assert [open_photons(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
 
 
