@@ -46,24 +46,21 @@ def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess
     Args:
         guess_irf: as for PhotonStream.
     """
-    with readable(path):
-        return _open(Path(path), frame, photons_topic, guess_irf, overrides)
-
-
-def _open(path: Path, frame: int, photons_topic: str, guess_irf: bool, overrides: dict) -> Photons | PhotonStream:
+    path = Path(path)
     reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
-        with BagFrames(path, photons_topic) as frames:
-            return frames.photons(frames.place(frame), overrides)
-    options = gather_options(path, overrides)
-    require(frame == 0, "frame", frame, "0: a photon file has one frame")
-    require_file(path, "photon file")
-    found = import_module(f"srt3d_ros.datasets.{reader}").read(path, options)
-    if isinstance(found, Photons):
-        return found.with_options(options)
-    stream = PhotonStream(found, options, guess_irf)
-    return stream if stream.whole is None else stream.whole
+    with readable(path):
+        if reader is None:
+            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
+            with BagFrames(path, photons_topic) as frames:
+                return frames.photons(frames.place(frame), overrides)
+        options = gather_options(path, overrides)
+        require(frame == 0, "frame", frame, "0: a photon file has one frame")
+        require_file(path, "photon file")
+        found = import_module(f"srt3d_ros.datasets.{reader}").read(path, options)
+        if isinstance(found, Photons):
+            return found.with_options(options)
+        stream = PhotonStream(found, options, guess_irf)
+        return stream if stream.whole is None else stream.whole
 
 
 def open_sensor(path: str | Path) -> SensorModel:

@@ -127,7 +127,7 @@ def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch
 
 
 def test_events_outside_are_left_out():
-    chunk = stream.Events(np.array([0, -1, 3, 2]), np.array([0, 1, 12, 9]), 1.0)
+    chunk = stream.Events(np.array([0, -1, 3, 2]), np.array([0, 1, 10, 9]), 1.0)
     found = PhotonStream(stream.Recording(2, 2, 10, 1e-10, lambda: iter([chunk]), "a"), {"irf": np.ones(1)})
     assert found.whole.frame.pixel.tolist() == [0, 2] and found.whole.frame.toa.tolist() == [0, 9]
     assert "1 of 3 photons" in found.notes[-1]
