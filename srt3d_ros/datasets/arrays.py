@@ -1,6 +1,6 @@
 """Arrays in memory → Photons: row, col and ToA of each photon, or counts of photons [rows, cols, bins]."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -54,30 +54,24 @@ def from_events(row: Any, col: Any, toa: Any, sensor: SensorModel | None, stamp_
     row, col, toa = (_array(name, values) for name, values in arrays.items())
     fits = row.ndim == 1 and row.shape == col.shape == toa.shape
     require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "the same [N], one a photon")
-
-    def frame(sensor: SensorModel) -> PhotonEvents:
-        pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
-        return PhotonEvents(pixel, _times(toa, sensor), stamp_ns)
-
-    return _photons(frame, None, sensor, options)
+    sensor, assumed = _sensor(sensor, options, {})
+    pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
+    return _complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, assumed)
 
 
 def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options: SensorOptions) -> Photons:
     """The photons of histograms [rows, cols, bins]; arguments as of `srt3d_ros.photons`."""
     counts = _array("counts", counts)
-    require(counts.ndim == 3 and counts.dtype.kind in "buif", "counts", f"{counts.dtype} {counts.shape}",
-            "numbers [rows, cols, bins]")
+    require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
     histograms = PhotonHistograms(photons.sendable(counts), stamp_ns)
-
-    def frame(sensor: SensorModel) -> PhotonHistograms:
-        try:
-            histograms.check(sensor)
-        except InvalidInput as error:
-            field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
-            raise InvalidInput(field, error.value, error.expected) from None
-        return histograms
-
-    return _photons(frame, counts.shape, sensor, options)
+    of_bins = {} if options.get("histograms") is not None else {"num_bins": counts.shape[2]}
+    sensor, assumed = _sensor(sensor, options, {"shape": counts.shape[:2]} | of_bins)
+    try:
+        histograms.check(sensor)
+    except InvalidInput as error:
+        field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
+        raise InvalidInput(field, error.value, error.expected) from None
+    return _complete(histograms, sensor, assumed)
 
 
 def completed(source: Photons | PhotonStream | PhotonFrame, sensor: SensorModel | None, options: SensorOptions
@@ -85,12 +79,10 @@ def completed(source: Photons | PhotonStream | PhotonFrame, sensor: SensorModel 
     """Photons of a file, or a frame of photons, with the sensor and the options instead of their own."""
     if isinstance(source, Photons | PhotonStream):
         return source.with_sensor(described(sensor or source.sensor, options))
-
-    def frame(sensor: SensorModel) -> PhotonEvents | PhotonHistograms:
-        source.check(sensor)
-        return source.to_events(sensor) if isinstance(source, PhotonGates) else source
-
-    return _photons(frame, None, sensor, options)
+    sensor, assumed = _sensor(sensor, options, {})
+    source.check(sensor)
+    frame = source.to_events(sensor) if isinstance(source, PhotonGates) else source
+    return _complete(frame, sensor, assumed)
 
 
 def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
@@ -115,33 +107,30 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     return photons.described(sensor, given)
 
 
-def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms], counted: tuple[int, ...] | None,
-             sensor: SensorModel | None, options: SensorOptions) -> Photons:
-    """The photons with the sensor that is given or described, and notes on what was assumed about it.
+def _sensor(sensor: SensorModel | None, options: SensorOptions, counted: dict) -> tuple[SensorModel, set[str]]:
+    """The sensor that is given or described, and which of irf and fov_deg nobody said.
 
     Args:
-        frame_of: makes the photons of a sensor, or refuses them.
-        counted: rows, cols and bins of counts.
+        counted: the options that the photons themselves tell.
     """
     if sensor is not None:
-        sensor = described(sensor, options)
-        return Photons(sensor, frame_of(sensor), None, NAME)
-    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    if counted is not None:
-        given = {"shape": counted[:2]} | ({} if "histograms" in given else {"num_bins": counted[2]}) | given
+        return described(sensor, options), set()
+    given: dict[str, Any] = counted | {name: value for name, value in options.items() if value is not None}
     for name, expected in (("shape", "(rows, cols), or sensor"), ("num_bins", "T, bins of a laser period, or sensor"),
                            ("bin_width_s", NO_BIN_WIDTH)):
         require(name in given, name, "missing", expected)
     require("irf" in given or "irf_ref" not in given, "irf_ref", given.get("irf_ref"), "irf beside it")
     plain = SensorModel(*_shape(given["shape"]), given["num_bins"], given["bin_width_s"], np.ones(1))
-    sensor = described(plain, given)
-    frame, notes = frame_of(sensor), []
-    if "irf" not in given:
-        sensor = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None)
-        notes.append(ESTIMATED_IRF)
-    if not {"fov_deg", "projection"} & set(given):
-        notes.append(ASSUMED_FOV)
-    return Photons(sensor, frame, None, NAME, tuple(notes))
+    said = given.keys() | ({"fov_deg"} if "projection" in given else set())
+    return described(plain, given), {"irf", "fov_deg"} - said
+
+
+def _complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, assumed: set[str]) -> Photons:
+    """The photons of a sensor, with notes on what was assumed of it."""
+    notes = (ASSUMED_FOV,) if "fov_deg" in assumed else ()
+    if "irf" in assumed:
+        sensor, notes = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None), (ESTIMATED_IRF, *notes)
+    return Photons(sensor, frame, None, NAME, notes)
 
 
 def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
