@@ -1,25 +1,22 @@
 """Photon files, laboratory files, bags and the simulator: all give a SensorModel and the photons of frames."""
 
-import zipfile
 from importlib import import_module
 from pathlib import Path
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import hdf5, mat, npz
 from srt3d_ros.datasets.bag import is_bag
 from srt3d_ros.datasets.bag_photons import BagFrames
 from srt3d_ros.datasets.files import naming_file, read_text, readable, require_file
-from srt3d_ros.datasets.photons import Photons, gather_options, refuse_channel
-from srt3d_ros.datasets.stream import PhotonStream, Recording
+from srt3d_ros.datasets.photons import Photons, gather_options
+from srt3d_ros.datasets.stream import PhotonStream
 from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor as sensor_message
 
 __all__ = ["PhotonStream", "Photons", "open_photons", "open_sensor", "open_stream"]
 
-# Laboratory files, which may be of any size: the function of a module here that reads them, by suffix.
-READERS = {".ptu": "ptu:read", ".phu": "phu:read", ".sdt": "sdt:read", ".spc": "spc:read", ".h5": "hdf5:read",
-           ".hdf5": "hdf5:read", ".dat": "linospad2:read", ".npy": "cubes:read_npy"}
-SUFFIXES = (".npz", ".mat", *READERS)
+# The module here that reads a photon file, by its suffix: `read(path, options)` gives Photons, or a Recording.
+READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".phu": "phu", ".sdt": "sdt", ".spc": "spc", ".h5": "hdf5",
+           ".hdf5": "hdf5", ".dat": "linospad2", ".npy": "cubes"}
 
 
 def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **overrides) -> Photons:
@@ -49,55 +46,21 @@ def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess
     Args:
         guess_irf: as for PhotonStream.
     """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
     with readable(path):
-        return _open(Path(path), frame, photons_topic, guess_irf, overrides)
-
-
-def _open(path: Path, frame: int, photons_topic: str, guess_irf: bool, overrides: dict) -> Photons | PhotonStream:
-    suffix = path.suffix.lower()
-    is_file = suffix in SUFFIXES
-    if not is_file:
-        require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(SUFFIXES)}, or a bag")
-        with BagFrames(path, photons_topic) as frames:
-            return frames.photons(frames.place(frame), overrides)
-    options = gather_options(path, overrides)
-    require(frame == 0, "frame", frame, "0: a photon file has one frame")
-    require_file(path, "photon file")
-    reader = _laboratory_reader(path)
-    if reader is not None:
-        module, name = reader.split(":")
-        recording: Recording = getattr(import_module(f"srt3d_ros.datasets.{module}"), name)(path, options)
-        return _of_recording(recording, options, guess_irf)
-    if suffix == ".mat":
-        refuse_channel(options)
-        found = mat.read(path, options, guess_irf)
-        return _of_recording(found, options, guess_irf) if isinstance(found, Recording) else found
-    return npz.read(path).with_options(options)
-
-
-def _of_recording(recording: Recording, options: dict, guess_irf: bool) -> Photons | PhotonStream:
-    stream = PhotonStream(recording, options, guess_irf)
-    return stream if stream.whole is None else stream.whole
-
-
-def _laboratory_reader(path: Path) -> str | None:
-    """Module and function that read a laboratory file; None for the photon files that have a form of their own."""
-    suffix = path.suffix.lower()
-    if suffix == ".npz":
-        return "cubes:read_npz" if _is_cube(path) else None
-    if suffix == ".mat":
-        return "hdf5:read" if hdf5.is_matlab(path) else None
-    return READERS.get(suffix)
-
-
-def _is_cube(path: Path) -> bool:
-    """Whether an .npz file has arrays, but none of a photon file's photons."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = set(archive.namelist())
-    except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError):     # npz says what is wrong
-        return False
-    return bool(names) and not names & {"pixel.npy", "toa.npy"}
+        if reader is None:
+            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
+            with BagFrames(path, photons_topic) as frames:
+                return frames.photons(frames.place(frame), overrides)
+        options = gather_options(path, overrides)
+        require(frame == 0, "frame", frame, "0: a photon file has one frame")
+        require_file(path, "photon file")
+        found = import_module(f"srt3d_ros.datasets.{reader}").read(path, options)
+        if isinstance(found, Photons):
+            return found.with_options(options)
+        stream = PhotonStream(found, options, guess_irf)
+        return stream if stream.whole is None else stream.whole
 
 
 def open_sensor(path: str | Path) -> SensorModel:

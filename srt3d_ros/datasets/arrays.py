@@ -1,6 +1,6 @@
 """Arrays in memory → Photons: row, col and ToA of each photon, or counts of photons [rows, cols, bins]."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.core.projection import Projection
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, pinhole
+from srt3d_ros.datasets import photons
+from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons
 from srt3d_ros.datasets.stream import PhotonStream
+from srt3d_ros.datasets.survey import Survey
 from srt3d_ros.errors import InvalidInput, require
 
 NAME = "arrays"
-FIELDS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols", "gates"))
-OPTIONS = ("shape", "fov_deg", *FIELDS)
+OPTIONS = ("shape", "fov_deg", *photons.SENSOR_OPTIONS)
 ESTIMATED_IRF = "IRF estimated from the photons, which makes it slightly broad: give irf"
 NO_BIN_WIDTH = "seconds in a bin (where bins alone matter 2 / 299792458: x, y and z then count bins, not metres)"
 
@@ -53,30 +54,24 @@ def from_events(row: Any, col: Any, toa: Any, sensor: SensorModel | None, stamp_
     row, col, toa = (_array(name, values) for name, values in arrays.items())
     fits = row.ndim == 1 and row.shape == col.shape == toa.shape
     require(fits, "row, col and toa shapes", f"{row.shape}, {col.shape}, {toa.shape}", "the same [N], one a photon")
-
-    def frame(sensor: SensorModel) -> PhotonEvents:
-        pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
-        return PhotonEvents(pixel, _times(toa, sensor), stamp_ns)
-
-    return _photons(frame, None, sensor, options)
+    sensor, assumed = _sensor(sensor, options, {})
+    pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
+    return _complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, assumed)
 
 
 def from_counts(counts: Any, sensor: SensorModel | None, stamp_ns: int, options: SensorOptions) -> Photons:
     """The photons of histograms [rows, cols, bins]; arguments as of `srt3d_ros.photons`."""
     counts = _array("counts", counts)
-    require(counts.ndim == 3 and counts.dtype.kind in "buif", "counts", f"{counts.dtype} {counts.shape}",
-            "numbers [rows, cols, bins]")
-    histograms = PhotonHistograms(_small(counts), stamp_ns)
-
-    def frame(sensor: SensorModel) -> PhotonHistograms:
-        try:
-            histograms.check(sensor)
-        except InvalidInput as error:
-            field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
-            raise InvalidInput(field, error.value, error.expected) from None
-        return histograms
-
-    return _photons(frame, counts.shape, sensor, options)
+    require(counts.ndim == 3, "counts", f"{counts.dtype} {counts.shape}", "numbers [rows, cols, bins]")
+    histograms = PhotonHistograms(photons.sendable(counts), stamp_ns)
+    of_bins = {} if options.get("histograms") is not None else {"num_bins": counts.shape[2]}
+    sensor, assumed = _sensor(sensor, options, {"shape": counts.shape[:2]} | of_bins)
+    try:
+        histograms.check(sensor)
+    except InvalidInput as error:
+        field = error.field.removesuffix(" count").replace("histograms", "counts")      # as the argument is called
+        raise InvalidInput(field, error.value, error.expected) from None
+    return _complete(histograms, sensor, assumed)
 
 
 def completed(source: Photons | PhotonStream | PhotonFrame, sensor: SensorModel | None, options: SensorOptions
@@ -84,12 +79,10 @@ def completed(source: Photons | PhotonStream | PhotonFrame, sensor: SensorModel 
     """Photons of a file, or a frame of photons, with the sensor and the options instead of their own."""
     if isinstance(source, Photons | PhotonStream):
         return source.with_sensor(described(sensor or source.sensor, options))
-
-    def frame(sensor: SensorModel) -> PhotonEvents | PhotonHistograms:
-        source.check(sensor)
-        return source.to_events(sensor) if isinstance(source, PhotonGates) else source
-
-    return _photons(frame, None, sensor, options)
+    sensor, assumed = _sensor(sensor, options, {})
+    source.check(sensor)
+    frame = source.to_events(sensor) if isinstance(source, PhotonGates) else source
+    return _complete(frame, sensor, assumed)
 
 
 def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
@@ -104,63 +97,52 @@ def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
     require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
     own = sensor.rows, sensor.cols
     require(_shape(given.pop("shape", own)) == own, "shape", options.get("shape"), f"{own}, as the sensor has")
-    fov_deg = given.pop("fov_deg", None)
-    if fov_deg is not None:
-        require("projection" not in given, "fov_deg", fov_deg, "fov_deg or projection, not both")
-        given["projection"] = pinhole(*own, fov_deg)
+    require(not {"fov_deg", "projection"} <= given.keys(), "fov_deg", options.get("fov_deg"),
+            "fov_deg or projection, not both")
     for name in ("gain", "delay_bins", "mask", "background_shape", "irf"):
         if name in given and not isinstance(given[name], (str, Path)):
             given[name] = _array(name, given[name])
-    if "irf" in given:      # irf_ref belongs to the one that is replaced
-        given = {"irf_ref": None} | given | {"irf": irfs.read(given["irf"])}
-    return sensor.replace(**given) if given else sensor
+    if "irf" in given:
+        given["irf"] = irfs.read(given["irf"])
+    return photons.described(sensor, given)
 
 
-def _photons(frame_of: Callable[[SensorModel], PhotonEvents | PhotonHistograms], counted: tuple[int, ...] | None,
-             sensor: SensorModel | None, options: SensorOptions) -> Photons:
-    """The photons with the sensor that is given or described, and notes on what was assumed about it.
+def _sensor(sensor: SensorModel | None, options: SensorOptions, counted: dict) -> tuple[SensorModel, set[str]]:
+    """The sensor that is given or described, and which of irf and fov_deg nobody said.
 
     Args:
-        frame_of: makes the photons of a sensor, or refuses them.
-        counted: rows, cols and bins of counts.
+        counted: the options that the photons themselves tell.
     """
     if sensor is not None:
-        sensor = described(sensor, options)
-        return Photons(sensor, frame_of(sensor), None, NAME)
-    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    if counted is not None:
-        given = {"shape": counted[:2]} | ({} if "histograms" in given else {"num_bins": counted[2]}) | given
+        return described(sensor, options), set()
+    given: dict[str, Any] = counted | {name: value for name, value in options.items() if value is not None}
     for name, expected in (("shape", "(rows, cols), or sensor"), ("num_bins", "T, bins of a laser period, or sensor"),
                            ("bin_width_s", NO_BIN_WIDTH)):
         require(name in given, name, "missing", expected)
     require("irf" in given or "irf_ref" not in given, "irf_ref", given.get("irf_ref"), "irf beside it")
     plain = SensorModel(*_shape(given["shape"]), given["num_bins"], given["bin_width_s"], np.ones(1))
-    sensor = described(plain, given)
-    frame, notes = frame_of(sensor), []
-    if "irf" not in given:
-        sensor = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None)
-        notes.append(ESTIMATED_IRF)
-    if not {"fov_deg", "projection"} & set(given):
-        notes.append(ASSUMED_FOV)
-    return Photons(sensor, frame, None, NAME, tuple(notes))
+    said = given.keys() | ({"fov_deg"} if "projection" in given else set())
+    return described(plain, given), {"irf", "fov_deg"} - said
+
+
+def _complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, assumed: set[str]) -> Photons:
+    """The photons of a sensor, with notes on what was assumed of it."""
+    notes = (ASSUMED_FOV,) if "fov_deg" in assumed else ()
+    if "irf" in assumed:
+        sensor, notes = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None), (ESTIMATED_IRF, *notes)
+    return Photons(sensor, frame, None, NAME, notes)
 
 
 def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
-    """The IRF that the photons show, see `irf.estimate`; of histograms those of the pixels with the most photons."""
-    used = np.ones(sensor.pixels, bool) if sensor.mask is None else sensor.mask.reshape(-1)
+    """The IRF that the photons show, see `irf.estimate`."""
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
-        counts = frame.counts.reshape(sensor.pixels, -1)
-        whole = counts.dtype.kind != "f" or bool((counts == np.floor(counts)).all())
-        require(whole and bool((counts >= 0).all()), "irf", "missing",
-                "the impulse response: it can be estimated from whole photons only")
-        totals = counts.sum(axis=1, dtype=np.float64) * used
-        fullest = np.argsort(-totals)[:max(np.count_nonzero(totals), 1)]
-        fullest = fullest[:np.searchsorted(np.cumsum(totals[fullest]), irfs.PHOTONS_USED) + 1]
-        few = SensorModel(1, len(fullest), sensor.num_bins, sensor.bin_width_s, np.ones(1))
-        return irfs.estimate(PhotonHistograms(counts[fullest][None]).to_events(few), sensor.num_bins)
-    kept = used[frame.pixel]
-    return irfs.estimate(PhotonEvents(frame.pixel[kept], frame.toa[kept]), sensor.num_bins)
+        survey = Survey(sensor.pixels, sensor.num_bins)
+        survey.add_histograms(frame.counts.reshape(sensor.pixels, -1), 0)
+        require(survey.countable, "irf", "missing", "the impulse response: it can be estimated from whole photons only")
+        frame = survey.sample
+    return irfs.estimate(frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel]),
+                         sensor.num_bins)
 
 
 def _array(name: str, values: Any) -> np.ndarray:
@@ -183,36 +165,18 @@ def _shape(shape: Any) -> tuple[int, int]:
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
     """Whole numbers from 0 to below `end`, as uint32."""
-    _check_within(name, values, end)
+    photons.check_within(name, values, end)
     whole = values.astype(np.uint32)
     odd = np.flatnonzero(whole != values)
     require(len(odd) == 0, name, values[odd[:1]].tolist(), "whole numbers")
     return whole
 
 
-def _check_within(name: str, values: np.ndarray, end: int) -> None:
-    if values.size:
-        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
-        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
-
-
 def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     """ToA in bins, uint16 or float32."""
-    _check_within("toa", toa, sensor.num_bins)
+    photons.check_within("toa", toa, sensor.num_bins)
     if toa.dtype.kind != "f":
         return toa.astype(np.uint16)
     if sensor.first_bin_center == 0 and (toa == np.floor(toa)).all():       # means the same, and is faster to sketch
         return toa.astype(np.uint16)
     return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))
-
-
-def _small(counts: np.ndarray) -> np.ndarray:
-    """Counts in a type that histograms may have: the smallest that holds integers."""
-    if counts.dtype in COUNT_DTYPES:
-        return counts
-    if counts.dtype.kind == "f":
-        return counts.astype(np.float32)
-    low, high = (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
-    kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
-    require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
-    return counts.astype(kind)

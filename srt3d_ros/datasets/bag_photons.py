@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -22,7 +23,7 @@ from srt3d_ros.messages.photon_frames import CODECS
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 PHOTON_FIELDS = {"row", "col", "toa"}
-SKETCH_FIELDS = ({"photons", "sketch"}, {"coded"})
+SKETCH_FIELDS = {"sketch", "coded"}
 GATES_ENCODING = "16UC1"
 HISTOGRAMS_ENCODING = re.compile(r"(?:8U|16U|32S|32F)C(\d{1,5})")
 MOST_CAMERA_CHANNELS = 4        # of the images of cameras, whose encodings look alike
@@ -202,35 +203,21 @@ def _content(bag: Bag, topic: BagTopic) -> str:
     if topic.type not in (CLOUD, IMAGE, TEXT):
         return ""
     raw = next((message.raw for message in bag.messages((topic,))), b"")    # a bag may lie about its messages
-    readers = {CLOUD: (_cloud_content,), IMAGE: (_image_content,), TEXT: (_describes_sensor, _describes_sketch)}
-    for read in readers[topic.type]:
-        try:
-            return read(raw)
-        except InvalidInput:
-            pass
+    with suppress(InvalidInput):
+        if topic.type == CLOUD:
+            names = {field.name for field in cdr.read_cloud(raw).fields}
+            return "photons" if PHOTON_FIELDS <= names else "sketch" if names & SKETCH_FIELDS else ""
+        if topic.type == IMAGE:
+            encoding = cdr.read_image(raw).encoding
+            bins = HISTOGRAMS_ENCODING.fullmatch(encoding)
+            is_histograms = bins is not None and int(bins[1]) > MOST_CAMERA_CHANNELS
+            return "gates" if encoding == GATES_ENCODING else "histograms" if is_histograms else ""
+        sensor_message.decode_cdr(raw)
+        return "sensor"
+    with suppress(InvalidInput):
+        sketch_message.decode_sensor_cdr(raw)
+        return "sketch/sensor"
     return ""
-
-
-def _cloud_content(raw: bytes) -> str:
-    names = {field.name for field in cdr.read_cloud(raw).fields}
-    return "photons" if PHOTON_FIELDS <= names else "sketch" if any(own <= names for own in SKETCH_FIELDS) else ""
-
-
-def _image_content(raw: bytes) -> str:
-    encoding = cdr.read_image(raw).encoding
-    bins = HISTOGRAMS_ENCODING.fullmatch(encoding)
-    return ("gates" if encoding == GATES_ENCODING else
-            "histograms" if bins and int(bins[1]) > MOST_CAMERA_CHANNELS else "")
-
-
-def _describes_sensor(raw: bytes) -> str:
-    sensor_message.decode_cdr(raw)
-    return "sensor"
-
-
-def _describes_sketch(raw: bytes) -> str:
-    sketch_message.decode_sensor_cdr(raw)
-    return "sketch/sensor"
 
 
 def _the_only(candidates: list[BagTopic], field: str, given: str, bag: Bag) -> BagTopic:

@@ -1,18 +1,16 @@
 """Arrays of counts [rows, cols, bins] in .npy and .npz files, streamed by rows."""
 
-import zipfile
+import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
 from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import COMPRESSIONS, npy_header, one_error, read_npz_arrays
+from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
 from srt3d_ros.datasets.photons import number, positive_integer
-from srt3d_ros.datasets.stream import Recording, Rows
+from srt3d_ros.datasets.stream import Counts, Recording
 from srt3d_ros.errors import require
 
 CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more
@@ -24,13 +22,14 @@ GIVEN = ("irf", "irf_ref", "bin_width_s", "toa_offset_bins", "range_offset_m", "
 
 
 def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[int], Iterator[np.ndarray]],
-         options: dict, given: dict | None = None, notes: tuple[str, ...] = ()) -> Recording:
+         options: dict, given: dict | None = None, notes: tuple[str, ...] = (), reference: np.ndarray | None = None
+         ) -> Recording:
     """The recording that an array of counts is.
 
     Args:
         shape: [rows, cols, bins], or [pixels, bins], whose rows and cols `options` tell; else all are in one row.
         read: gives the array, so many rows (or pixels) at a time.
-        given: what the file itself says, see Recording.
+        given, reference: what the file itself says, see Recording.
     """
     field, given = f"{path.name} counts", given or {}
     require(dtype.kind in "iufb" and len(shape) in (2, 3) and min(shape) > 0, field, f"{dtype} {shape}",
@@ -47,16 +46,17 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
     require(row_bytes <= MAX_ROW_BYTES, f"{field} row", f"{row_bytes} bytes", f"at most {MAX_ROW_BYTES}")
     at_once = max(CHUNK_BYTES // row_bytes, 1)
 
-    def chunks() -> Iterator[Rows]:
+    def chunks() -> Iterator[Counts]:
         first = 0
-        with one_error(path, "a whole file of counts"):
+        with naming_file(path, "a whole file of counts"):
             for part in read(at_once * (1 if len(shape) == 3 else cols)):
-                counts = np.ascontiguousarray(part).reshape(-1, cols, bins)
+                counts = np.ascontiguousarray(part).reshape(-1, bins)
                 possible = dtype.itemsize < 4 or bool((np.abs(counts) <= MAX_COUNT).all())      # NaN is not
                 require(possible, "counts", f"beyond {MAX_COUNT} or not finite in places", "photons in a bin")
-                yield Rows(first, counts, (first + len(counts)) / rows)
+                yield Counts(first, counts, (first + len(counts)) / (rows * cols))
                 first += len(counts)
-    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given)
+    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given,
+                     reference)
 
 
 def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
@@ -64,29 +64,29 @@ def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
     return lambda rows: (counts[first:first + rows] for first in range(0, len(counts), rows))
 
 
-def read_npy(path: Path, options: dict) -> Recording:
+def read(path: Path, options: dict) -> Recording:
     """An .npy file of counts."""
-    return _from_stream(path, lambda: path.open("rb"), path.stat().st_size, options, {})
+    counts = map_npy(path, f"{path.name} counts", MAX_CUBE_BYTES)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options)
 
 
 def read_npz(path: Path, options: dict) -> Recording:
     """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
-    with one_error(path, "a complete .npz file (a zip of arrays)"):
-        with zipfile.ZipFile(path) as archive:
-            sizes = {info.filename[:-4]: info for info in archive.infolist() if info.filename.endswith(".npy")}
-            shapes = {}
-            for name, info in sizes.items():
-                require(info.compress_type in COMPRESSIONS, name, f"packed by method {info.compress_type}",
-                        "an array stored or deflated, as NumPy writes it")
-                with archive.open(info) as stream:
-                    shapes[name] = npy_header(stream, info.file_size, name, MAX_CUBE_BYTES)[0]
-        name = the_cube(path, shapes)
+    with open_npz(path) as archive:
+        headers = npz_headers(archive, most=MAX_CUBE_BYTES)
+    name = the_cube(path, {name: shape for name, (shape, _, _) in headers.items()})
+    shape, fortran, dtype = headers[name]
 
-    @contextmanager
-    def member() -> Iterator[BinaryIO]:
-        with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
-            yield stream
-    return _from_stream(path, member, sizes[name].file_size, options, given_by(read_npz_arrays(path, GIVEN)))
+    def read_rows(rows: int) -> Iterator[np.ndarray]:
+        with open_npz(path) as archive, archive.open(f"{name}.npy") as stream:
+            npy_header(stream, archive.getinfo(f"{name}.npy").file_size, name, MAX_CUBE_BYTES)
+            if fortran:     # all rows lie in all parts of the file
+                yield from parts_of(np.frombuffer(stream.read(), dtype).reshape(shape, order="F"))(rows)
+            for first in range(0, 0 if fortran else shape[0], rows):
+                part = min(rows, shape[0] - first), *shape[1:]
+                raw = stream.read(math.prod(part) * dtype.itemsize)
+                yield np.frombuffer(raw, dtype).reshape(part)
+    return cube(path, shape, dtype, read_rows, options, given_by(read_npz_arrays(path, GIVEN)))
 
 
 def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:
@@ -109,25 +109,3 @@ def given_by(arrays: dict[str, np.ndarray]) -> dict:
         require(name == "irf" or value.size == 1, f"{name} shape", value.shape, "one value")
         given[name] = irfs.read(value) if name == "irf" else value.reshape(-1)[0].item()
     return given
-
-
-def _from_stream(path: Path, opened: Callable, size: int, options: dict, given: dict) -> Recording:
-    """Counts as NumPy writes them; `opened` is a context that gives the stream from its beginning."""
-    with opened() as stream:
-        shape, fortran, dtype = npy_header(stream, size, f"{path.name} counts", MAX_CUBE_BYTES)
-
-    def read(rows: int) -> Iterator[np.ndarray]:
-        with opened() as stream:
-            npy_header(stream, size, f"{path.name} counts", MAX_CUBE_BYTES)
-            if fortran:     # all rows lie in all parts of the file
-                whole = np.lib.format.open_memmap(path, "r") if path.suffix == ".npy" else \
-                    np.frombuffer(stream.read(), dtype).reshape(shape, order="F")
-                yield from parts_of(whole)(rows)
-                return
-            one = int(np.prod(shape[1:])) * dtype.itemsize
-            for first in range(0, shape[0], rows):
-                wanted = min(rows, shape[0] - first)
-                raw = stream.read(wanted * one)
-                require(len(raw) == wanted * one, "size", "cut off", f"{wanted * one} bytes more")
-                yield np.frombuffer(raw, dtype).reshape(wanted, *shape[1:])
-    return cube(path, shape, dtype, read, options, given)

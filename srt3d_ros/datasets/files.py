@@ -3,13 +3,14 @@
 import logging
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
+from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import json_text
 
@@ -23,40 +24,30 @@ ZIP_MARK = b"PK\x03\x04"      # begins each member of a zip file
 FORMATS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
+@contextmanager
+def readable(path: str | Path, field: str = "photon file") -> Iterator[None]:
+    """Turn what the system says of a file that cannot be read into InvalidInput."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror or error})") from None
+
+
 def require_file(path: Path, field: str) -> None:
     """Raise InvalidInput unless `path` is a file that can be opened."""
-    try:        # a name too long is not absent, nor what lies in a folder that may not be entered
+    with readable(path, field):     # a name too long is not absent, nor what lies in a folder that may not be entered
         require(path.is_file(), field, str(path), "a file that exists")
         path.open("rb").close()
-    except OSError as error:
-        raise InvalidInput(field, str(path), f"a file that can be read ({error.strerror})") from None
 
 
 @contextmanager
-def readable(path: str | Path) -> Iterator[None]:
-    """Turn what the system says of a photon file that cannot be read into InvalidInput."""
-    try:
-        yield
-    except OSError as error:
-        raise InvalidInput("photon file", str(path), f"a file that can be read ({error.strerror or error})") from None
-
-
-@contextmanager
-def naming_file(path: Path) -> Iterator[None]:
-    """Put the name of the file before the field of any InvalidInput."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
-
-
-@contextmanager
-def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
-    """Turn what a reader of others raises on a damaged file into one InvalidInput, and keep its log to itself.
+def naming_file(path: Path, expected: str = "", library: str = "") -> Iterator[None]:
+    """Put the name of the file before the field of any InvalidInput.
 
     Args:
-        expected: what the file should be, in words.
-        library: the name of the reader's logger.
+        expected: what the file should be, in words: then whatever else a reader of others raises on a damaged file
+            becomes one InvalidInput.
+        library: the name of that reader's logger, which is kept silent.
     """
     log = logging.getLogger(library or __name__)
     level = log.level
@@ -66,10 +57,12 @@ def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
     except InvalidInput as error:
         if error.field.startswith(path.name):
             raise
-        raise InvalidInput(f"{path.name} {error.field}", error.value, error.expected) from None
+        raise InvalidInput(f"{path.name} {error.field}".rstrip(), error.value, error.expected) from None
     except ModuleNotFoundError:
         raise
     except Exception as error:      # each library has its own, and Python's where it trusts the file
+        if not expected:
+            raise
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         if isinstance(error, OF_THE_READER):
             why = "its reader failed"
@@ -78,65 +71,88 @@ def one_error(path: Path, expected: str, library: str = "") -> Iterator[None]:
         log.setLevel(level)
 
 
+def in_child(read: Callable[..., dict], path: Path, *arguments, expected: str, **bounds) -> dict[str, np.ndarray]:
+    """What `read(path, *arguments)` returns in a child process, for libraries that a damaged file can make crash.
+
+    Args:
+        expected: what the file should be, in words.
+        bounds: of bounded_call.call.
+    """
+    try:
+        return call(read, str(path), *arguments, **bounds)
+    except ChildFailed as error:
+        raise InvalidInput(path.name, f"unreadable (its reader {error})", expected) from None
+
+
 def read_text(path: Path) -> str:
     """The text of a JSON file, with or without a byte order mark; InvalidInput if it is too long or not UTF-8."""
-    try:
+    with naming_file(path, "JSON in UTF-8"):
         size = path.stat().st_size
-        require(size <= json_text.MAX_BYTES, path.name, f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
+        require(size <= json_text.MAX_BYTES, "", f"{size} bytes", f"at most {json_text.MAX_BYTES} bytes")
         return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(path.name, f"unreadable ({error})", "JSON in UTF-8") from None
 
 
-def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None) -> dict[str, np.ndarray]:
+def read_npz_arrays(path: Path, names: tuple[str, ...] | None = None, field: str = "photon file"
+                    ) -> dict[str, np.ndarray]:
     """Arrays of an .npz file, those of `names` that it has, or all; no pickles, sizes checked against the headers.
+
+    Args:
+        field: what the file is, to say that it is absent.
 
     Raises:
         InvalidInput: not a zip file, truncated, an array of objects, or arrays of more than MAX_BYTES together.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-            require(len(members) <= MAX_MEMBERS, f"{path.name} members", len(members), f"at most {MAX_MEMBERS}")
-            wanted = [info for info in members if names is None or info.filename[:-4] in names]
-            size = sum(_member_bytes(archive, info, f"{path.name} {info.filename[:-4]}") for info in wanted)
-            require(size <= MAX_BYTES, f"{path.name} size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
-            arrays = {}
-            for info in wanted:
-                with archive.open(info) as stream:
-                    arrays[info.filename[:-4]] = np.lib.format.read_array(stream, allow_pickle=False)
-            return arrays
-    except InvalidInput:
-        raise
-    except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
-        why = f"unreadable ({error})"
-        if _begins_as_zip(path):    # whose directory is at its end: without it, zipfile takes the file for no zip
-            why = "truncated or damaged" + ("" if isinstance(error, zipfile.BadZipFile) else f" ({error})")
-        raise InvalidInput(path.name, why, "a complete .npz file (a zip of arrays)") from None
+    require_file(path, field)
+    with open_npz(path) as archive:
+        headers = npz_headers(archive, names)
+        size = sum(math.prod(shape) * dtype.itemsize for shape, _, dtype in headers.values())
+        require(size <= MAX_BYTES, "size", f"{size} bytes", f"at most {MAX_BYTES} bytes of arrays")
+        arrays = {}
+        for name in headers:
+            with archive.open(f"{name}.npy") as stream:
+                arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+        return arrays
 
 
-def _begins_as_zip(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(ZIP_MARK)) == ZIP_MARK
-    except OSError:
-        return False
+@contextmanager
+def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive that an .npz file is; what goes wrong as long as it is open becomes InvalidInput."""
+    with path.open("rb") as file, naming_file(path):
+        begins_as_zip = file.read(len(ZIP_MARK)) == ZIP_MARK
+        try:
+            with zipfile.ZipFile(file) as archive:
+                yield archive
+        except InvalidInput:
+            raise
+        except Exception as error:      # zipfile, zlib and NumPy have a dozen kinds for what is damaged
+            why = f"unreadable ({error})"
+            if begins_as_zip:           # whose directory is at its end: without it, zipfile takes the file for no zip
+                why = "truncated or damaged" + ("" if isinstance(error, zipfile.BadZipFile) else f" ({error})")
+            raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
 
 
-def map_npy(path: Path, field: str) -> np.ndarray:
-    """The array of an .npy file, mapped into memory; InvalidInput if it is none."""
+def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None, most: int = MAX_BYTES
+                ) -> dict[str, tuple]:
+    """`npy_header` of the arrays of an .npz file, of those of `names` that it has, or of all."""
+    members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+    require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
+    headers = {}
+    for info in members:
+        name = info.filename[:-4]
+        if names is None or name in names:
+            require(info.compress_type in COMPRESSIONS, name, f"packed by method {info.compress_type}",
+                    "an array stored or deflated, as NumPy writes it")
+            with archive.open(info) as stream:
+                headers[name] = npy_header(stream, info.file_size, name, most)
+    return headers
+
+
+def map_npy(path: Path, field: str, most: int = MAX_BYTES) -> np.ndarray:
+    """The array of an .npy file, mapped into memory; InvalidInput if it is none, or of more than `most` bytes."""
     with path.open("rb") as stream:
-        shape, _, _ = npy_header(stream, path.stat().st_size, field)
+        shape, _, _ = npy_header(stream, path.stat().st_size, field, most)
     require(math.prod(shape) > 0, field, "empty", "an array with something in it")
     return np.load(path, mmap_mode="r", allow_pickle=False)
-
-
-def _member_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo, field: str) -> int:
-    require(info.compress_type in COMPRESSIONS, field, f"packed by method {info.compress_type}",
-            "an array stored or deflated, as NumPy writes it")
-    with archive.open(info) as stream:
-        shape, _, dtype = npy_header(stream, info.file_size, field)
-    return math.prod(shape) * dtype.itemsize
 
 
 def npy_header(stream: BinaryIO, file_size: int, field: str, most: int = MAX_BYTES) -> tuple[tuple, bool, np.dtype]:

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.datasets.cubes import GIVEN, cube, given_by, the_cube
-from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.files import in_child, naming_file
 from srt3d_ros.datasets.photons import positive_integer
 from srt3d_ros.datasets.stream import Events, Recording
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 
 EXPECTED = "a whole HDF5 file of counts [rows, cols, bins], or a photon-HDF5 file"
 PHOTONS = 2**20             # read at once
@@ -34,11 +33,8 @@ def read(path: Path, options: dict) -> Recording:
     """
     import h5py
 
-    try:        # a damaged file may end the process: not this one
-        call(first_values, str(path), timeout_s=60.0)
-    except ChildFailed as error:
-        raise InvalidInput(path.name, f"unreadable (its reader {error})", EXPECTED) from None
-    with one_error(path, EXPECTED), h5py.File(path, "r") as file:
+    in_child(first_values, path, expected=EXPECTED, timeout_s=60.0)     # a damaged file may end the process: not this
+    with naming_file(path, EXPECTED), h5py.File(path, "r") as file:
         if any(name.startswith("photon_data") for name in file):
             return _photons(path, file, options)
         return _cube(path, file, options)
@@ -48,7 +44,7 @@ def first_values(path: str) -> dict[str, np.ndarray]:
     """Read one value of each dataset, in a process that may end of it; nothing is returned."""
     import h5py
 
-    with one_error(Path(path), EXPECTED), h5py.File(path, "r") as file:
+    with naming_file(Path(path), EXPECTED), h5py.File(path, "r") as file:
         for dataset in _datasets(file).values():
             if dataset.size and dataset.dtype.kind in "iufb":
                 dataset[(0,) * dataset.ndim]
@@ -110,7 +106,7 @@ def _photons(path: Path, file, options: dict) -> Recording:
         import h5py
 
         done, first_pixel = 0, 0
-        with one_error(path, EXPECTED), h5py.File(path, "r") as file:
+        with naming_file(path, EXPECTED), h5py.File(path, "r") as file:
             for name, own in zip(spots, detectors):
                 group = file[name]
                 for first in range(0, len(group["nanotimes"]), PHOTONS):

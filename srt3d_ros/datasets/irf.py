@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.datasets.files import map_npy, read_npz_arrays, require_file
+from srt3d_ros.datasets.files import map_npy, naming_file, read_npz_arrays, require_file
 from srt3d_ros.errors import InvalidInput, require
 
 MAX_LENGTH = 65_535
@@ -131,7 +131,7 @@ def estimated(events: PhotonEvents, num_bins: int, guess: bool) -> tuple[np.ndar
 
 def _read_file(path: Path, key: str | None) -> np.ndarray:
     if path.suffix.lower() == ".npz":
-        arrays = read_npz_arrays(path, None if key is None else (key,))
+        arrays = read_npz_arrays(path, None if key is None else (key,), "irf")
         if key is None and "irf" not in arrays:
             numeric = [name for name, array in arrays.items() if array.dtype.kind in "iuf" and array.ndim]
             require(len(numeric) == 1, f"{path.name} arrays", ", ".join(arrays), "one named irf, or FILE.npz:NAME")
@@ -142,12 +142,9 @@ def _read_file(path: Path, key: str | None) -> np.ndarray:
         return map_npy(path, f"irf file {path.name}")
     require(path.stat().st_size <= MAX_TEXT_BYTES, f"irf file {path.name}", f"{path.stat().st_size} bytes",
             f"at most {MAX_TEXT_BYTES} bytes of text")
-    try:
-        with warnings.catch_warnings():     # of a file without numbers, which the caller refuses
-            warnings.simplefilter("ignore")
-            return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
-    except (OSError, ValueError, EOFError) as error:
-        raise InvalidInput(f"irf file {path.name}", str(error), "numbers") from None
+    with naming_file(path, "numbers"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")         # of a file without numbers, which the caller refuses
+        return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=1)
 
 
 def _fullest_pixels(events: PhotonEvents) -> tuple[np.ndarray, np.ndarray]:

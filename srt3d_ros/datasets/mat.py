@@ -1,175 +1,215 @@
-"""The .mat files that single-photon lidar data are published in, read unmodified.
+"""The .mat files that single-photon lidar data are published in, read unmodified; and others with an array of counts.
 
-A file is recognised by the name and shape of its variables. To read another published file, add its `Layout` in
-mat_variables.py.
-scipy reads them in a child process: its reader trusts the file, and some files end the process that reads them.
+A published file is recognised by the name and form of a variable: to read another one, add its `Layout`. scipy reads
+them in a child process: its reader trusts the file, and some files end the process that reads them.
 """
 
+import warnings
+from math import isqrt
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.bounded_call import ChildFailed, call
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import MAX_BINS, MAX_PIXELS, SensorModel
-from srt3d_ros.datasets.cubes import cube, given_by, parts_of
-from srt3d_ros.datasets.files import naming_file, require_file
-from srt3d_ros.datasets.mat_variables import EXPECTED, LAYOUTS, Layout, variables_of
-from srt3d_ros.datasets.photons import MAX_PHOTONS, Photons, described, gate_events, number
-from srt3d_ros.datasets.stream import Recording
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.core.sensor import MAX_PIXELS
+from srt3d_ros.datasets import hdf5
+from srt3d_ros.datasets.cubes import GIVEN, cube, given_by, parts_of
+from srt3d_ros.datasets.files import in_child, naming_file
+from srt3d_ros.datasets.photons import MAX_PHOTONS, number, positive_integer, refuse_channel
+from srt3d_ros.datasets.stream import Events, Recording
+from srt3d_ros.errors import require
 
+EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 MAX_MEMORY_BYTES = 5 * 2**30     # the most photons in 8 bytes each, in their cells and joined; the rest for the reader
 MAX_SECONDS = 600.0             # fifteen times what files that fill this memory take
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
+CELLS, COUNTS, SPARSE = "[rows, cols] cell", "[T, rows·cols] counts", "sparse [rows·cols, T] counts"
+CUBE = "any other numeric array [rows, cols, bins]"
 
 
-def read(path: str | Path, options: dict, guess_irf: bool = False) -> Photons | Recording:
-    """The photons of a published .mat file, or an array of counts; `options` (photons.gather_options) tell the rest.
+class Layout(NamedTuple):
+    """How one published kind of file holds its photons.
 
-    `num_bins`, `gate`: T and the first bin that are kept. Without a gate, the file's own window; without that, bins
-    0 to num_bins; without that, the smallest to the largest ToA. `toa_offset_bins` counts up to the file's own bin 0;
-    the window's first bin is added to it.
+    Args:
+        variable: name of the array of photons.
+        bin_width_s: where the file does not say; what the authors say, or inferred from their description.
+        form: CELLS of ToA lists, COUNTS of photons per bin or SPARSE ones; pixels of counts in MATLAB's column-major
+            order.
+        picoseconds: ToA are times in picoseconds, not bins.
+        window: scalars that hold the first and last ToA of the measured window.
+        reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
+    """
+
+    variable: str
+    bin_width_s: float
+    form: str = CELLS
+    picoseconds: bool = False
+    window: tuple[str, ...] = ()
+    reference: str = ""
+
+    def fits(self, photons: object) -> bool:
+        """Whether this is what scipy reads the variable of such a file as."""
+        if self.form == SPARSE:
+            return hasattr(photons, "tocoo")
+        kinds = "O" if self.form == CELLS else "iuf"
+        return isinstance(photons, np.ndarray) and photons.ndim == 2 and photons.dtype.kind in kinds
+
+
+LAYOUTS = (
+    Layout("Y", 16e-12, COUNTS, reference="DepthImage"),        # Heriot-Watt polystyrene head
+    Layout("photon_times", 8e-12),                              # MIT, two layers (Shin et al., Opt. Express 2016)
+    Layout("Ts", 8e-12),                                        # MIT, mannequin face (Shin et al., IEEE TCI 2015)
+    Layout("data_processed", 100e-12, picoseconds=True,         # USTC, tower at 9.8 km (Li et al., Optica 2021);
+           window=("mm", "MM")),                                # the bin width is our choice
+    Layout("spad", 80e-12, SPARSE, reference="bin"),            # simulated: Lindell et al., SIGGRAPH 2018
+)
+
+
+def read(path: Path, options: dict) -> Recording:
+    """The photons of a .mat file; of its ToA, bins of the window that the file states, or those that have photons.
 
     Raises:
         InvalidInput: naming the file, variable or option that cannot be used.
     """
-    path = Path(path)
-    require_file(path, "photon file")
+    if hdf5.is_matlab(path):
+        return hdf5.read(path, options)
+    refuse_channel(options)
     with naming_file(path):
-        layout, variables = _load(path)
-    if layout is None:
-        counts = variables.pop("counts")
-        return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given_by(variables))
+        found = in_child(variables_of, path, expected=EXPECTED, memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
+        index = found.pop("layout").item()
+        if index < 0:
+            counts = found.pop("counts")
+            return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given_by(found))
+        return _recording(path, LAYOUTS[index], found, options)
+
+
+def _recording(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Recording:
     width_s = number("bin_width_s", options.get("bin_width_s", layout.bin_width_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     notes = () if "bin_width_s" in options else (f"bin width taken to be {width_s * 1e12:g} ps: the file has none",)
-    with naming_file(path):
-        unpack = _from_sparse if layout.sparse else _from_counts if layout.counts else _from_cells
-        content = unpack(layout, variables, options)
-        toa = _to_bins(layout, content.toa, width_s)
-    first, bins, may_drop = _window(layout, variables, options, width_s, toa, content.bins)
-    events, dropped = gate_events(PhotonEvents(content.pixel, toa), first, bins)
-    require(may_drop or not dropped, "num_bins", bins, f"above {toa.max(initial=0)}, the largest ToA; or give a gate")
-    plain = SensorModel(content.rows, content.cols, bins, width_s, np.ones(1))
-    sensor, assumed = described(plain, options, events, first, guess_irf)
-    reference = _reference(layout, variables, first, bins, (content.rows, content.cols))
-    if reference is not None:       # these are numbers of bins
-        reference = reference + np.float32(sensor.first_bin_center)
-    return Photons(sensor, events, reference, path.stem, notes + dropped + assumed)
-
-
-class _Content(NamedTuple):
-    """What a file holds: ToA as the file counts them, and the bins of its histograms if it has such."""
-
-    rows: int
-    cols: int
-    pixel: np.ndarray
-    toa: np.ndarray
-    bins: int | None
-
-
-def _load(path: Path) -> tuple[Layout | None, dict[str, np.ndarray]]:
-    """The layout of a file, None for other counts, and its variables, as `variables_of` gives them."""
-    try:
-        variables = call(variables_of, str(path), memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
-    except ChildFailed as error:
-        raise InvalidInput("", f"unreadable (its reader {error})", EXPECTED) from None
-    index = variables.pop("layout").item()
-    return LAYOUTS[index] if index >= 0 else None, variables
-
-
-def _from_counts(layout: Layout, variables: dict, options: dict) -> _Content:
-    counts = variables[layout.variable]
-    bins, pixels = counts.shape
-    rows, cols = _counted_shape(layout, variables, options, pixels)
-    _check_counts(layout, counts)
-    by_pixel = np.ascontiguousarray(counts.reshape(bins, cols, rows).transpose(2, 1, 0)).ravel()
-    at = np.flatnonzero(by_pixel)
-    photons = by_pixel[at].astype(np.int64)
-    pixel, toa = np.divmod(at, bins)
-    return _Content(rows, cols, np.repeat(pixel.astype(np.uint32), photons), np.repeat(toa, photons), bins)
-
-
-def _from_sparse(layout: Layout, variables: dict, options: dict) -> _Content:
-    pixels, bins = variables["size"][0].tolist()
-    require(pixels <= MAX_PIXELS, f"{layout.variable} pixels", pixels, f"at most {MAX_PIXELS}")
-    rows, cols = _counted_shape(layout, variables, options, pixels)
-    pixel, toa, photons = variables[layout.variable]
-    _check_counts(layout, photons)
-    col, row = np.divmod(pixel.astype(np.int64), rows)
-    pixel = row * cols + col
-    order = np.lexsort((toa, pixel))
-    photons = photons[order].astype(np.int64)
-    return _Content(rows, cols, pixel[order].astype(np.uint32).repeat(photons),
-                    toa[order].astype(np.int64).repeat(photons), bins)
-
-
-def _check_counts(layout: Layout, counts: np.ndarray) -> None:
-    require(bool((counts >= 0).all() and (counts == np.floor(counts)).all()), layout.variable,
-            "negative or fractional in places", "photons per bin")
-    total = float(counts.sum(dtype=np.float64))
-    require(total <= MAX_PHOTONS, f"{layout.variable} photons", total, f"at most {MAX_PHOTONS}")
-
-
-def _counted_shape(layout: Layout, variables: dict, options: dict, pixels: int) -> tuple[int, int]:
-    """Rows and columns of a counts array: the options', the reference's, or square."""
-    side = int(np.sqrt(pixels))
-    shape = getattr(variables.get(layout.reference), "shape", (side, side))
-    expected = f"rows and cols whose product is the {pixels} pixels of {layout.variable}"
-    rows, cols = (number(name, options.get(name, own), expected) for name, own in zip(("rows", "cols"), shape))
-    whole = rows == int(rows) > 0 and cols == int(cols) > 0
-    require(whole and rows * cols == pixels, "rows, cols", f"{rows:g}, {cols:g}", expected)
-    return int(rows), int(cols)
-
-
-def _from_cells(layout: Layout, variables: dict, options: dict) -> _Content:
-    toa, lengths = variables[layout.variable], variables["lengths"]
-    rows, cols = lengths.shape
-    require(options.get("rows", rows) == rows and options.get("cols", cols) == cols, "rows, cols",
-            f"{options.get('rows', rows)}, {options.get('cols', cols)}", f"{rows}, {cols}, as in the file")
-    whole = layout.picoseconds or toa.dtype.kind != "f" or bool((toa == np.floor(toa)).all())
-    require(whole and bool(np.isfinite(toa).all()), layout.variable, "fractional or not finite in places", "whole bins")
-    pixel = np.repeat(np.arange(lengths.size, dtype=np.uint32), lengths.ravel())
-    return _Content(rows, cols, pixel, toa, None)
-
-
-def _to_bins(layout: Layout, toa: np.ndarray, width_s: float) -> np.ndarray:
-    """ToA as the file counts them → 0-based bins, uint32."""
-    if layout.picoseconds:
-        toa = np.floor(toa * (1e-12 / width_s) + EDGE)
-    elif not layout.counts:
-        toa = toa.astype(np.int64)
-    require(len(toa) == 0 or 0 <= toa.min() <= toa.max() < 2**32, f"{layout.variable} ToA",
-            "below 0 or beyond 2³² bins in places", "times of arrival from 0")
-    return toa.astype(np.uint32)
-
-
-def _window(layout: Layout, variables: dict, options: dict, width_s: float, toa: np.ndarray,
-            bins_in_file: int | None) -> tuple[int, int, bool]:
-    """First bin and number of bins to keep, and whether photons outside may be dropped."""
-    if "gate" in options:
-        return *options["gate"], True
-    given = int(number("num_bins", options.get("num_bins", 0), "a number of bins"))
-    if layout.window and all(name in variables for name in layout.window):
+    photons, reference, given = found[layout.variable], found.get(layout.reference), {"bin_width_s": width_s}
+    if layout.form == CELLS:
+        pixel, toa, (rows, cols) = found["pixel"], photons, found["size"].tolist()
+        own = tuple(options.get(name, size) for name, size in (("rows", rows), ("cols", cols)))
+        require(own == (rows, cols), "rows, cols", own, f"{rows}, {cols}, as in the file")
         unit = 1e-12 / width_s if layout.picoseconds else 1
-        low, high = (number(name, float(variables[name].item()) * unit, "a ToA") for name in layout.window)
-        first, may_drop = int(np.floor(low + EDGE)), True
-        bins = given or int(np.ceil(high - EDGE)) - first
-    elif given or bins_in_file:
-        first, bins, may_drop = 0, given or bins_in_file, False
+        whole = layout.picoseconds or bool((toa == np.floor(toa)).all())
+        require(whole, layout.variable, "fractional or not a number in places", "whole bins")
+        require(bool(((toa >= 0) & (toa * unit < 2**32)).all()), f"{layout.variable} ToA",
+                "below 0 or beyond 2³² bins in places", "times of arrival from 0")
+        toa = np.floor(toa * unit + EDGE).astype(np.int64)
+        first, bins = _window([found[name].item() * unit for name in layout.window if name in found], toa, options)
+        given["gate"] = first, bins
     else:
-        first, may_drop = int(toa.min(initial=2**32 - 1)), False
-        bins = int(toa.max(initial=0)) - first + 1
-    require(first >= 0 and 2 <= bins <= MAX_BINS, "num_bins", bins,
-            f"2 to {MAX_BINS} bins: give num_bins, gate or bin_width_s")
-    return first, bins, may_drop
+        pixels, bins = found["size"].tolist()
+        rows, cols = _counted_shape(pixels, reference, options, layout)
+    if reference is not None:
+        require(reference.shape == (rows, cols), f"{layout.reference} shape", reference.shape, f"{(rows, cols)}")
+        reference = reference.astype(np.float32) - np.float32(1)
+    if layout.form == COUNTS:
+        counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
+        return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes, reference)
+    if layout.form == SPARSE:
+        col, row = np.divmod(found["pixel"], rows)
+        toa, pixel = photons, row * cols + col
+        order = np.lexsort((toa, pixel))
+        toa, pixel = toa[order], pixel[order]
+    return Recording(rows, cols, bins, width_s, lambda: iter([Events(pixel, toa, 1.0)]), path.stem, notes, given,
+                     reference)
 
 
-def _reference(layout: Layout, variables: dict, first: int, bins: int, shape: tuple[int, int]) -> np.ndarray | None:
-    if layout.reference not in variables:
-        return None
-    depth = np.asarray(variables[layout.reference], dtype=np.float32) - np.float32(1 + first)
-    require(depth.shape == shape, f"{layout.reference} shape", depth.shape, f"{shape}")
-    return np.where((depth >= 0) & (depth < bins), depth, np.float32(np.nan))[None]
+def _counted_shape(pixels: int, reference: np.ndarray | None, options: dict, layout: Layout) -> tuple[int, int]:
+    """Rows and columns of an array of counts: the options', the reference's, or square."""
+    own = (isqrt(pixels),) * 2 if reference is None else reference.shape
+    rows, cols = (positive_integer(name, options.get(name, size)) for name, size in zip(("rows", "cols"), own))
+    require(rows * cols == pixels, "rows, cols", f"{rows}, {cols}",
+            f"rows and cols whose product is the {pixels} pixels of {layout.variable}")
+    return rows, cols
+
+
+def _window(stated: list[float], toa: np.ndarray, options: dict) -> tuple[int, int]:
+    """First bin and number of bins to keep: those `stated`, else of `num_bins` or those that have photons."""
+    given = int(number("num_bins", options.get("num_bins", 0), "a number of bins"))
+    if len(stated) == 2:
+        low, high = (number("window", value, "a ToA") for value in stated)
+        first, end = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE))
+    else:
+        first, end = (0, 0) if given or not toa.size else (int(toa.min()), int(toa.max()) + 1)
+    return first, given or end - first
+
+
+def variables_of(path: str) -> dict[str, np.ndarray]:
+    """For a child process: the variables of the layout that fits, and `layout`, its index, or -1 if none does.
+
+    Of cells their content, one after the other, with `pixel` and `size`, [rows, cols]. Of counts their `size`, pixels
+    and bins; of sparse ones pixel and bin of each photon. Without a layout `counts` [rows, cols, bins], and what
+    describes the sensor.
+
+    Raises:
+        InvalidInput: nothing fits, or the photons are too many or no numbers.
+    """
+    from scipy.io import loadmat
+
+    warnings.simplefilter("ignore")
+    names = {name for one in LAYOUTS for name in (one.variable, *one.window, one.reference) if name}
+    content = loadmat(path, variable_names=names)
+    index = next((k for k, one in enumerate(LAYOUTS) if one.fits(content.get(one.variable))), -1)
+    if index < 0:
+        return _other_counts(path) | {"layout": np.array(index)}
+    layout = LAYOUTS[index]
+    photons = content[layout.variable]
+    own = {CELLS: _of_cells, SPARSE: _of_sparse, COUNTS: _of_counts}[layout.form](layout.variable, photons)
+    for name in filter(content.__contains__, (*layout.window, layout.reference)):
+        own[name] = np.asarray(content[name])
+        require(own[name].dtype.kind in "iuf", name, str(own[name].dtype), "numbers")
+        require(own[name].size == 1 or name not in layout.window, f"{name} shape", own[name].shape, "one number")
+    return own | {"layout": np.array(index)}
+
+
+def _of_counts(name: str, counts: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: counts, "size": np.array(counts.shape[::-1])}
+
+
+def _of_sparse(name: str, counts) -> dict[str, np.ndarray]:
+    require(counts.shape[0] <= MAX_PIXELS, f"{name} pixels", counts.shape[0], f"at most {MAX_PIXELS}")
+    found = counts.tocoo()
+    photons = found.data.astype(np.float64)
+    require(bool(((photons >= 0) & (photons == np.floor(photons))).all()), name, "negative or fractional in places",
+            "photons per bin")
+    _check_number(name, photons.sum())
+    photons = photons.astype(np.int64)
+    return {name: found.col.repeat(photons), "pixel": found.row.repeat(photons), "size": np.array(counts.shape)}
+
+
+def _of_cells(name: str, cells: np.ndarray) -> dict[str, np.ndarray]:
+    require(0 < cells.size <= MAX_PIXELS, f"{name} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
+    lengths = np.fromiter((cell.size for cell in cells.flat), np.int64, cells.size)
+    _check_number(name, lengths.sum())
+    for cell in cells.flat:
+        fits = isinstance(cell, np.ndarray) and (cell.dtype.kind in "iuf" or not cell.size)
+        require(fits, f"{name} cells", f"{type(cell).__name__} of {getattr(cell, 'dtype', '')}", "lists of numbers")
+    toa = np.concatenate([np.zeros(0, np.int64), *(cell.ravel() for cell in cells.flat if cell.size)])
+    return {name: toa, "pixel": np.arange(cells.size).repeat(lengths), "size": np.array(cells.shape)}
+
+
+def _check_number(name: str, photons: float) -> None:
+    require(photons <= MAX_PHOTONS, f"{name} photons", photons, f"at most {MAX_PHOTONS}")
+
+
+def _other_counts(path: str) -> dict[str, np.ndarray]:
+    """The only numeric array of three dimensions of a file, and what describes its sensor by the names of options."""
+    from scipy.io import loadmat, whosmat
+
+    try:
+        listed = whosmat(path)
+    except TypeError:       # at objects of classes, which loadmat leaves out
+        listed = []
+    cubes = [name for name, shape, kind in listed if len(shape) == 3 and kind not in ("cell", "struct")]
+    words = ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, shape, kind in listed)
+    forms = "; ".join([*(f"{one.variable} ({one.form})" for one in LAYOUTS), CUBE])
+    require(len(cubes) == 1, "variables", words if listed else "others, some of them objects", f"one of {forms}")
+    content = loadmat(path, variable_names=[*cubes, *GIVEN])
+    found = {"counts": content[cubes[0]]} | {name: content[name] for name in GIVEN if name in content}
+    for name, values in found.items():
+        require(isinstance(values, np.ndarray) and values.dtype.kind in "iufbU", name, type(values).__name__, "numbers")
+    return found

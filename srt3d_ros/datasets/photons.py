@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonHistograms
 from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Pinhole
 from srt3d_ros.core.sensor import MAX_BINS, SensorModel
 from srt3d_ros.core.sketch import Sketch
@@ -18,10 +18,11 @@ from srt3d_ros.messages import json_text
 
 MAX_PHOTONS = 2**28
 MAX_GATE_BIN = 2**31
-SENSOR_OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref")
+SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols", "gates"))
 ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
                "(--fov-deg), or the projection")
-OPTIONS = (*SENSOR_OPTIONS, "irf", "fov_deg", "gate", "rows", "cols", "channel")
+OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref", "irf", "fov_deg",
+           "gate", "rows", "cols", "channel")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ class Photons:
         for name in ("rows", "cols"):
             own = getattr(self.sensor, name)
             require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
-        photons = self.with_sensor(apply_options(self.sensor, options))
+        photons = self.with_sensor(described(self.sensor, options))
         if "gate" not in options:
             return photons
         first, bins = options["gate"]
@@ -103,14 +104,6 @@ class Photons:
 def still_assumed(notes: tuple[str, ...], before: SensorModel, now: SensorModel) -> tuple[str, ...]:
     """The notes without that on an assumed projection, if another was given since."""
     return notes if now.projection is before.projection else tuple(note for note in notes if note != ASSUMED_FOV)
-
-
-def gate_events(events: PhotonEvents, first: int, bins: int) -> tuple[PhotonEvents, tuple[str, ...]]:
-    """The photons in bins [first, first + bins), counted from `first`, and a note if any lie outside."""
-    inside = (events.toa >= first) & (events.toa < first + bins)
-    toa = (events.toa[inside] - events.toa.dtype.type(first)).astype(np.uint16)
-    gated = PhotonEvents(events.pixel[inside], toa, events.stamp_ns)
-    return gated, outside_note(events.photons - gated.photons, events.photons, first, first + bins - 1)
 
 
 def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
@@ -149,40 +142,38 @@ def gather_options(path: Path, overrides: dict) -> dict:
     return options
 
 
-def apply_options(sensor: SensorModel, options: dict) -> SensorModel:
-    """The sensor with the options in place of its own values; `gate`, `rows` and `cols` are left out."""
-    changes = {name: options[name] for name in SENSOR_OPTIONS if name in options}
-    if "irf" in options:
-        changes |= {"irf": options["irf"], "irf_ref": options.get("irf_ref")}
+def described(sensor: SensorModel, options: dict) -> SensorModel:
+    """The sensor with options in place of its own values; those that do not describe it are left out."""
+    changes = {name: value for name, value in options.items() if name in SENSOR_OPTIONS}
+    if "irf" in changes:        # irf_ref belongs to the one that is replaced
+        changes = {"irf_ref": None} | changes
     if "fov_deg" in options:
         changes["projection"] = pinhole(sensor.rows, sensor.cols, options["fov_deg"])
     return sensor.replace(**changes) if changes else sensor
 
 
-def described(plain: SensorModel, options: dict, events: PhotonEvents, first: int, guess_irf: bool
-              ) -> tuple[SensorModel, tuple[str, ...]]:
-    """The sensor of a file that says little of it, and a line for each assumption.
-
-    Args:
-        plain: its pixels, bins and bin width.
-        options: what is known beside; without an `irf` the one that the photons show is taken.
-        first: bin of the file at which the sensor's bins begin.
-        guess_irf: take an IRF of one bin where none can be estimated, instead of refusing.
-    """
-    irf, notes = options.get("irf"), ()
-    if irf is None:
-        irf, note = irfs.estimated(events, plain.num_bins, guess_irf)
-        notes = (note,)
-    if "fov_deg" not in options:
-        notes += (ASSUMED_FOV,)
-    known = {name: value for name, value in options.items() if name not in ("num_bins", "irf", "irf_ref")}
-    sensor = apply_options(plain.replace(irf=irf, irf_ref=options.get("irf_ref")), known)
-    return sensor.replace(toa_offset_bins=sensor.toa_offset_bins + first), notes
+def sendable(counts: np.ndarray) -> np.ndarray:
+    """Counts in a type that histograms may have: of integers the smallest that holds them."""
+    if counts.dtype in COUNT_DTYPES and counts.dtype.isnative:
+        return counts
+    if counts.dtype.kind == "f":
+        return counts.astype(np.float32)
+    low, high = (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
+    kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
+    require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
+    return counts.astype(kind)
 
 
 def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
     """A pinhole with `fov_deg` across the larger side."""
     return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
+
+
+def check_within(name: str, values: np.ndarray, end: int) -> None:
+    """Raise InvalidInput unless all values are 0 or more, and below `end`."""
+    if values.size:
+        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
+        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
 
 
 def number(field: str, value: object, expected: str) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets.cubes import cube
-from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.ptu import HEADER_BYTES
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import require
@@ -27,7 +27,7 @@ def read(path: Path, options: dict) -> Recording:
     """
     import ptufile
 
-    with one_error(path, EXPECTED, "ptufile"):
+    with naming_file(path, EXPECTED, "ptufile"):
         with path.open("rb") as file:
             tags = ptufile.PhuFile(io.BytesIO(file.read(HEADER_BYTES))).tags
         offsets, lengths = (np.asarray(tags[f"HistResDscr_{name}"], np.int64)

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.sensor import MAX_BINS
-from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import number, positive_integer
-from srt3d_ros.datasets.scan import FRAME, LINE, STOP, LineScan, Records, chosen_channel, look_at_marks, photons_of
-from srt3d_ros.datasets.stream import Events, Recording
-from srt3d_ros.datasets.sync import FromSync, laser_period
+from srt3d_ros.datasets.scan import FRAME, LINE, STOP, LineScan, Records, look_at_marks, recording
+from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import require
 
 EXPECTED = "a PicoQuant .ptu file, whole"
@@ -22,6 +21,7 @@ MAX_LINE_TICKS = 2**24          # of a line of uneven speed, for which there is 
 MARKS = {"ImgHdr_LineStart": LINE, "ImgHdr_LineStop": STOP, "ImgHdr_Frame": FRAME}
 DEFAULT_BITS = {"ImgHdr_LineStart": 1, "ImgHdr_LineStop": 2}     # of markers, in a file that does not say
 PICOHARP_T2 = 0x00010203
+PULSES = 2**17                  # that a laser's period is measured on
 
 
 def read(path: Path, options: dict) -> Recording:
@@ -33,22 +33,14 @@ def read(path: Path, options: dict) -> Recording:
     """
     import ptufile
 
-    with one_error(path, EXPECTED, "ptufile"), path.open("rb") as file:
+    with naming_file(path, EXPECTED, "ptufile"), path.open("rb") as file:
         ptu = ptufile.PtuFile(io.BytesIO(file.read(HEADER_BYTES)))
-        num_bins, bin_width_s, convert, timing_notes = (_t3 if ptu.is_t3 else _t2)(path, ptu, options)
-        records = partial(_converted, path, ptu, convert)
-        channel, channel_notes = chosen_channel(records(), options)
+        num_bins, bin_width_s, photons, notes = (_t3 if ptu.is_t3 else _t2)(path, ptu, options)
+        records = partial(_marked, ptu, photons)
         new_scan, scan_notes = _scan(ptu, records, options)
-
-    def chunks() -> Iterator[Events]:
-        with one_error(path, EXPECTED, "ptufile"):
-            yield from photons_of(records(), new_scan(), channel)
-
-    scan, stated, found = new_scan(), int(ptu.tags.get("TTResult_NumberOfRecords", 0)), _whole_records(path, ptu)
-    notes = timing_notes + channel_notes + scan_notes
-    if stated > found:
-        notes += (f"cut off: {found} of {stated} records are there",)
-    return Recording(scan.rows, scan.cols, num_bins, bin_width_s, chunks, path.stem, notes)
+        stated, found = int(ptu.tags.get("TTResult_NumberOfRecords", 0)), _whole_records(path, ptu)
+        notes += scan_notes + ((f"cut off: {found} of {stated} records are there",) if stated > found else ())
+        return recording(path, records, options, new_scan, num_bins, bin_width_s, notes, (EXPECTED, "ptufile"))
 
 
 def _whole_records(path: Path, ptu) -> int:
@@ -71,48 +63,66 @@ def _records(path: Path, ptu) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
             yield raw, decoded[:-1], time[:-1].astype(np.int64), file.tell() / size
 
 
-def _converted(path: Path, ptu, convert: Callable) -> Iterator[Records]:
-    """The records of a file from its beginning; `convert()` gives what makes ToA and channel of them."""
+def _marked(ptu, photons: Callable[[], Iterator[tuple]]) -> Iterator[Records]:
+    """The records of a file from its beginning; `photons` tells their ToA and channels."""
     bits = {tag: int(ptu.tags.get(tag, DEFAULT_BITS.get(tag, 0))) for tag in MARKS}
-    timing = convert()
-    for raw, decoded, time, done in _records(path, ptu):
+    for decoded, time, toa, channel, done in photons():
         marks = np.zeros(len(time), np.uint8)
         for tag, mark in MARKS.items():
             if 1 <= bits[tag] <= 8:
                 marks[decoded["marker"] & (1 << (bits[tag] - 1)) != 0] |= mark
-        yield Records(time, *timing(raw, decoded, time), marks, done)
+        yield Records(time, toa, channel, marks, done)
 
 
 def _t3(path: Path, ptu, options: dict) -> tuple:
-    """T, bin width, conversion and notes of a T3 file: ToA are counted from the laser's pulse by the hardware."""
+    """T, bin width, photons and notes of a T3 file."""
     width_s, period_s = float(ptu.tags["MeasDesc_Resolution"]), float(ptu.tags["MeasDesc_GlobalResolution"])
     require(0 < width_s <= period_s < 1, "MeasDesc_Resolution, MeasDesc_GlobalResolution", f"{width_s:g}, {period_s:g}",
             "seconds of a bin and of a laser period")
     # A period that is no whole number of bins ends within one. Records have no room for more than 2¹⁵ bins.
     bins = min(int(np.ceil(period_s / width_s - 1e-3)), 2**15)
-    return bins, width_s, lambda: lambda raw, decoded, time: (decoded["dtime"], decoded["channel"]), ()
+    return bins, width_s, partial(_from_laser, path, ptu), ()
+
+
+def _from_laser(path: Path, ptu) -> Iterator[tuple]:
+    """Records whose ToA are counted from the laser's pulse by the hardware."""
+    for _, decoded, time, done in _records(path, ptu):
+        yield decoded, time, decoded["dtime"], decoded["channel"], done
 
 
 def _t2(path: Path, ptu, options: dict) -> tuple:
-    """T, bin width, conversion and notes of a T2 file: all events have times, those of the laser too."""
+    """T, bin width, photons and notes of a T2 file: all events have times, those of the laser too."""
     tick_s = float(ptu.tags["MeasDesc_GlobalResolution"])
     require(0 < tick_s < 1, "MeasDesc_GlobalResolution", tick_s, "seconds of a tick")
-    pulses = (time[_is_sync(ptu, raw, decoded)] for raw, decoded, time, _ in _records(path, ptu))
-    period = laser_period(pulses, int(ptu.tags.get("HWSync_Divider", 1)))
+    period = _laser_period(path, ptu)
     width_s = number("bin_width_s", options.get("bin_width_s", np.ceil(period / MAX_BINS) * tick_s), "seconds, above 0")
     require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
     bins = int(np.ceil(period * tick_s / width_s - 1e-3))
+    note = (f"T2: laser period of {period * tick_s * 1e9:.6g} ns measured on the sync channel, "
+            f"bins of {width_s * 1e12:g} ps (--bin-width-s)")
+    return bins, width_s, partial(_from_sync, path, ptu, period, width_s / tick_s), (note,)
 
-    def convert() -> Callable:
-        from_sync = FromSync(period, width_s / tick_s)
 
-        def timing(raw: np.ndarray, decoded: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            is_sync = _is_sync(ptu, raw, decoded)
-            toa, known = from_sync(time, is_sync)
-            return toa, np.where(known & ~is_sync, decoded["channel"], -1)
-        return timing
-    return bins, width_s, convert, (f"T2: laser period of {period * tick_s * 1e9:.6g} ns measured on the sync channel, "
-                                    f"bins of {width_s * 1e12:g} ps (--bin-width-s)",)
+def _laser_period(path: Path, ptu) -> float:
+    """Ticks between the pulses of the laser, of which every n-th may have been recorded."""
+    pulses = np.zeros(0, np.int64)
+    for raw, decoded, time, _ in _records(path, ptu):
+        pulses = np.append(pulses, time[_is_sync(ptu, raw, decoded)])
+        if len(pulses) > PULSES:
+            break
+    require(len(pulses) > 1, "sync channel", f"{len(pulses)} events", "the laser's pulses, to count ToA from")
+    return max(float(np.median(np.diff(pulses))) / max(int(ptu.tags.get("HWSync_Divider", 1)), 1), 1.0)
+
+
+def _from_sync(path: Path, ptu, period: float, bin_ticks: float) -> Iterator[tuple]:
+    """Records whose ToA count from the newest pulse before each, modulo the period; none before the first pulse."""
+    pulse = -1
+    for raw, decoded, time, done in _records(path, ptu):
+        is_sync = _is_sync(ptu, raw, decoded)
+        newest = np.append(pulse, time[is_sync])[np.cumsum(is_sync)]
+        pulse = int(newest[-1])
+        toa = ((time - newest) % period / bin_ticks).astype(np.int64)
+        yield decoded, time, toa, np.where((newest >= 0) & ~is_sync, decoded["channel"], -1), done
 
 
 def _is_sync(ptu, raw: np.ndarray, decoded: np.ndarray) -> np.ndarray:

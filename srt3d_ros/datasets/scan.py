@@ -1,13 +1,15 @@
 """LineScan: which pixel of a raster scan each photon of a time-tagged stream is in, by the marks of the scanner."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import number
-from srt3d_ros.datasets.stream import Events
+from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import require
 
 # Bits of a mark: a line begins, a line ends, a new frame begins with the next line, a pixel begins.
@@ -109,14 +111,6 @@ class LineScan:
         return np.where(inside, col, -1)
 
 
-def photons_of(records: Iterable[Records], scan: LineScan, channel: int) -> Iterator[Events]:
-    """The photons of a channel in their pixels."""
-    for part in records:
-        pixel = scan.pixels(part.time, part.marks)
-        photon = np.flatnonzero(part.channel == channel)
-        yield Events(pixel[photon], part.toa[photon], part.done)
-
-
 class Marks(NamedTuple):
     """What the first marks of a recording say.
 
@@ -136,25 +130,19 @@ class Marks(NamedTuple):
 
 def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
     """Look at the first marks of a recording: of a frame and the beginning of the next."""
-    times, kinds = [], []
-    lines, framed = 0, False
+    time, kind = np.zeros(0, np.int64), np.zeros(0, np.uint8)
     for part in records:
         at = np.flatnonzero(part.marks)
-        times.append(part.time[at])
-        kinds.append(part.marks[at])
-        framed = framed or bool((kinds[-1] & FRAME).any())
-        lines += int(np.count_nonzero(kinds[-1] & LINE))
-        if lines > rows:
+        time, kind = np.append(time, part.time[at]), np.append(kind, part.marks[at])
+        if np.count_nonzero(kind & LINE) > rows:
             break
-    time, kind = np.concatenate(times or [np.zeros(0)]), np.concatenate(kinds or [np.zeros(0, np.uint8)])
-    pixels = bool((kind & PIXEL).any())
     of_lines = kind & (LINE | STOP | FRAME) != 0
-    time, kind = time[of_lines], kind[of_lines]
-    lengths = np.diff(time)[kind[:-1] & LINE != 0]
-    first = int(np.argmax(kind & FRAME != 0)) if framed else 0
-    before = int(np.count_nonzero(kind[:first] & LINE))
+    begins, frames = kind[of_lines] & LINE != 0, kind[of_lines] & FRAME != 0
+    lengths = np.diff(time[of_lines])[begins[:-1]]
+    before = int(np.count_nonzero(begins[:np.argmax(frames)])) if frames.any() else 0
     # One line may be missing: scanners' first and last marks get lost.
-    return Marks(lines, float(np.median(lengths)) if len(lengths) else 0.0, 0 < before < rows - 1, framed, pixels)
+    return Marks(int(np.count_nonzero(begins)), float(np.median(lengths)) if len(lengths) else 0.0,
+                 0 < before < rows - 1, bool(frames.any()), bool((kind & PIXEL).any()))
 
 
 def chosen_channel(records: Iterable[Records], options: dict) -> tuple[int, tuple[str, ...]]:
@@ -163,15 +151,34 @@ def chosen_channel(records: Iterable[Records], options: dict) -> tuple[int, tupl
     Args:
         options: `channel`; else the one with the most photons in the first chunk that has any.
     """
-    seen, photons = np.zeros(0, np.int64), None
-    for part in records:
-        seen, photons = np.unique(part.channel[part.channel >= 0], return_counts=True)
-        if len(seen):
-            break
+    channels = (part.channel[part.channel >= 0] for part in records)
+    seen, photons = np.unique(next(filter(len, channels), ()), return_counts=True)
     require(len(seen) > 0, "photons", 0, "some")
     if "channel" in options:
         return int(number("channel", options["channel"], "a channel's number")), ()
-    chosen = int(seen[np.argmax(photons)])
-    others = ", ".join(str(one) for one in seen)
-    return chosen, () if len(seen) == 1 else (f"photons of channel {chosen}, which has the most, of channels {others} "
-                                              "(--channel)",)
+    chosen, others = int(seen[np.argmax(photons)]), ", ".join(map(str, seen))
+    note = f"photons of channel {chosen}, which has the most, of channels {others} (--channel)"
+    return chosen, (note,) if len(seen) > 1 else ()
+
+
+def recording(path: Path, records: Callable[[], Iterator[Records]], options: dict, new_scan: Callable[[], LineScan],
+              num_bins: int, bin_width_s: float, notes: tuple[str, ...], errors: tuple[str, ...]) -> Recording:
+    """The photons of a channel in the pixels of a scan.
+
+    Args:
+        records: begins to read the file anew.
+        options: `channel`; else the one with the most photons in the first chunk that has any, and a note.
+        new_scan: begins a scan.
+        num_bins, bin_width_s, notes: of the recording.
+        errors: of `naming_file`, for what goes wrong as the file is read.
+    """
+    channel, others = chosen_channel(records(), options)
+
+    def chunks() -> Iterator[Events]:
+        scan = new_scan()
+        with naming_file(path, *errors):
+            for part in records():
+                pixel, photon = scan.pixels(part.time, part.marks), np.flatnonzero(part.channel == channel)
+                yield Events(pixel[photon], part.toa[photon], part.done)
+    scan = new_scan()
+    return Recording(scan.rows, scan.cols, num_bins, bin_width_s, chunks, path.stem, others + notes)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.datasets.cubes import cube, parts_of
+from srt3d_ros.datasets.files import in_child
 from srt3d_ros.datasets.photons import number
 from srt3d_ros.datasets.stream import Recording
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import require
 
 EXPECTED = "a Becker & Hickl .sdt file of histograms, whole"
 MAX_MEMORY_BYTES = 3 * 2**30        # sdtfile reads all blocks of a file, and unpacks them
@@ -24,10 +24,7 @@ def read(path: Path, options: dict) -> Recording:
     """
     channel = options.get("channel")
     wanted = -1 if channel is None else int(number("channel", channel, "the number of a data set, from 0"))
-    try:
-        found = call(histograms, str(path), wanted, memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
-    except ChildFailed as error:
-        raise InvalidInput(path.name, f"unreadable (its reader {error})", EXPECTED) from None
+    found = in_child(histograms, path, wanted, expected=EXPECTED, memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
     counts, sets = found["counts"], int(found["sets"])
     notes = (f"data set {int(found['chosen'])}, which has the most photons, of {sets} (--channel)",) \
         if channel is None and sets > 1 else ()

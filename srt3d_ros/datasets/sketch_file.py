@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
-from srt3d_ros.datasets.files import naming_file, read_npz_arrays, require_file
+from srt3d_ros.datasets.files import naming_file, read_npz_arrays
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import appearing_whole
@@ -42,8 +42,7 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel]:
         InvalidInput: naming the file and the array that cannot be used.
     """
     path = Path(path)
-    require_file(path, "sketch file")
-    arrays = SINCE | read_npz_arrays(path, tuple(FORM))
+    arrays = SINCE | read_npz_arrays(path, tuple(FORM), "sketch file")
     with naming_file(path):
         for name, (kinds, sides) in FORM.items():
             require(name in arrays, name, "missing", f"the arrays {', '.join(FORM)} of a sketch file")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets.files import one_error
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import number, positive_integer
-from srt3d_ros.datasets.scan import FRAME, LINE, PIXEL, LineScan, Records, chosen_channel, look_at_marks, photons_of
-from srt3d_ros.datasets.stream import Events, Recording
+from srt3d_ros.datasets.scan import FRAME, LINE, PIXEL, LineScan, Records, look_at_marks, recording
+from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import require
 
 EXPECTED = "a Becker & Hickl .spc file beside its .set file, of a card that phconvert knows"
@@ -35,29 +35,23 @@ def read(path: Path, options: dict) -> Recording:
     require(settings is not None, path.name, "without its .set file", f"{path.stem}.set beside it: it names the card")
     size = settings.stat().st_size
     require(size <= MAX_SETTINGS_BYTES, f"{settings.name} size", size, f"at most {MAX_SETTINGS_BYTES} bytes")
-    with one_error(path, EXPECTED):
+    with naming_file(path, EXPECTED):
         setup = bhreader.load_set(settings)["setup"]
         records = partial(_records, path, settings)
-        channel, notes = chosen_channel(records(), options)
         width_s = number("bin_width_s", options.get("bin_width_s", setup.get("SP_TAC_TC", 0)), "seconds, above 0")
         require(width_s > 0, "bin_width_s", width_s, "seconds, above 0")
         rows, cols = (positive_integer(name, options.get(name, 1)) for name in ("rows", "cols"))
         new_scan = partial(LineScan, 1, 1, 0)
-        if rows * cols == 1:
-            notes += ("all photons are in one pixel: give the rows and cols of a scan (--rows, --cols)",)
-        else:
+        note = "all photons are in one pixel: give the rows and cols of a scan (--rows, --cols)"
+        if rows * cols > 1:
             marks = look_at_marks(records(), rows)
             seen = marks.lines > 0 and (marks.pixels or marks.line_ticks > 0)
             require(seen, "marks of lines", marks.lines, "several (marker 1), as the scanner sends")
             new_scan = partial(LineScan, rows, cols, marks.line_ticks / cols, marks.frames, skipping=marks.within_frame,
                                pixels_marked=marks.pixels)
-            notes += (f"columns by {'the pixel clock' if marks.pixels else 'the time since the line began'}, rows by "
-                      "marker 1, frames by " + ("marker 2" if marks.frames else "the number of lines"),)
-
-    def chunks() -> Iterator[Events]:
-        with one_error(path, EXPECTED):
-            yield from photons_of(records(), new_scan(), channel)
-    return Recording(rows, cols, 4096, width_s, chunks, path.stem, notes)
+            note = (f"columns by {'the pixel clock' if marks.pixels else 'the time since the line began'}, rows by "
+                    f"marker 1, frames by {'marker 2' if marks.frames else 'the number of lines'}")
+        return recording(path, records, options, new_scan, 4096, width_s, (note,), (EXPECTED,))
 
 
 def _records(path: Path, settings: Path) -> Iterator[Records]:

@@ -36,7 +36,7 @@ class Survey:
         low = int(events.pixel.min(initial=self._pixels))       # a chunk has the photons of few rows
         here = np.bincount(events.pixel - np.uint32(low))
         self.counts[low:low + len(here)] += here
-        self._keep(_every(events, self.step))
+        self._keep(self._sampled(events))
 
     def add_histograms(self, counts: np.ndarray, first: int) -> None:
         """Add counts [n, bins] of the pixels from `first` on."""
@@ -56,9 +56,13 @@ class Survey:
         self._parts.append(part)
         while (kept := sum(part.photons for part in self._parts)) > MAX_KEPT and self.step < self._pixels:
             self.step *= 2
-            self._parts = [_every(part, self.step) for part in self._parts]
+            self._parts = [self._sampled(part) for part in self._parts]
         if kept > MAX_KEPT:
             self._parts.pop()
+
+    def _sampled(self, events: PhotonEvents) -> PhotonEvents:
+        """The photons of every step-th pixel."""
+        return events if self.step == 1 else events.part(events.pixel & np.uint32(self.step - 1) == 0)
 
 
 def events_of(counts: np.ndarray, first: int = 0, step: int = 1) -> PhotonEvents:
@@ -67,11 +71,3 @@ def events_of(counts: np.ndarray, first: int = 0, step: int = 1) -> PhotonEvents
     photons = np.rint(np.maximum(counts.reshape(-1)[at], 0)).astype(np.int64)
     pixel, toa = np.divmod(at, max(counts.shape[1], 1))
     return PhotonEvents((first + step * pixel).astype(np.uint32).repeat(photons), toa.astype(np.uint16).repeat(photons))
-
-
-def _every(events: PhotonEvents, step: int) -> PhotonEvents:
-    """The photons of every step-th pixel, a power of two."""
-    if step == 1:
-        return events
-    kept = events.pixel & np.uint32(step - 1) == 0
-    return PhotonEvents(events.pixel[kept], events.toa[kept])

@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import zlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,8 +9,8 @@ import numpy as np
 
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.files import require_file
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.datasets.files import naming_file, require_file
+from srt3d_ros.errors import require
 
 MAX_LOG_BYTES = 2**28       # of text, unpacked: a parsed log takes some five times as much
 HEAD_BYTES = 2**16          # in which a log shows whose it is
@@ -61,19 +60,15 @@ def text(path: Path) -> str:
     require_file(path, "log")
     data = _read(path, MAX_LOG_BYTES + 1)
     require(len(data) <= MAX_LOG_BYTES, path.name, f"more than {MAX_LOG_BYTES} bytes", "a shorter log: split it")
-    try:
+    with naming_file(path, "text in UTF-8"):
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InvalidInput(path.name, f"unreadable ({error})", "text in UTF-8") from None
 
 
 def json_log(path: Path) -> dict | list:
     """The content of a JSON log."""
     content = text(path)
-    try:
+    with naming_file(path, "a whole log in JSON"):
         return json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(path.name, f"broken JSON ({error})", "a whole log") from None
 
 
 def counts(field: str, rows: list, shape: tuple[int, ...]) -> np.ndarray:
@@ -90,10 +85,5 @@ def counts(field: str, rows: list, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _read(path: Path, most: int) -> bytes:
-    try:
-        with (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
-            return stream.read(most)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InvalidInput(path.name, f"unreadable ({error})", "a whole .gz file") from None
-    except OSError as error:
-        raise InvalidInput("log", str(path), f"a file that can be read ({error.strerror or error})") from None
+    with naming_file(path, "a whole log"), (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
+        return stream.read(most)

@@ -15,7 +15,6 @@ import numpy as np
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.devices import pile_up
 from srt3d_ros.devices.reading import Reading, counts, json_log
 from srt3d_ros.errors import require
 
@@ -27,6 +26,7 @@ BIN_WIDTH_S = 93.5e-12      # 14.02 mm, as measured on that plane from 30 mm on;
 FOV_DEG = 41.0, 52.0        # across and down, of the wide 3 × 3 SPAD map
 LEAD = 4                    # bins before the reference pulse's peak in which its light has not begun
 TICK_NS = 200
+MOST_SEEN = 0.999           # of the shots that reach a bin: beyond, the rate is anybody's guess
 
 
 def recognises(head: str) -> bool:
@@ -46,7 +46,7 @@ def reading(capture: dict, name: str) -> Reading:
     """One capture: counts without pile-up, and its own reference pulse as IRF, so that a drift of time zero drops out.
 
     The zones' converters keep the first photon of a shot. How many shots there were is not in the log, but in the
-    background (pile_up.shots): with the plane at 100 mm it is half as bright behind the pulse as before.
+    background (shots_of): with the plane at 100 mm it is half as bright behind the pulse as before.
     """
     require(isinstance(capture, dict), name, type(capture).__name__, "an object with hists and reference_hist")
     zones = counts(f"{name} hists", capture.get("hists"), (ZONES, BINS))[list(AS_SEEN)]
@@ -54,11 +54,11 @@ def reading(capture: dict, name: str) -> Reading:
     peak = int(reference.argmax())
     require(bool((reference >= 0).all()) and LEAD < peak, f"{name} reference_hist", f"with its peak in bin {peak}",
             f"counts of a pulse behind bin {LEAD}")
-    shots = pile_up.shots(zones, peak - LEAD)
+    shots = shots_of(zones, peak - LEAD)
     sensor = SensorModel(
-        3, 3, BINS, BIN_WIDTH_S, pile_up.corrected(reference, shots), peak, toa_offset_bins=-peak,
+        3, 3, BINS, BIN_WIDTH_S, without_pile_up(reference, shots), peak, toa_offset_bins=-peak,
         projection=Pinhole(*(1.5 / np.tan(np.radians(fov) / 2) for fov in FOV_DEG), 1, 1), frame_id="tmf882x")
-    frame = PhotonHistograms(pile_up.corrected(zones, shots).reshape(3, 3, BINS), _stamp_ns(capture))
+    frame = PhotonHistograms(without_pile_up(zones, shots).reshape(3, 3, BINS), _stamp_ns(capture))
     return Reading(sensor, frame, ("ranges count from the reference pulse",))
 
 
@@ -67,3 +67,42 @@ def _stamp_ns(capture: dict) -> int:
         return int(capture["distances"][0]["tick"]) * TICK_NS
     except (LookupError, TypeError, ValueError, OverflowError):
         return 0
+
+
+def without_pile_up(counts: np.ndarray, shots: float) -> np.ndarray:
+    """Counts without pile-up, float32 as `counts` [..., bins]; `shots` N may be infinite.
+
+    A converter that keeps the first photon of a laser shot misses those behind it. Of N shots, N − C_b reach bin b
+    without a photon, C_b being the counts of the bins before. So bin b sees −ln(1 − c_b / (N − C_b)) photons a shot,
+    and N times that is what a converter without dead time would have counted (P. B. Coates, "The correction for photon
+    'pile-up' in the measurement of radiative lifetimes", J. Phys. E 1, 1968).
+
+    Shots that are fewer than the counts of a pixel cannot be those of its converter; N is then as many as needed.
+    """
+    if not np.isfinite(shots):
+        return counts.astype(np.float32)
+    counts = counts.astype(np.float64)
+    before = np.cumsum(counts, axis=-1) - counts
+    shots = np.maximum(shots, (before[..., -1:] + counts[..., -1:]) / MOST_SEEN)
+    return (-shots * np.log1p(-np.minimum(counts / (shots - before), MOST_SEEN))).astype(np.float32)
+
+
+def shots_of(counts: np.ndarray, laser_bin: int) -> float:
+    """N, told by the background: of its light the share 1 − S / N is left behind a pulse of S photons.
+
+    Least squares of (rate before − rate behind) = rate before · S / N over the pixels.
+
+    Args:
+        counts: [pixels, bins], one converter a pixel, all with the same N.
+        laser_bin: no laser light comes in the bins before it.
+
+    Returns:
+        N, or infinity if the background tells nothing: too dark, or no pulse.
+    """
+    ambient = counts[:, :laser_bin].mean(axis=1)
+    behind = counts[:, -counts.shape[1] // 6:].mean(axis=1)        # far behind the pulse: its tail has ended
+    pulse = ambient * np.maximum(counts.sum(axis=1) - counts.shape[1] * behind, 0)
+    missing = float(((ambient - behind) * pulse).sum())
+    # Photons of the background come by chance: N is known from what is missing to twice its standard deviation.
+    spread = float(np.sqrt((pulse**2 * (ambient / laser_bin + behind / (counts.shape[1] // 6))).sum()))
+    return float((pulse**2).sum()) / missing if missing > 2 * spread else np.inf

@@ -19,36 +19,31 @@ def pulse_cube(rows: int = 6, cols: int = 8, bins: int = 120, photons: int = 30)
     return counts
 
 
+def _tag(name: str, value: float | int | bool | None, index: int = -1) -> bytes:
+    """An entry of PicoQuant's headers."""
+    kind = _TAG_EMPTY if value is None else {bool: _TAG_BOOL, float: _TAG_FLOAT, int: _TAG_INT}[type(value)]
+    return struct.pack("<32siI" + ("d" if kind == _TAG_FLOAT else "q"), name.encode(), index, kind, value or 0)
+
+
 def ptu(path: Path, records: list[int], record_type: int, tags: dict | None = None) -> Path:
     """A .ptu file of these records."""
     header = {"MeasDesc_GlobalResolution": 12e-9 if record_type == T3 else 1e-12, "MeasDesc_Resolution": 100e-12,
               "Measurement_Mode": 3 if record_type == T3 else 2, "Measurement_SubMode": 3,
               "TTResultFormat_TTTRRecType": record_type, "TTResultFormat_BitsPerRecord": 32,
-              "TTResult_NumberOfRecords": len(records)} | (tags or {})
-    content = b"PQTTTR\0\0001.0.00\0\0"
-    for name, value in header.items():
-        kind, form = (_TAG_BOOL, "<q") if isinstance(value, bool) else (_TAG_FLOAT, "<d") if isinstance(value, float) \
-            else (_TAG_INT, "<q")
-        content += struct.pack("<32siI", name.encode(), -1, kind) + struct.pack(form, value)
-    content += struct.pack("<32siIq", b"Header_End", -1, _TAG_EMPTY, 0)
+              "TTResult_NumberOfRecords": len(records)} | (tags or {}) | {"Header_End": None}
+    content = b"PQTTTR\0\0001.0.00\0\0" + b"".join(_tag(name, value) for name, value in header.items())
     path.write_bytes(content + np.array(records, "<u4").tobytes())
     return path
 
 
 def phu(path: Path, curves: np.ndarray, bin_width_s: float) -> Path:
     """A .phu file of these histograms, [curves, bins]."""
-    def tag(name: str, index: int, value: float | int) -> bytes:
-        kind, form = (_TAG_FLOAT, "<d") if isinstance(value, float) else (_TAG_INT, "<q")
-        return struct.pack("<32siI", name.encode(), index, kind) + struct.pack(form, value)
-
-    size = 16 + 48 * (3 * len(curves) + 2)
-    content = b"PQHISTO\0001.0.00\0\0" + tag("HistoResult_NumberOfCurves", -1, len(curves))
-    for k in range(len(curves)):
-        content += tag("HistResDscr_DataOffset", k, size + 4 * curves.shape[1] * k)
-        content += tag("HistResDscr_HistogramBins", k, curves.shape[1])
-        content += tag("HistResDscr_MDescResolution", k, float(bin_width_s))
-    content += struct.pack("<32siIq", b"Header_End", -1, _TAG_EMPTY, 0)
-    path.write_bytes(content + curves.astype("<u4").tobytes())
+    size, (count, bins) = 16 + 48 * (3 * len(curves) + 2), curves.shape
+    content = b"PQHISTO\0001.0.00\0\0" + _tag("HistoResult_NumberOfCurves", count)
+    for k in range(count):
+        content += _tag("HistResDscr_DataOffset", size + 4 * bins * k, k) + _tag("HistResDscr_HistogramBins", bins, k)
+        content += _tag("HistResDscr_MDescResolution", bin_width_s, k)
+    path.write_bytes(content + _tag("Header_End", None) + curves.astype("<u4").tobytes())
     return path
 
 

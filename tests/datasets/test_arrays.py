@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import arrays
@@ -33,15 +33,10 @@ def cube(dtype=np.uint16):
     return values
 
 
-@pytest.mark.parametrize("dtype", [bool, np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64,
-                                   np.uint64, np.float16, np.float32, np.float64, ">u2", ">f8"])
+@pytest.mark.parametrize("dtype", [np.int8, np.uint64, np.float16, np.float64, ">u2"])
 def test_every_type_of_number_gives_the_same_photons(dtype):
-    if dtype is bool:       # holds 0 and 1 only
-        found = events(np.array([0, 1], bool), np.array([1, 0], bool), np.array([1, 1], bool))
-        assert found.frame.pixel.tolist() == [1, 4] and found.frame.toa.tolist() == [1, 1]
-    else:
-        found = events(*(np.array(values, dtype) for values in (ROW, COL, TOA)))
-        assert found.frame.pixel.tolist() == PIXEL and found.frame.toa.tolist() == TOA
+    found = events(*(np.array(values, dtype) for values in (ROW, COL, TOA)))
+    assert found.frame.pixel.tolist() == PIXEL and found.frame.toa.tolist() == TOA
     assert found.frame.pixel.dtype == np.uint32 and found.frame.toa.dtype == np.uint16
     histograms = counts(cube(dtype))
     assert np.array_equal(histograms.frame.counts, cube()) and histograms.frame.photons == 4
@@ -82,13 +77,14 @@ def test_a_sensor_says_all_and_options_win_over_it():
     assert counts(cube(), sensor=sensor).sensor is sensor
 
 
-@pytest.mark.parametrize(("values", "dtype"), [
-    ((0, 255), np.uint8), ((0, 256), np.uint16), ((-1, 9), np.int32), ((0, 70_000), np.int32)])
+@pytest.mark.parametrize(("values", "dtype"), [((0, 256), np.uint16), ((-1, 9), np.int32), ((0, 70_000), np.int32)])
 def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     large = np.zeros((3, 4, 50), np.int64)
     large[0, 0, :2] = values
     assert counts(large).frame.counts.dtype == dtype
     assert counts(large.astype(np.float64)).frame.counts.dtype == np.float32
+    kept = large.astype(np.int32)
+    assert counts(kept).frame.counts is kept        # without a copy
 
 
 def test_counts_of_wider_bins():
@@ -107,46 +103,22 @@ def test_photons_that_are_there_already_get_the_options():
         arrays.completed(frame, read.sensor, {"num_bins": 40})
 
 
-# ---- What is assumed
-
-@pytest.fixture(scope="module")
-def wall():
-    sensor = SensorModel(30, 30, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
+def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels():
+    seen = SensorModel(30, 30, 400, 1e-10, np.exp(-0.5 * ((np.arange(31) - 10) / 3)**2))
     depth = 100 + 4 * np.arange(30.0) + np.zeros((30, 1))
-    return sensor, Simulator(StaticScene(sensor.range_m(depth)), sensor, ppp=30, sbr=5).frame(0)[0]
-
-
-def rms_width(sensor):
-    """Of its IRF about the mark, bins."""
-    position = np.arange(len(sensor.irf)) - sensor.irf_ref
-    return np.sqrt((sensor.irf * position**2).sum())
-
-
-def test_an_irf_that_is_not_given_is_that_of_the_photons(wall):
-    row, col = np.divmod(wall[1].pixel, 30)
-    given = {"shape": (30, 30), "num_bins": 400, "bin_width_s": 1e-10}
-    by_events = arrays.from_events(row, col, wall[1].toa, None, 0, given)
-    assert by_events.notes == (arrays.ESTIMATED_IRF, arrays.ASSUMED_FOV)
-    assert rms_width(by_events.sensor) == pytest.approx(3, abs=1)
-    cube = np.zeros((30, 30, 400), np.float64)
-    np.add.at(cube, (row, col, wall[1].toa), 1)
-    by_counts = arrays.from_counts(cube, None, 0, {"bin_width_s": 1e-10})
-    assert np.array_equal(by_counts.sensor.irf, by_events.sensor.irf) and by_counts.notes == by_events.notes
-
-
-@pytest.mark.parametrize("counted", [False, True])
-def test_an_irf_is_not_estimated_from_hot_pixels(wall, counted):
+    photons = Simulator(StaticScene(seen.range_m(depth)), seen, ppp=30, sbr=5).frame(0)[0]
     mask, noise = np.ones((30, 30), bool), np.arange(400_000) % 400
     mask[0, 0] = False
-    row, col = np.divmod(np.concatenate([wall[1].pixel, np.zeros(len(noise), np.uint32)]), 30)
-    toa, given = np.concatenate([wall[1].toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
-    if counted:
-        cube = np.zeros((30, 30, 400), np.uint16)
-        np.add.at(cube, (row, col, toa), 1)
-        found = arrays.from_counts(cube, None, 0, given)
-    else:
-        found = arrays.from_events(row, col, toa, None, 0, given | {"shape": (30, 30), "num_bins": 400})
-    assert rms_width(found.sensor) == pytest.approx(3, abs=1)
+    row, col = np.divmod(np.concatenate([photons.pixel, np.zeros(len(noise), np.uint32)]), 30)
+    toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
+    by_events = arrays.from_events(row, col, toa, None, 0, given | {"shape": (30, 30), "num_bins": 400})
+    assert by_events.notes == (arrays.ESTIMATED_IRF, arrays.ASSUMED_FOV)
+    found, ref = by_events.sensor.irf, by_events.sensor.irf_ref
+    assert np.sqrt((found * (np.arange(len(found)) - ref)**2).sum()) == pytest.approx(3, abs=1)
+    cube = np.zeros((30, 30, 400), np.float64)
+    np.add.at(cube, (row, col, toa), 1)
+    by_counts = arrays.from_counts(cube, None, 0, given)
+    assert np.array_equal(by_counts.sensor.irf, found) and by_counts.notes == by_events.notes
 
 
 def test_photons_that_show_no_irf_ask_for_it():
@@ -163,27 +135,20 @@ def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
         counts(values, irf=None, **options)
 
 
-# ---- What is refused
-
 @pytest.mark.parametrize(("changes", "said"), [
     ({"row": None}, "row is missing: expected row, col and toa, one entry a photon; or counts"),
     ({"toa": TOA[:3]}, r"row, col and toa shapes is \(4,\), \(4,\), \(3,\): expected the same \[N\], one a photon"),
-    ({"row": 2, "col": 1, "toa": 1}, r"row, col and toa shapes is \(\), "),
     ({"row": [0, 1, 2, 3]}, "row is 3: expected 0 to below 3"), ({"col": [0, 1, 2, -1]}, "col is -1: expected 0 to"),
     ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"row": [0, 1, 2, np.nan]}, "row is nan: "),
     ({"col": [0, 1, 2, 2**32]}, "col is 4294967296: "), ({"row": list("0120")}, "row dtype is <U1: expected numbers"),
     ({"col": [[0], [1, 2]]}, r"col is list \(setting an array element"), ({"toa": [1j] * 4}, "toa dtype is complex128"),
-    ({"toa": [0, 1, 2, 50]}, "toa is 50: expected 0 to below 50"), ({"toa": [0, 1, 2, -0.5]}, "toa is -0.5: "),
-    ({"toa": [0, 1, 2, np.inf]}, "toa is inf: "), ({"toa": [0, 1, 2, np.nan]}, "toa is nan: "),
+    ({"toa": [0, 1, 2, 50]}, "toa is 50: expected 0 to below 50"), ({"toa": [0, 1, 2, np.nan]}, "toa is nan: "),
     ({"shape": None}, r"shape is missing: expected \(rows, cols\), or sensor"), ({"shape": 12}, "shape is 12: "),
-    ({"shape": (3, 0)}, "cols is 0"), ({"num_bins": None}, "num_bins is missing: expected T, bins of a laser period"),
+    ({"num_bins": None}, "num_bins is missing: expected T, bins of a laser period"),
     ({"bin_width_s": None}, "bin_width_s is missing: expected seconds in a bin .where bins alone matter 2 / 299792458"),
-    ({"irf": None, "irf_ref": 2}, "irf_ref is 2: expected irf beside it"), ({"irf": "absent.npy"}, "irf is absent.npy"),
-    ({"irf": "cloud.png"}, "irf is cloud.png: expected a file .npy"), ({"irf_ref": 3}, "irf_ref is 3: expected an"),
-    ({"fov_deg": 200}, "fov_deg is 200"), ({"fov_deg": "wide"}, 'fov_deg is "wide"'),
+    ({"irf": None, "irf_ref": 2}, "irf_ref is 2: expected irf beside it"),
     ({"projection": AngularScan(0, 1, 0, 1)}, "fov_deg is 20: expected fov_deg or projection, not both"),
     ({"irff": [1]}, "option is irff: expected one of shape, fov_deg, num_bins, "),
-    ({"gain": np.ones((4, 3))}, r"gain shape is \(4, 3\): expected \[rows, cols\] = \(3, 4\)"),
     ({"sensor": SensorModel(3, 4, 50, 1e-10, IRF), "shape": (4, 3)}, r"shape is \(4, 3\): expected \(3, 4\), as the s"),
 ])
 def test_a_mistake_is_one_line_that_names_it(changes, said):
@@ -202,9 +167,3 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
 def test_counts_that_cannot_be_are_refused(values, changes, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         counts(values, **changes)
-
-
-def test_counts_keep_an_array_that_fits_without_a_copy():
-    values = cube()
-    frame = counts(values).frame
-    assert isinstance(frame, PhotonHistograms) and frame.counts is values

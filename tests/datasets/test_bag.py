@@ -52,10 +52,10 @@ def gates_of(k: int) -> bytes:
     return gates.encode_cdr(PhotonGates.from_events(frame(k), SENSOR), SENSOR, "spad")
 
 
-def write(path: Path, messages: list[tuple[str, str, bytes]], storage: str = "mcap") -> Path:
+def write(path: Path, messages: list[tuple[str, str, bytes]], storage: str = "mcap", first: int = 0) -> Path:
     """A bag of (topic, type, bytes), recorded a millisecond after each other."""
     writer = BagWriter(path, storage)
-    for k, (topic, message_type, raw) in enumerate(messages):
+    for k, (topic, message_type, raw) in enumerate(messages, first):
         if topic not in writer:
             writer.add_topic(topic, message_type, [LATCHED if message_type == TEXT else Offer()])
         writer.write(topic, START_NS + k * 1_000_000, raw)
@@ -80,20 +80,27 @@ def bag(tmp_path, storage) -> Path:
     return write(tmp_path / "bag", RECORDED, storage)
 
 
-@pytest.mark.parametrize("named", [lambda bag: bag, storage_file], ids=["folder", "file"])
-def test_a_bag_gives_back_the_bytes_and_the_times_that_it_was_given(bag, named):
-    with Bag(named(bag)) as opened:
+def test_a_bag_gives_back_the_bytes_and_the_times_that_it_was_given(bag):
+    with Bag(storage_file(bag)) as opened:
+        alone = list(opened.messages(opened.topics))
+    with Bag(bag) as opened:
         assert {(topic.name, topic.type, topic.messages) for topic in opened.topics} == {
             ("/sensor", TEXT, 1), ("/photons", CLOUD, 3)}
         read = list(opened.messages(opened.topics))
         later = list(opened.messages(opened.topics, START_NS + 2_000_000))
     assert [(message.topic, message.raw) for message in read] == [(topic, raw) for topic, _, raw in RECORDED]
     assert [message.time_ns - START_NS for message in read] == [0, 1_000_000, 2_000_000, 3_000_000]
-    assert later == read[2:]
+    assert later == read[2:] and alone == read
 
 
-def test_metadata_says_what_rosbag2_needs(bag, storage):
+def test_metadata_and_definitions_say_what_rosbag2_needs(bag, storage):
     """The keys that rosbag2 of Jazzy reads (rosbag2_storage/yaml.hpp)."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([bag]) as reader:
+        read = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+    assert sensor_message.from_json(read["/sensor"].data).same_as(SENSOR)
+    assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
     info = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert (info["version"], info["storage_identifier"], info["message_count"]) == (9, storage, 4)
     forever = {"sec": 9_223_372_036, "nsec": 854_775_807}
@@ -108,31 +115,14 @@ def test_metadata_says_what_rosbag2_needs(bag, storage):
             "liveliness": "automatic", "liveliness_lease_duration": forever, "avoid_ros_namespace_conventions": False}]
 
 
-def test_rosbags_reads_the_messages_by_the_definitions_in_the_bag(bag):
-    from rosbags.highlevel import AnyReader
-
-    with AnyReader([bag]) as reader:
-        read = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
-    assert sensor_message.from_json(read["/sensor"].data).same_as(SENSOR)
-    assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
-
-
-def test_messages_are_found_though_metadata_and_files_give_another_qos(bag):
-    metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("transient_local", "volatile"))
-    with Bag(bag) as opened:
-        assert [message.raw for message in opened.messages(opened.topics)] == [raw for *_, raw in RECORDED]
-
-
-def test_a_bag_of_several_files_is_read_in_the_order_of_their_times(bag, tmp_path, storage):
-    writer = BagWriter(tmp_path / "later", storage)
-    writer.add_topic("/photons", CLOUD, [Offer()])
-    writer.write("/photons", START_NS + 10_000_000, photons_of(7))
-    writer.close()
+def test_several_files_are_read_in_the_order_of_their_times_whatever_qos_the_metadata_give(tmp_path):
+    bag = write(tmp_path / "bag", RECORDED)
+    write(tmp_path / "later", [("/photons", CLOUD, photons_of(7))], first=10)
     name = storage_file(tmp_path / "later").name
     storage_file(tmp_path / "later").rename(bag / name)
     metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("relative_file_paths:", f"relative_file_paths:\n  - {name}"))
+    text = metadata.read_text().replace("relative_file_paths:", f"relative_file_paths:\n  - {name}")
+    metadata.write_text(text.replace("transient_local", "volatile"))
     assert [open_photons(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
 
 
@@ -153,39 +143,29 @@ COMPRESSED = [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"), ("m
 
 
 @pytest.mark.parametrize("storage, mode", COMPRESSED)
-def test_compressed_bags_are_read(tmp_path, storage, mode):
-    assert open_photons(write_compressed(tmp_path / "bag", storage, mode, RECORDED[:2])).frame.toa.tolist() == [0, 7, 9]
-
-
-@pytest.fixture
-def small_bounds(monkeypatch):
+def test_compressed_bags_are_read_unless_they_unpack_to_far_too_much(tmp_path, monkeypatch, storage, mode):
+    whole = write_compressed(tmp_path / "whole", storage, mode, RECORDED[:2])
+    assert open_photons(whole).frame.toa.tolist() == [0, 7, 9]
     monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
+    zeros = write_compressed(tmp_path / "zeros", storage, mode, [("/sensor", TEXT, bytes(2**26))])
+    assert peak_of_refusal(zeros, "unpacked") < 2**24
 
 
-@pytest.mark.parametrize("storage, mode", COMPRESSED)
-def test_a_bag_that_unpacks_to_far_too_much_is_refused_before_it_is_unpacked(tmp_path, storage, mode, small_bounds):
-    bag = write_compressed(tmp_path / "bag", storage, mode, [("/sensor", TEXT, bytes(2**26))])
-    assert peak_of_refusal(bag, "unpacked") < 2**24
-
-
-@pytest.mark.parametrize("indexed", [True, False])
-def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused(tmp_path, small_bounds, indexed):
+def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
     path = storage_file(write_compressed(tmp_path / "bag", "mcap", "STORAGE", [("/sensor", TEXT, bytes(2**26))]))
     data = path.read_bytes()
     at = data.index(b"zstd")            # of the chunk: start, end, size unpacked, checksum, compression
-    size = data[at - 16:at - 8]
-    assert int.from_bytes(size, "little") > 2**26
-    data = data.replace(size, struct.pack("<Q", 1000))
-    summary = len(data) - 28            # in the footer: where the index begins, 0 if there is none
-    path.write_bytes(data if indexed else data[:summary] + bytes(8) + data[summary + 8:])
+    path.write_bytes(data.replace(data[at - 16:at - 8], struct.pack("<Q", 1000)))
     assert peak_of_refusal(path, "more than 4194304 bytes unpacked") < 2**24
 
 
 @pytest.mark.parametrize("packed", [
-    lz4.frame.compress(bytes(2**26)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + zstd.compress(
-        bytes(2**26)), 28 * b"a" + struct.pack("<I", 3) + b"lz4" + bytes(8) + lz4.frame.compress(bytes(2**26)),
+    lz4.frame.compress(bytes(2**24)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + zstd.compress(
+        bytes(2**24)), 28 * b"a" + struct.pack("<I", 3) + b"lz4" + bytes(8) + lz4.frame.compress(bytes(2**24)),
 ], ids=["lz4", "zstd after a frame to skip", "record of a chunk"])
-def test_no_read_gives_rosbags_what_unpacks_to_far_too_much(tmp_path, small_bounds, packed):
+def test_no_read_gives_rosbags_what_unpacks_to_far_too_much(tmp_path, monkeypatch, packed):
+    monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
     (tmp_path / "a.mcap").write_bytes(packed)
     with bags._BoundedPath(tmp_path / "a.mcap").open("rb") as file, pytest.raises(ValueError, match="unpacked"):
         file.read()
@@ -202,15 +182,14 @@ COMPUTED = {
 
 
 @pytest.mark.parametrize("statements", COMPUTED.values(), ids=COMPUTED)
-@pytest.mark.parametrize("named", [lambda bag: bag, storage_file], ids=["folder", "file"])
-def test_a_database_that_computes_its_rows_is_refused(tmp_path, statements, named):
+def test_a_database_that_computes_its_rows_is_refused(tmp_path, statements):
     bag = write(tmp_path / "bag", RECORDED, "sqlite3")
     with closing(sqlite3.connect(storage_file(bag))) as database:
         for statement in statements:
             database.execute(statement)
         database.commit()
     with pytest.raises(InvalidInput, match="is computed, not stored"):
-        open_photons(named(bag))
+        open_photons(bag)
 
 
 def peak_of_refusal(bag: Path, why: str) -> int:
@@ -224,39 +203,28 @@ def peak_of_refusal(bag: Path, why: str) -> int:
     return peak
 
 
-def test_a_description_without_a_projection_is_noted(tmp_path):
-    content = sensor_message.to_object(SENSOR)
-    del content["projection"]
-    path = write(tmp_path / "bag", [("/sensor", TEXT, cdr.write_text(json_text.dump(content))), RECORDED[1]])
-    assert open_photons(path).notes == (ASSUMED_FOV,) and open_photons(path, fov_deg=20).notes == ()
-
-
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
     for number in range(3):
         opened = open_photons(bag, number)
         assert opened.sensor.same_as(SENSOR) and opened.frame.toa.tolist() == [number, 7, 9]
         assert opened.frame.stamp_ns == START_NS + number
     assert open_photons(bag, range_offset_m=2.0, fov_deg=20).sensor.range_offset_m == 2.0
-    assert open_photons(bag).notes == ()
+    content = sensor_message.to_object(SENSOR)
+    del content["projection"]
+    plain = write(bag / "plain", [("/sensor", TEXT, cdr.write_text(json_text.dump(content))), RECORDED[1]])
+    assert (open_photons(bag).notes, open_photons(plain).notes) == ((), (ASSUMED_FOV,))
     with pytest.raises(InvalidInput, match=r"frame is 3: expected 0 to 2"):
         open_photons(bag, 3)
 
 
-def test_gates_are_read_as_photons_too(tmp_path, storage):
-    bag = write(tmp_path / "bag", [RECORDED[0], *(("/gates", IMAGE, gates_of(k)) for k in (1, 2))], storage)
-    frames = [open_photons(bag, number).frame for number in (0, 1)]
-    assert [sorted(zip(each.pixel.tolist(), each.toa.tolist())) for each in frames] == [
-        [(0, 7), (2, 9), (5, 1)], [(0, 7), (2, 9), (5, 2)]]
+def test_gates_are_read_as_photons_too(tmp_path):
+    bag = write(tmp_path / "bag", [RECORDED[0], ("/gates", IMAGE, gates_of(1))])
+    assert sorted(zip(*(getattr(open_photons(bag).frame, name).tolist() for name in ("pixel", "toa")))) == [
+        (0, 7), (2, 9), (5, 1)]
 
 
-def test_a_frame_comes_with_the_sensor_that_was_in_force(tmp_path):
-    bag = write(tmp_path / "bag", [*RECORDED[1:3], RECORDED[0], ("/sensor", TEXT, described(OTHER)), RECORDED[3]])
-    opened = [open_photons(bag, number) for number in range(3)]
-    assert [each.sensor.num_bins for each in opened] == [50, 50, 40]    # those before any description have the first
-    assert [each.frame.toa[0] for each in opened] == [0, 1, 2]
-
-
-def test_no_ros_is_needed(bag, repository):
+def test_no_ros_is_needed(tmp_path, repository):
+    bag = write(tmp_path / "bag", RECORDED)
     script = ("import sys\n"
               "for name in ('rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces'): sys.modules[name] = None\n"
               "from srt3d_ros.datasets import open_photons\n"
@@ -265,17 +233,16 @@ def test_no_ros_is_needed(bag, repository):
     assert done.stdout == "[2, 7, 9]\n", done.stderr
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.int32])
-def test_histograms_are_read_as_they_are(tmp_path, storage, dtype):
-    counts = np.full((2, 3, 50), -1 if dtype == np.int32 else 1).astype(dtype)
+def test_histograms_are_read_as_they_are(tmp_path):
+    counts = np.full((2, 3, 50), -1, np.int32)
     raw = histograms.encode_cdr(PhotonHistograms(counts, START_NS), SENSOR, "spad")
-    opened = open_photons(write(tmp_path / "bag", [RECORDED[0], ("/histograms", IMAGE, raw)], storage))
+    bag = write(tmp_path / "bag", [RECORDED[0], ("/histograms", IMAGE, raw), ("/histograms", IMAGE, raw.replace(
+        b"\xff", b"\0"))])
+    opened = open_photons(bag)
     assert (opened.frame.counts == counts).all() and opened.frame.stamp_ns == START_NS
-    if dtype == np.int32:
-        with pytest.raises(InvalidInput, match="histograms is negative or fractional in places"):
-            open_photons(tmp_path / "bag", gate=(10, 30))
-    else:
-        assert open_photons(tmp_path / "bag", gate=(10, 30)).frame.photons == 2 * 3 * 30
+    assert open_photons(bag, 1, gate=(10, 30)).frame.photons == 0
+    with pytest.raises(InvalidInput, match="histograms is negative or fractional in places"):
+        open_photons(bag, gate=(10, 30))
 
 
 def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
@@ -313,59 +280,53 @@ def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
             assert found.sensor.num_bins == (40 if place.number > 2 else 50)
 
 
-PHOTONS, GATES, SKETCH = photons_of(0), gates_of(0), b"\0\1\0\0"
-HISTOGRAMS = histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")
-PICTURE = cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))
-DESCRIBED, ANOTHER = described(SENSOR), cdr.write_text('{"name": "map"}')
 CODED = sketches.encode_cdr(sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)),
                             "lidar", "coded")
 SKETCHED = cdr.write_text(sketches.encode_sensor(SENSOR, (1,), 1).data)
+MESSAGES = {
+    "photons": (CLOUD, photons_of(0)), "gates": (IMAGE, gates_of(0)), "sensor": (TEXT, described(SENSOR)),
+    "histograms": (IMAGE, histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")),
+    "sketch": (CLOUD, CODED), "sketch/sensor": (TEXT, SKETCHED), "map": (TEXT, cdr.write_text('{"name": "map"}')),
+    "picture": (IMAGE, cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))),
+    "points": (CLOUD, b"\0\1\0\0")}
 
 
-@pytest.mark.parametrize("messages, given, found", [
-    ([("/spad/raw", CLOUD, PHOTONS), ("/spad/info", TEXT, DESCRIBED)], {}, ("photons", "/spad/raw", "/spad/info")),
-    ([("/a/gates", IMAGE, GATES), ("/a/sensor", TEXT, DESCRIBED), ("/b/sensor", TEXT, DESCRIBED)], {},
-     ("gates", "/a/gates", "/a/sensor")),
-    ([("/photons", CLOUD, PHOTONS), ("/old", CLOUD, PHOTONS), ("/points", CLOUD, SKETCH), ("/sensor", TEXT, DESCRIBED),
-      ("/log", TEXT, ANOTHER)], {}, ("photons", "/photons", "/sensor")),
-    ([("/a/photons", CLOUD, PHOTONS), ("/b/photons", CLOUD, PHOTONS), ("/a/sensor", TEXT, DESCRIBED),
-      ("/b/sensor", TEXT, DESCRIBED)], {"photons_topic": "/b/photons"}, ("photons", "/b/photons", "/b/sensor")),
-    ([("/photons", CLOUD, PHOTONS), ("/x", TEXT, DESCRIBED), ("/y", TEXT, DESCRIBED)], {"sensor_topic": "/y"},
-     ("photons", "/photons", "/y")),
-    ([("/photons", CLOUD, PHOTONS)], {}, ("photons", "/photons", None)),
-    ([("/tof/raw", IMAGE, HISTOGRAMS), ("/image", IMAGE, PICTURE), ("/tof/info", TEXT, DESCRIBED)], {},
-     ("histograms", "/tof/raw", "/tof/info")),
-    ([("/a/sketch", CLOUD, CODED), ("/a/sketch/sensor", TEXT, SKETCHED), ("/b/sketch/sensor", TEXT, SKETCHED),
-      ("/a/sensor", TEXT, DESCRIBED)], {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
-    ([("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED), ("/raw", CLOUD, PHOTONS),
-      ("/sensor", TEXT, DESCRIBED)], {}, ("photons", "/raw", "/sensor")),
-    ([("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED), ("/raw", CLOUD, PHOTONS)],
-     {"photons_topic": "/sketch"}, ("sketch", "/sketch", "/sketch/sensor")),
-])
-def test_the_photons_are_found_under_whatever_name(tmp_path, messages, given, found):
-    with Bag(write(tmp_path / "bag", messages)) as opened:
-        topics = find_photons(opened, **given)
-    assert (topics.output, topics.frames.name, topics.sensor and topics.sensor.name) == found
+def with_topics(path: Path, topics: dict[str, str]) -> Path:
+    """A bag with a message on each topic, of a key of MESSAGES."""
+    return write(path, [(name, *MESSAGES[kind]) for name, kind in topics.items()])
 
 
-@pytest.mark.parametrize("messages, given, words", [
-    ([("/a/photons", CLOUD, PHOTONS), ("/b/gates", IMAGE, GATES)], {},
+@pytest.mark.parametrize("topics, given, found", [
+    ({"/spad/raw": "photons", "/spad/info": "sensor"}, {}, ("photons", "/spad/raw", "/spad/info")),
+    ({"/a/gates": "gates", "/a/sensor": "sensor", "/b/sensor": "sensor"}, {}, ("gates", "/a/gates", "/a/sensor")),
+    ({"/photons": "photons", "/old": "photons", "/points": "points", "/sensor": "sensor", "/log": "map"}, {},
+     ("photons", "/photons", "/sensor")),
+    ({"/a/photons": "photons", "/b/photons": "photons", "/a/sensor": "sensor", "/b/sensor": "sensor"},
+     {"photons_topic": "/b/photons"}, ("photons", "/b/photons", "/b/sensor")),
+    ({"/photons": "photons", "/x": "sensor", "/y": "sensor"}, {"sensor_topic": "/y"}, ("photons", "/photons", "/y")),
+    ({"/tof/raw": "histograms", "/image": "picture"}, {}, ("histograms", "/tof/raw", None)),
+    ({"/a/sketch": "sketch", "/a/sketch/sensor": "sketch/sensor", "/b/sketch/sensor": "sketch/sensor",
+      "/a/sensor": "sensor"}, {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
+    ({"/sketch": "sketch", "/sketch/sensor": "sketch/sensor", "/raw": "photons", "/sensor": "sensor"}, {},
+     ("photons", "/raw", "/sensor")),
+    ({"/sketch": "sketch", "/sketch/sensor": "sketch/sensor", "/raw": "photons"}, {"photons_topic": "/sketch"},
+     ("sketch", "/sketch", "/sketch/sensor"))])
+def test_the_photons_are_found_under_whatever_name(tmp_path, topics, given, found):
+    with Bag(with_topics(tmp_path / "bag", topics)) as opened:
+        place = find_photons(opened, **given)
+    assert (place.output, place.frames.name, place.sensor and place.sensor.name) == found
+
+
+@pytest.mark.parametrize("topics, given, words", [
+    ({}, {}, ["photons_topic is not given: expected ", "; bag has no messages"]),
+    ({"/a/photons": "photons", "/b/gates": "gates"}, {},
      ["photons_topic is not given", f"/a/photons ({CLOUD}, 1), /b/gates ({IMAGE}, 1)"]),
-    ([("/points", CLOUD, SKETCH), ("/sensor", TEXT, DESCRIBED)], {}, ["photons_topic is not given", "/points"]),
-    ([("/photons", CLOUD, PHOTONS)], {"photons_topic": "/raw"}, ["photons_topic is /raw", "/photons"]),
-    ([("/photons", CLOUD, PHOTONS), ("/x", TEXT, DESCRIBED), ("/y", TEXT, DESCRIBED)], {},
-     ["sensor_topic is not given", "/x", "/y"]),
-    ([("/photons", CLOUD, PHOTONS)], {"sensor_topic": "/sensor"}, ["sensor_topic is /sensor", "/photons"]),
-])
-def test_what_cannot_be_told_apart_is_listed(tmp_path, messages, given, words):
-    with Bag(write(tmp_path / "bag", messages)) as opened, pytest.raises(InvalidInput) as error:
+    ({"/photons": "photons"}, {"photons_topic": "/raw"}, ["photons_topic is /raw", "/photons"]),
+    ({"/photons": "photons", "/x": "sensor", "/y": "sensor"}, {}, ["sensor_topic is not given", "/x", "/y"])])
+def test_what_cannot_be_told_apart_is_listed(tmp_path, topics, given, words):
+    with Bag(with_topics(tmp_path / "bag", topics)) as opened, pytest.raises(InvalidInput) as error:
         find_photons(opened, **given)
     assert all(word in str(error.value) for word in words), error.value
-
-
-def test_a_bag_of_nothing_says_so(tmp_path, storage):
-    with pytest.raises(InvalidInput, match="photons_topic is not given: expected .*; nothing has no messages"):
-        open_photons(write(tmp_path / "nothing", [], storage))
 
 
 def test_photons_without_a_sensor_cannot_be_reconstructed(tmp_path):
@@ -388,18 +349,17 @@ def rewritten(name: str, change: Callable[[bytes], bytes | None]) -> Callable[[P
 
 BROKEN = {
     "cut off": rewritten("", lambda data: data[:-200]), "empty": rewritten("", lambda data: b""),
-    "foreign": rewritten("", lambda data: b"a text of somebody else's\n" * 100),
     "no storage file": rewritten("", lambda data: None), "not ended": rewritten("metadata.yaml", lambda data: None),
     "foreign metadata": rewritten("metadata.yaml", lambda data: b"a: [1, 2\n"),
     "metadata of nothing": rewritten("metadata.yaml", lambda data: b"{}"),
     "other suffix": lambda bag: storage_file(bag).rename(bag / "messages.bag"),
-    "not there": lambda bag: bag.with_name("no such folder"), "no bag": lambda bag: bag.parent,
+    "not there": lambda bag: bag.with_name("no such folder"),
 }
 
 
-@pytest.mark.parametrize("broken", BROKEN.values(), ids=BROKEN)
-def test_a_broken_bag_is_one_line(bag, broken):
-    path = broken(bag)
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_bag_is_one_line(bag, name):
+    path = BROKEN[name](bag)
     with pytest.raises(InvalidInput) as error:
         open_photons(path, 2)
     assert path.name[-15:] in str(error.value) and "\n" not in str(error.value)
@@ -407,14 +367,12 @@ def test_a_broken_bag_is_one_line(bag, broken):
 
 @pytest.mark.parametrize("place, words", [
     ("bag", "bag is .*: expected a folder that is not there"),
-    ("a file/bag", "expected a folder that can be made .Not a directory"),
-    ("/proc/bag", "expected a folder that can be made"),
-])
-def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path, storage, place, words):
+    ("a file/bag", "expected a folder that can be made .Not a directory")])
+def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path, place, words):
     (tmp_path / "bag").mkdir()
     (tmp_path / "a file").touch()
     with pytest.raises(InvalidInput, match=words):
-        BagWriter(tmp_path / place, storage)
+        BagWriter(tmp_path / place)
 
 
 def test_a_bag_that_the_disk_cannot_hold_ends_with_an_oserror(tmp_path, storage):

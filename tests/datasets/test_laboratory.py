@@ -5,7 +5,6 @@ import io
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import open_photons, open_stream, ptu, spc
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
@@ -40,18 +39,13 @@ def frames(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("record_type", [0x00010303, 0x00010307])
-@pytest.mark.parametrize("at_once", [2**20, 101])
-def test_a_frame_written_as_ptu_gives_the_identical_sketch(frames, monkeypatch, record_type, at_once):
+@pytest.mark.parametrize(("record_type", "at_once"), [(0x00010303, 2**20), (0x00010307, 101)])
+def test_a_frame_written_as_ptu_gives_its_photons(frames, monkeypatch, record_type, at_once):
     monkeypatch.setattr(ptu, "RECORDS", at_once)
     path, counts = frames(record_type=record_type)
     photons = open_photons(path, irf=IRF)
     assert (photons.sensor.num_bins, photons.sensor.bin_width_s) == (120, pytest.approx(1e-10))
     assert np.array_equal(counts_of(photons), counts)
-    np.save(path.with_suffix(".npy"), counts.astype(np.uint16))
-    cube = open_photons(path.with_suffix(".npy"), irf=IRF, bin_width_s=1e-10)
-    ours, theirs = (sketch_photons(one.frame, one.sensor, (1, 3, 7)) for one in (photons, cube))
-    assert np.array_equal(ours.sums, theirs.sums) and np.array_equal(ours.photons, theirs.photons)
 
 
 def test_ptu_agrees_with_ptufile_on_a_sinusoidal_and_bidirectional_scan(frames):
@@ -192,17 +186,16 @@ def test_linospad2_words(tmp_path):
         open_photons(tmp_path / "a.dat", irf=[1])
 
 
-@pytest.mark.parametrize("name", ["counts", "anything"])
-def test_npz_cubes_may_describe_their_sensor(tmp_path, name):
+@pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
+def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
-    np.savez_compressed(tmp_path / "a.npz", **{name: CUBE}, mean=CUBE.mean(axis=2), **described)
+    np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
     photons = open_photons(tmp_path / "a.npz")
     assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
     assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
 
 
-@pytest.mark.parametrize("array", [CUBE.reshape(48, 120), np.asfortranarray(CUBE), CUBE.astype(">u2"),
-                                   CUBE.astype(np.int64)])
+@pytest.mark.parametrize("array", [CUBE.reshape(48, 120), np.asfortranarray(CUBE), CUBE.astype(">u2")])
 def test_npy_cubes_of_any_type_and_order(tmp_path, array):
     np.save(tmp_path / "a.npy", array)
     photons = open_photons(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10, rows=6, cols=8)

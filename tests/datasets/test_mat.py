@@ -5,7 +5,6 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
-from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.errors import InvalidInput
 
@@ -18,7 +17,7 @@ PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
     """Without a child for each file, which takes a second on a busy machine; test_mat_damaged.py is with it."""
-    monkeypatch.setattr("srt3d_ros.datasets.mat.call", lambda function, *arguments, **bounds: function(*arguments))
+    monkeypatch.setattr("srt3d_ros.datasets.files.call", lambda function, *arguments, **bounds: function(*arguments))
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:
@@ -34,20 +33,18 @@ def write(tmp_path, **variables):
     return tmp_path / "some name.mat"
 
 
-@pytest.mark.parametrize("variable", ["Ts", "photon_times"])
-@pytest.mark.parametrize("dtype", [np.uint16, np.float64])
+@pytest.mark.parametrize(("variable", "dtype"), [("Ts", np.uint16), ("photon_times", np.float64)])
 def test_cells_of_bins_are_read_in_row_order(tmp_path, variable, dtype):
-    photons = open_photons(write(tmp_path, **{variable: cells(LISTS, dtype)}), irf=IRF, num_bins=40)
+    others = {"note": "text", "info": {"a": 1}, "complex": np.array([1 + 2j])}
+    path = write(tmp_path, **{variable: cells(LISTS, dtype)}, **others)
+    photons = open_photons(path, irf=IRF, num_bins=40)
     assert (photons.sensor.rows, photons.sensor.cols, photons.sensor.num_bins) == (ROWS, COLS, 40)
     assert photons.frame.pixel.tolist() == PIXEL and photons.frame.toa.tolist() == TOA
     assert photons.sensor.bin_width_s == 8e-12 and photons.sensor.toa_offset_bins == 0
     assert photons.frame.is_sorted and photons.name == "some name"
-
-
-def test_without_num_bins_the_photons_span_the_window(tmp_path):
-    photons = open_photons(write(tmp_path, Ts=cells(LISTS)), irf=IRF)
-    assert photons.sensor.num_bins == 10 and photons.sensor.toa_offset_bins == 10
-    assert photons.frame.toa.tolist() == [toa - 10 for toa in TOA]
+    spanned = open_photons(path, irf=IRF)           # without num_bins the photons span the window
+    assert spanned.sensor.num_bins == 10 and spanned.sensor.toa_offset_bins == 10
+    assert spanned.frame.toa.tolist() == [toa - 10 for toa in TOA]
 
 
 def test_a_gate_drops_and_counts_photons_outside(tmp_path):
@@ -55,7 +52,7 @@ def test_a_gate_drops_and_counts_photons_outside(tmp_path):
     photons = open_photons(path, irf=IRF, gate=(12, 4), toa_offset_bins=100, bin_width_s=1e-12)
     assert photons.frame.toa.tolist() == [0, 3, 1, 1, 2] and photons.sensor.num_bins == 4
     assert photons.sensor.toa_offset_bins == 112
-    assert photons.notes[:-1] == ("2 of 7 photons lie outside the gate (bins 12 to 15): dropped",)
+    assert photons.notes[1:] == ("2 of 7 photons lie outside the gate (bins 12 to 15): dropped",)
 
 
 def test_picoseconds_become_bins_of_the_window_the_file_states(tmp_path):
@@ -76,15 +73,26 @@ def test_counts_have_column_major_pixels_and_depths_numbered_from_1(tmp_path):
         for col, cell in enumerate(line):
             np.add.at(counts[:, col * ROWS + row], cell, 1)
     depth = np.arange(1, 7).reshape(ROWS, COLS)
-    photons = open_photons(write(tmp_path, Y=counts, DepthImage=depth), irf=IRF)
+    path = write(tmp_path, Y=counts, DepthImage=depth)
+    photons = open_photons(path, irf=IRF)
     assert (photons.sensor.rows, photons.sensor.cols, photons.sensor.num_bins) == (ROWS, COLS, 8)
     assert photons.frame.pixel.tolist() == PIXEL and photons.frame.toa.tolist() == [1, 5, 0, 7, 3, 3, 4]
     np.testing.assert_array_equal(photons.reference_depth_bins, (depth - 1)[None])
-    edge = open_photons(tmp_path / "some name.mat", irf=IRF, toa_reference="bin_edge")
+    edge = open_photons(path, irf=IRF, toa_reference="bin_edge")
     np.testing.assert_array_equal(edge.reference_depth_bins, (depth - 0.5)[None])       # the centres of these bins
-    gated = open_photons(tmp_path / "some name.mat", irf=IRF, gate=(3, 5))
-    assert gated.frame.toa.tolist() == [2, 4, 0, 0, 1]
-    np.testing.assert_array_equal(gated.reference_depth_bins[0], [[np.nan, np.nan, np.nan], [0, 1, 2]])
+    gated = open_photons(path, irf=IRF, gate=(2, 3))
+    assert gated.frame.toa.tolist() == [1, 1, 2]
+    np.testing.assert_array_equal(gated.reference_depth_bins[0], [[np.nan, np.nan, 0], [1, 2, np.nan]])
+
+
+def test_sparse_counts_are_read_with_their_depths(tmp_path):
+    counts = np.zeros((6, 40))
+    counts[1, 7], counts[4, 9], counts[4, 39] = 2, 1, 1         # pixels 1 and 4, column-major: (1, 0) and (0, 2)
+    depth = np.array([[1, 2, 3], [4, 5, 0]])
+    photons = open_photons(write(tmp_path, spad=csc_matrix(counts), bin=depth), irf=IRF)
+    assert list(zip(photons.frame.pixel.tolist(), photons.frame.toa.tolist())) == [(2, 9), (2, 39), (3, 7), (3, 7)]
+    assert photons.sensor.num_bins == 40 and photons.sensor.bin_width_s == 80e-12
+    np.testing.assert_array_equal(photons.reference_depth_bins[0], [[0, 1, 2], [3, 4, np.nan]])
 
 
 def test_the_shape_of_counts_is_given_or_square(tmp_path):
@@ -93,12 +101,14 @@ def test_the_shape_of_counts_is_given_or_square(tmp_path):
     assert open_photons(path, irf=IRF, rows=2, cols=8).sensor.cols == 8
 
 
-@pytest.mark.parametrize(("variables", "shape"), [
-    ({"Y": np.ones((8, 16))}, {"rows": 3, "cols": 5}), ({"Y": np.ones((0, 0))}, {"rows": 1e300}),
-    ({"Y": np.ones((2, 3))}, {"rows": 2, "cols": 1.5}), ({"Ts": cells(LISTS)}, {"rows": 9})])
-def test_a_shape_that_the_file_cannot_have_is_named(tmp_path, variables, shape):
-    with pytest.raises(InvalidInput, match="^some name.mat rows, cols is"):
-        open_photons(write(tmp_path, **variables), irf=IRF, **shape)
+def test_any_other_cube_is_read_by_its_dimensions(tmp_path):
+    counts = np.random.default_rng(0).poisson(0.3, (2, 3, 40)).astype(np.uint8)
+    photons = open_photons(write(tmp_path, h=counts, bin_width_s=1e-11, other=np.ones((2, 3))), irf=IRF)
+    found = np.zeros((6, 40), int)
+    np.add.at(found, (photons.frame.pixel, photons.frame.toa), 1)
+    assert np.array_equal(found.reshape(2, 3, 40), counts) and photons.sensor.bin_width_s == 1e-11
+    with pytest.raises(InvalidInput, match="variables is a .*, b .*: expected one of .*any other numeric array"):
+        open_photons(write(tmp_path, a=counts, b=counts), irf=IRF)
 
 
 def test_what_was_assumed_is_said(tmp_path):
@@ -111,78 +121,22 @@ def test_what_was_assumed_is_said(tmp_path):
     assert open_photons(tmp_path / "some name.mat", num_bins=1000, irf=IRF, bin_width_s=1e-12, fov_deg=5).notes == ()
 
 
-FILES = {
-    "no photons in it": ({"X": np.ones((3, 3))}, "variables"),
-    "counts where cells belong": ({"Ts": np.ones((3, 3))}, "variables"),
-    "cells where counts belong": ({"Y": cells(LISTS)}, "variables"),
-    "negative counts": ({"Y": -np.ones((8, 4), np.int16)}, "Y"), "half counts": ({"Y": np.full((8, 4), 0.5)}, "Y"),
-    "too many counts": ({"Y": np.full((8, 4), 2**30)}, "Y photons"),
-    "not square": ({"Y": np.ones((8, 5))}, "rows, cols"),
-    "sparse counts": ({"Y": csc_matrix(np.eye(4))}, "variables"),
-    "a window that is none": ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, "mm shape"),
-    "a window of text": ({"data_processed": cells(LISTS), "mm": 1, "MM": "end"}, "MM"),
-    "half bins": ({"Ts": cells([[[1.5]]], float)}, "Ts"), "NaN bins": ({"Ts": cells([[[np.nan]]], float)}, "Ts"),
-    "negative bins": ({"Ts": cells([[[-1]]], np.int16)}, "Ts ToA"),
-    "NaN picoseconds": ({"data_processed": cells([[[np.nan]]], float)}, "data_processed"),
-    "text among numbers": ({"Ts": np.array([[np.ones(1), "d"]], object)}, "Ts cells"),
-    "sparse cells": ({"Ts": np.array([[csc_matrix(np.eye(4)), None]], object)[:, :1]}, "Ts cells"),
-}
-
-
-@pytest.mark.parametrize(("variables", "field"), FILES.values(), ids=FILES)
-def test_unusable_files_are_named(tmp_path, variables, field):
+@pytest.mark.parametrize(("variables", "options", "field"), [
+    ({"X": np.ones((3, 3))}, {}, ".mat variables"), ({"Ts": np.ones((3, 3))}, {}, ".mat variables"),
+    ({"Y": cells(LISTS)}, {}, ".mat variables"), ({"Y": np.full((8, 4), 0.5)}, {}, " counts"),
+    ({"Y": np.ones((8, 5))}, {}, ".mat rows, cols"),
+    ({"Y": np.ones((0, 0))}, {"rows": 1e300}, ".mat cols"), ({"Ts": cells(LISTS)}, {"rows": 9}, ".mat rows, cols"),
+    ({"spad": csc_matrix(np.eye(4) / 2)}, {}, ".mat spad"), ({"Ts": cells(LISTS)}, {"channel": 1}, None),
+    ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, {}, ".mat mm shape"),
+    ({"data_processed": cells(LISTS), "mm": 1, "MM": "end"}, {}, ".mat MM"),
+    ({"Ts": cells([[[1.5]]], float)}, {}, ".mat Ts"), ({"Ts": cells([[[np.nan]]], float)}, {}, ".mat Ts"),
+    ({"Ts": cells([[[-1]]], np.int16)}, {}, ".mat Ts ToA"),
+    ({"data_processed": cells([[[np.nan]]], float)}, {}, ".mat data_processed ToA"),
+    ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, ".mat Ts cells"),
+    ({"Ts": cells(LISTS)}, {"num_bins": 1}, None), ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, None),
+    ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s")])
+def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:
-        open_photons(write(tmp_path, **variables), irf=IRF)
-    assert caught.value.field == f"some name.mat {field}"
+        open_photons(write(tmp_path, **variables), irf=IRF, **options)
+    assert caught.value.field == (f"some name{field}" if field else next(iter(options)))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("options", "field"), [
-    ({"num_bins": 15}, "num_bins"), ({"num_bins": 1}, "num_bins"), ({"num_bins": "many"}, "num_bins"),
-    ({"num_bins": 10**6}, "num_bins"), ({"bin_width_s": 0}, "bin_width_s"), ({"bin_width_s": "1 ps"}, "bin_width_s"),
-    ({"irf": np.ones(41)}, "irf length"), ({"irf_ref": 9}, "irf_ref"), ({"fov_deg": 180}, "fov_deg")])
-def test_unusable_options_are_named(tmp_path, options, field):
-    with pytest.raises(InvalidInput) as caught:
-        open_photons(write(tmp_path, Ts=cells(LISTS)), **({"irf": IRF, "num_bins": 40} | options))
-    assert caught.value.field == field
-
-
-def test_photons_that_do_not_cluster_give_no_irf(tmp_path):
-    random = np.random.default_rng(0)
-    lists = [[random.integers(0, 1000, 30) for _ in range(20)] for _ in range(20)]
-    with pytest.raises(InvalidInput, match="give irf"):
-        open_photons(write(tmp_path, Ts=cells(lists)))
-    with pytest.raises(InvalidInput, match="give irf"):
-        open_photons(write(tmp_path, Ts=cells([[[], []]])), num_bins=10)
-
-
-def test_photons_of_one_pixel_keep_their_values_whatever_the_type(tmp_path):
-    photons = open_photons(write(tmp_path, Ts=cells([[[60_000, 65_000]]], np.int32)), irf=IRF)
-    assert isinstance(photons.frame, PhotonEvents) and photons.frame.toa.tolist() == [0, 5000]
-
-
-def test_other_variables_are_no_obstacle(tmp_path):
-    variables = {"Ts": cells(LISTS), "note": "text", "info": {"a": 1}, "complex": np.array([1 + 2j])}
-    for compressed in (True, False):
-        savemat(tmp_path / "a.mat", variables, do_compression=compressed)
-        assert open_photons(tmp_path / "a.mat", irf=IRF).frame.photons == 7
-
-
-def test_sparse_counts_are_read_with_their_depths(tmp_path):
-    counts = np.zeros((6, 40))
-    counts[1, 7], counts[4, 9], counts[4, 39] = 2, 1, 1         # pixels 1 and 4, column-major: (1, 0) and (0, 2)
-    depth = np.array([[1, 2, 3], [4, 5, 0]])
-    photons = open_photons(write(tmp_path, spad=csc_matrix(counts), bin=depth), irf=IRF)
-    assert sorted(zip(photons.frame.pixel.tolist(), photons.frame.toa.tolist())) == [(2, 9), (2, 39), (3, 7), (3, 7)]
-    assert photons.sensor.num_bins == 40 and photons.sensor.bin_width_s == 80e-12
-    np.testing.assert_array_equal(photons.reference_depth_bins[0], [[0, 1, 2], [3, 4, np.nan]])
-
-
-def test_any_other_cube_is_read_by_its_dimensions(tmp_path):
-    counts = np.random.default_rng(0).poisson(0.3, (2, 3, 40)).astype(np.uint8)
-    photons = open_photons(write(tmp_path, h=counts, bin_width_s=1e-11, other=np.ones((2, 3))), irf=IRF)
-    found = np.zeros((6, 40), int)
-    np.add.at(found, (photons.frame.pixel, photons.frame.toa), 1)
-    assert np.array_equal(found.reshape(2, 3, 40), counts) and photons.sensor.bin_width_s == 1e-11
-    with pytest.raises(InvalidInput, match="variables is a .*, b .*: expected one of .*any other numeric array"):
-        open_photons(write(tmp_path, a=counts, b=counts), irf=IRF)

@@ -2,7 +2,6 @@
 
 import struct
 import sys
-import zlib
 
 import numpy as np
 import pytest
@@ -12,14 +11,10 @@ from srt3d_ros.errors import InvalidInput
 from tests.datasets.test_mat import IRF, cells, write
 
 
-@pytest.mark.parametrize("damage", [
-    lambda data: data[:-5], lambda data: data[:100], lambda data: b"", lambda data: b"x" * 500,
-    lambda data: data[:140] + bytes(40) + data[180:],
-])
-def test_damaged_files_are_refused(tmp_path, damage):
+def test_a_file_that_is_cut_off_is_refused(tmp_path):
     path = write(tmp_path, Ts=cells([[[12, 15], []]]))
-    path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(InvalidInput, match="^some name.mat"):
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(InvalidInput, match="^some name.mat is unreadable"):
         open_photons(path, irf=IRF)
 
 
@@ -32,10 +27,9 @@ def test_a_damaged_matlab_7_3_file_is_refused_by_its_reader(tmp_path):
 
 
 def test_a_file_that_unpacks_to_more_than_its_reader_may_take_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("srt3d_ros.datasets.mat.MAX_MEMORY_BYTES", 2**26)
-    path = write(tmp_path, Y=np.zeros((2**13, 2**14), np.uint8))
-    assert path.stat().st_size < 2**20
-    with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(its reader takes more than 0.0625 G"):
+    monkeypatch.setattr("srt3d_ros.datasets.mat.MAX_MEMORY_BYTES", 2**25)
+    path = write(tmp_path, Y=np.zeros((2**12, 2**14), np.uint8))
+    with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(its reader takes more than 0.0312 G"):
         open_photons(path, irf=IRF)
 
 
@@ -47,25 +41,15 @@ def of_cells(dimensions: tuple[int, int], content: bytes = b"", kind: int = 1) -
     return struct.pack("<II", 14, len(body)) + body
 
 
-def written(path, variable: bytes, compressed: bool):
-    packed = zlib.compress(variable)
-    element = struct.pack("<II", 15, len(packed)) + packed if compressed else variable
-    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element)
+def written(path, *variables: bytes):
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(variables))
     return path
 
 
-@pytest.mark.parametrize("dimensions", [(2**12, 2**14), (2**31 - 1, 2**31 - 1), (2**31 - 1, 0), (-1, -1)])
-def test_cells_that_are_not_there_are_one_line(tmp_path, dimensions):
-    with pytest.raises(InvalidInput, match="^a.mat "):
-        open_photons(written(tmp_path / "a.mat", of_cells(dimensions), True), irf=IRF)
-
-
-@pytest.mark.parametrize("compressed", [True, False])
-@pytest.mark.parametrize(("kind", "code"), [(11, 99), (4, 0)], ids=["numbers", "text"])
-def test_a_file_at_which_scipy_ends_the_process_is_one_line(tmp_path, kind, code, compressed):
-    cell = of_cells((1, 1), struct.pack("<HH4s", code, 4, b"\x0c"), kind=kind)      # MATLAB has no such type code
+def test_a_file_at_which_scipy_ends_the_process_is_one_line(tmp_path):
+    cell = of_cells((1, 1), struct.pack("<HH4s", 99, 4, b"\x0c"), kind=11)      # MATLAB has no such type code
     with pytest.raises(InvalidInput) as caught:
-        open_photons(written(tmp_path / "a.mat", of_cells((1, 1), cell), compressed), irf=IRF)
+        open_photons(written(tmp_path / "a.mat", of_cells((1, 1), cell)), irf=IRF)
     assert str(caught.value).startswith("a.mat is unreadable (its reader ended with SIG")
 
 
@@ -80,8 +64,7 @@ def test_a_missing_scipy_is_said_as_such(tmp_path, monkeypatch):
 
 def test_structures_beside_the_photons_are_not_read(tmp_path):
     good = of_cells((1, 1), of_cells((1, 1), struct.pack("<II8s", 4, 2, b"\x0c"), kind=11))
-    path = written(tmp_path / "a.mat", good, True)
-    path.write_bytes(path.read_bytes() + of_cells((2**31 - 1, 2**31 - 1), kind=17))     # an opaque object
+    path = written(tmp_path / "a.mat", good, of_cells((2**31 - 1, 2**31 - 1), kind=17))     # an opaque object
     assert open_photons(path, irf=IRF, num_bins=20).frame.toa.tolist() == [12]
     with pytest.raises(InvalidInput, match="a.mat variables is others, some of them objects"):
-        open_photons(written(path, of_cells((1, 1), kind=17), False))
+        open_photons(written(path, of_cells((1, 1), kind=17)))

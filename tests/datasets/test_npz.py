@@ -1,6 +1,5 @@
 """The npz photon file: what is written comes back, and what cannot be used is named in one line."""
 
-import io
 import struct
 import tracemalloc
 import zipfile
@@ -34,35 +33,22 @@ def write(tmp_path, **changes):
     return path
 
 
-def assert_same_sensor(a: SensorModel, b: SensorModel):
-    np.testing.assert_allclose(a.irf, b.irf, rtol=1e-6)
-    for name in ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m",
-                 "projection", "gates", "frame_id", "toa_reference", "scan"):
-        assert getattr(a, name) == getattr(b, name), name
-    for name in ("gain", "delay_bins", "mask", "background_shape"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-
-
 @pytest.mark.parametrize("sensor", [
-    SENSOR,
-    SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5), gates=GateWords(3, 60_000), frame_id="spad",
-                   toa_reference="bin_edge"),
+    SENSOR.replace(irf_ref=0, projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5)),
+                   gates=GateWords(3, 60_000), frame_id="spad", toa_reference="bin_edge"),
     SENSOR.replace(gain=np.full((2, 3), 0.5), delay_bins=np.arange(6.0).reshape(2, 3), mask=np.eye(2, 3, dtype=bool),
-                   projection=AngularScan(0.1, -0.2, 0.3, 0.4)),
-    SENSOR.replace(projection=Pinhole(10, 11, 1, 0.5, PlumbBob(-0.1, 0.2, 0.01, -0.01, 0.5))),
-    SENSOR.replace(irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins)),
-    SENSOR.replace(scan=ScanRate(1 / 3, -0.01, 0.1)),
-], ids=["plain", "projection, gates, frame", "maps, scanner", "lens", "IRF per pixel, background", "scan"])
+                   irf=np.random.default_rng(0).random((6, 4)), background_shape=np.arange(SENSOR.num_bins),
+                   projection=AngularScan(0.1, -0.2, 0.3, 0.4), scan=ScanRate(1 / 3, -0.01, 0.1))])
 def test_everything_comes_back(tmp_path, sensor):
     reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
     reference[1, 0, 0] = np.nan
-    npz.save(tmp_path / "a.npz", sensor, EVENTS, reference)
+    events = replace(EVENTS, t=np.array([0, 4_000_000_000, 1, 2], np.uint32))
+    npz.save(tmp_path / "a.npz", sensor, events, reference)
     back = open_photons(tmp_path / "a.npz")
-    assert_same_sensor(back.sensor, sensor)
-    np.testing.assert_array_equal(back.frame.pixel, EVENTS.pixel)
-    np.testing.assert_array_equal(back.frame.toa, EVENTS.toa)
-    assert back.frame.stamp_ns == 123 and back.name == "a" and back.notes == ()
-    np.testing.assert_array_equal(back.reference_depth_bins, reference)
+    assert back.sensor.same_as(sensor) and (back.name, back.notes) == ("a", ())
+    for name in ("pixel", "toa", "stamp_ns", "t"):
+        np.testing.assert_array_equal(getattr(back.frame, name), getattr(events, name), strict=True)
+    np.testing.assert_array_equal(back.reference_depth_bins, reference, strict=True)
 
 
 @pytest.mark.parametrize(("dtype", "read_as"), [
@@ -71,13 +57,6 @@ def test_every_type_of_toa_is_read(tmp_path, dtype, read_as):
     back = open_photons(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame
     np.testing.assert_array_equal(back.toa, EVENTS.toa)
     assert (back.toa.dtype, back.pixel.dtype) == (read_as, np.uint32)
-
-
-@pytest.mark.parametrize("t", [None, np.array([0, 4_000_000_000, 1, 2], np.uint32)])
-def test_instants_of_photons_come_back(tmp_path, t):
-    npz.save(tmp_path / "a.npz", SENSOR, replace(EVENTS, t=t))
-    back = open_photons(tmp_path / "a.npz").frame.t
-    assert back is None if t is None else back.dtype == np.uint32 and np.array_equal(back, t)
 
 
 def test_gates_are_saved_as_events(tmp_path):
@@ -105,102 +84,49 @@ def test_arrays_of_other_names_are_left_alone(tmp_path):
     assert photons.frame.photons == 4 and photons.sensor.projection == Pinhole.from_fov(2, 3, 20)
 
 
-def test_no_photons_is_a_frame_too(tmp_path):
-    assert open_photons(write(tmp_path, pixel=EVENTS.pixel[:0], toa=EVENTS.toa[:0])).frame.photons == 0
-
-
 DEPTH = np.full((2, 3), 20.0)
-MALFORMED = {
-    "no rows": ({"rows": None}, "rows"), "no toa": ({"toa": None}, "toa"), "no IRF": ({"irf": None}, "irf"),
-    "no bin width": ({"bin_width_s": None}, "bin_width_s"),
-    "unknown reference of ToA": ({"toa_reference": "edge"}, "toa_reference"),
-    "a number as reference of ToA": ({"toa_reference": 0.5}, "toa_reference dtype"),
-    "rows of text": ({"rows": "two"}, "rows dtype"), "two rows": ({"rows": [2, 2]}, "rows shape"),
-    "half a row": ({"rows": 2.5}, "rows"), "no rows at all": ({"rows": 0}, "rows"),
-    "NaN bin width": ({"bin_width_s": np.nan}, "bin_width_s"), "bin width 0": ({"bin_width_s": 0.0}, "bin_width_s"),
-    "too many pixels": ({"rows": 60_000, "cols": 60_000}, "rows × cols"),
-    "too many bins": ({"num_bins": 10**9}, "num_bins"),
-    "complex IRF": ({"irf": IRF + 0j}, "irf dtype"), "negative IRF": ({"irf": -IRF}, "irf"),
-    "IRF longer than T": ({"irf": np.ones(51)}, "irf length"), "IRF reference outside": ({"irf_ref": 3}, "irf_ref"),
-    "objects": ({"pixel": np.array([{}, 1, 2, 3], dtype=object)}, "pixel dtype"),
-    "fractional pixels": ({"pixel": np.ones(4)}, "pixel dtype"),
-    "negative pixel": ({"pixel": np.array([-1, 0, 0, 0])}, "pixel"),
-    "pixel outside": ({"pixel": np.array([6, 0, 0, 0])}, "pixel"),
-    "pixel that wraps": ({"pixel": np.array([2**32, 0, 0, 0])}, "pixel"),
-    "toa outside": ({"toa": np.array([50, 0, 0, 0], np.uint16)}, "toa"),
-    "toa that wraps": ({"toa": np.array([65_536, 0, 0, 0])}, "toa"),
-    "negative toa": ({"toa": np.array([-1, 0, 0, 0])}, "toa"),
-    "NaN toa": ({"toa": np.array([np.nan, 0, 0, 0])}, "toa"),
-    "toa of text": ({"toa": np.array(["a", "b", "c", "d"])}, "toa dtype"),
-    "two-dimensional toa": ({"toa": EVENTS.toa.reshape(2, 2)}, "toa shape"),
-    "fewer toa than pixels": ({"toa": EVENTS.toa[:3]}, "pixel and toa shapes"),
-    "reference of another shape": ({"ref_depth_bins": np.zeros((3, 2))}, "ref_depth_bins shape"),
-    "reference of text": ({"ref_depth_bins": np.full((2, 3), "a")}, "ref_depth_bins dtype"),
-    "mask of another shape": ({"mask": np.ones(6, bool)}, "mask shape"),
-    "gain of 0": ({"gain": np.zeros((2, 3))}, "gain"),
-    "unknown projection": ({"projection": "fisheye"}, "projection"),
-    "projection without values": ({"projection": "pinhole"}, "projection_values"),
-    "three values": ({"projection": "pinhole", "projection_values": np.ones(3)}, "projection_values shape"),
-    "focal length 0": ({"projection": "pinhole", "projection_values": np.zeros(4)}, "projection.fx"),
-    "four coefficients": ({"distortion": np.zeros(4)}, "distortion shape"),
-    "a lens that folds": ({"distortion": np.array([-90, 0, 0, 0, 0])}, "projection.distortion"),
-    "a NaN lens": ({"distortion": np.full(5, np.nan)}, "projection.distortion.k1"),
-    "a lens on a scanner": ({"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)},
-                            "distortion"),
-    "field of view of 200°": ({"fov_deg": 200.0}, "fov_deg"),
-    "frame of numbers": ({"frame_id": 3}, "frame_id dtype"),
-    "one gate word": ({"gate_words": np.array([1])}, "gate_words shape"),
-    "gate words too large": ({"gate_words": np.array([1, 10**6])}, "gates.no_detection"),
-    "a scan of two numbers": ({"scan": np.ones(2)}, "scan shape"), "a scan of zeros": ({"scan": np.zeros(3)}, "scan"),
-    "a NaN scan": ({"scan": np.full(3, np.nan)}, "scan"),
-    "instants in seconds": ({"t_ns": np.zeros(4)}, "t_ns"), "fewer instants": ({"t_ns": np.zeros(3, int)}, "t_ns"),
-    "an instant before the stamp": ({"t_ns": np.array([0, -1, 0, 0])}, "t_ns"),
-    "an instant that wraps": ({"t_ns": np.array([0, 2**32, 0, 0])}, "t_ns"),
-    "no character": ({"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")}, "frame_id"),
-    "intensity of another shape": ({"ref_depth_bins": DEPTH, "ref_refl_photons": DEPTH.T}, "ref_refl_photons shape"),
-    "negative intensity": ({"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH}, "ref_refl_photons"),
-}
-
-
-@pytest.mark.parametrize(("changes", "field"), MALFORMED.values(), ids=MALFORMED)
-def test_malformed_files_are_named_in_one_line(tmp_path, changes, field):
+@pytest.mark.parametrize(("field", "changes"), [
+    ("rows", {"rows": None}), ("toa", {"toa": None}), ("rows", {"rows": 0}), ("rows dtype", {"rows": "two"}),
+    ("rows shape", {"rows": [2, 2]}), ("toa_reference dtype", {"toa_reference": 0.5}), ("irf dtype", {"irf": IRF + 0j}),
+    ("irf", {"irf": -IRF}), ("pixel dtype", {"pixel": np.array([{}, 1, 2, 3], dtype=object)}),
+    ("pixel dtype", {"pixel": np.ones(4)}), ("pixel", {"pixel": np.array([-1, 0, 0, 0])}),
+    ("pixel", {"pixel": np.array([2**32, 0, 0, 0])}), ("toa", {"toa": np.array([65_536, 0, 0, 0])}),
+    ("toa", {"toa": np.array([np.nextafter(50, 0), 0, 0, 0])}), ("toa", {"toa": np.array([np.nan, 0, 0, 0])}),
+    ("toa shape", {"toa": EVENTS.toa.reshape(2, 2)}), ("pixel and toa shapes", {"toa": EVENTS.toa[:3]}),
+    ("ref_depth_bins shape", {"ref_depth_bins": DEPTH.T}), ("projection", {"projection": "fisheye"}),
+    ("projection_values", {"projection": "pinhole"}), ("fov_deg", {"fov_deg": 200.0}),
+    ("projection_values shape", {"projection": "pinhole", "projection_values": np.ones(3)}),
+    ("distortion", {"projection": "angular_scan", "projection_values": np.ones(4), "distortion": np.ones(5)}),
+    ("gate_words shape", {"gate_words": np.array([1])}), ("scan", {"scan": np.full(3, np.nan)}),
+    ("t_ns", {"t_ns": np.zeros(4)}), ("t_ns", {"t_ns": np.zeros(3, int)}),
+    ("t_ns", {"t_ns": np.array([0, 2**32, 0, 0])}),
+    ("frame_id", {"frame_id": np.array([0x7FFFFFFF, 65], np.uint32).view("<U2")}),      # no character
+    ("ref_refl_photons shape", {"ref_depth_bins": DEPTH, "ref_refl_photons": DEPTH.T}),
+    ("ref_refl_photons", {"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH})])
+def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
     with pytest.raises(InvalidInput) as caught:
         open_photons(write(tmp_path, **changes))
     assert caught.value.field == f"photons.npz {field}"
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 
-def _header(shape, dtype="<f8", body=b"") -> bytes:
-    out = io.BytesIO()
-    np.lib.format.write_array_header_1_0(out, {"descr": dtype, "fortran_order": False, "shape": shape})
-    return out.getvalue() + body
-
-
-def literal(text: str) -> bytes:
-    """An .npy header of this text, and some data."""
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1") + b"\x01\0" * 4
-
-
-@pytest.mark.parametrize("known", [{"fov_deg": 20.0},
-                                   {"projection": "pinhole", "projection_values": np.array([9.0, 9, 1, 1])}])
-def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path, known):
-    assert open_photons(write(tmp_path, **known)).notes == ()
+def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
+    assert open_photons(write(tmp_path, fov_deg=20.0)).notes == ()
     assert open_photons(write(tmp_path)).notes == (ASSUMED_FOV,)
     assert open_photons(write(tmp_path), fov_deg=30).notes == ()
     assert open_photons(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
 
 
-@pytest.mark.parametrize("share", [0.01, 0.5, 0.999])
-def test_a_truncated_file_is_said_to_be_one(tmp_path, share):
-    path = tmp_path / "photons.npz"
-    npz.save(path, SENSOR, EVENTS)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:int(len(whole) * share)])
-    with pytest.raises(InvalidInput, match=r"^photons\.npz is truncated or damaged: expected a complete \.npz file"):
-        npz.read(path)
-    path.write_text("no zip file at all")
-    with pytest.raises(InvalidInput, match=r"^photons\.npz is unreadable \(File is not a zip file\): expected"):
-        npz.read(path)
+@pytest.mark.parametrize(("damage", "said"), [
+    (lambda data: data[:20], r"is truncated or damaged: expected a complete \.npz file"),
+    (lambda data: data[:-1], r"is truncated or damaged: expected a complete \.npz file"),
+    (lambda data: b"no zip file at all", r"is unreadable \(File is not a zip file\): expected"),
+    (lambda data: data.replace(b"\x93NUMPY", b"\x93NUMPI"), r"is unreadable \(Bad CRC-32")])
+def test_damaged_files_are_refused(tmp_path, damage, said):
+    path = write(tmp_path)
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(InvalidInput, match=f"^photons.npz.* {said}"):
+        open_photons(path)
 
 
 def write_with_member(tmp_path, content: bytes, method: int = zipfile.ZIP_STORED):
@@ -211,20 +137,19 @@ def write_with_member(tmp_path, content: bytes, method: int = zipfile.ZIP_STORED
     return path
 
 
-SHAPED = "{{'descr': '<u2', 'fortran_order': False, 'shape': {}}}"
+def header(shape: object, dtype: object = "<u2", body: bytes = b"") -> bytes:
+    """An .npy file of this header, and some data."""
+    text = repr({"descr": dtype, "fortran_order": False, "shape": shape})
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode("latin-1") + body
+
+
 MEMBERS = {
-    "a zip bomb": (_header((2**40,), "<u2", bytes(2**20)), "size is 2199023255552 bytes: expected at most"),
-    "less than the header says": (_header((4,), "<u2", b"12"), "size is 2 bytes: expected 8 bytes"),
-    "no array": (b"hello", "is unreadable"),
-    "a bracket that does not close": (literal("{'descr': '<u2', ("), "is unreadable"),
-    "brackets alone": (literal("[" * 9000), "is unreadable"),
-    "unhashable": (literal("{{}: 1}"), "is unreadable"),
-    "negative": (literal(SHAPED.format("(-2, -2)")), "shape is"),
-    "not a number": (literal(SHAPED.format("('a',)")), "is unreadable"),
-    "a product of 20000 digits": (literal(SHAPED.format("(" + f"{10**18}, " * 400 + ")")), "shape is"),
-    "records": (literal("{'descr': [('a', '<u2')], 'fortran_order': False, 'shape': (1,)}"), "dtype is"),
-    "empty texts": (literal("{'descr': '|S0', 'fortran_order': False, 'shape': (2, 3)}"), "size is"),
-    "version 9": (b"\x93NUMPY\x09\x00", "is unreadable"),
+    "a zip bomb": (header((2**40,), body=bytes(2**20)), "size is 2199023255552 bytes: expected at most"),
+    "less than the header says": (header((4,), body=b"12"), "size is 2 bytes: expected 8 bytes"),
+    "brackets alone": (b"\x93NUMPY\x01\x00" + struct.pack("<H", 9000) + b"[" * 9000, "is unreadable"),
+    "negative": (header((-2, -2)), "shape is"), "not a number": (header(("a",)), "is unreadable"),
+    "a product of 20000 digits": (header((10**18,) * 400), "shape is"),
+    "records": (header((1,), [("a", "<u2")]), "dtype is"), "version 9": (b"\x93NUMPY\x09\x00", "is unreadable"),
 }
 
 
@@ -235,18 +160,16 @@ def test_members_that_are_no_array_are_one_line(tmp_path, content, expected):
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_packing_without_bounds_is_refused(tmp_path, method):
-    content = _header((4,), "<u2", bytes(8))
-    with pytest.raises(InvalidInput, match=f"toa is packed by method {method}: expected an array stored or deflated"):
-        open_photons(write_with_member(tmp_path, content, method))
+def test_packing_without_bounds_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="toa is packed by method 14: expected an array stored or deflated"):
+        open_photons(write_with_member(tmp_path, header((4,), body=bytes(8)), zipfile.ZIP_LZMA))
 
 
 def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_path, monkeypatch):
     path = write(tmp_path)
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
         for name in ("gain", "mask", "delay_bins"):
-            archive.writestr(f"{name}.npy", _header((4, 2**20), "|u1", bytes(4 * 2**20)))
+            archive.writestr(f"{name}.npy", header((4, 2**20), "|u1", bytes(4 * 2**20)))
     monkeypatch.setattr(files, "MAX_BYTES", 10**7)
     tracemalloc.start()
     with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 10000000 bytes of arrays"):
@@ -256,22 +179,9 @@ def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_pa
     assert peak < 1_000_000
 
 
-@pytest.mark.parametrize("damage", [
-    lambda data: data[: len(data) // 2], lambda data: data[:-10], lambda data: b"", lambda data: b"not a zip file",
-    lambda data: data.replace(b"\x93NUMPY", b"\x93NUMPI"),
-])
-def test_damaged_files_are_refused(tmp_path, damage):
-    path = write(tmp_path)
-    path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(InvalidInput, match="^photons.npz"):
-        open_photons(path)
-
-
 @pytest.mark.parametrize(("name", "expected"), [
-    ("photons.txt", "ends in .npz, .mat, .ptu"), ("photons.npz.gz", "ends in .npz, .mat, .ptu"),
-    ("absent.npz", "exists"),
-    ("absent.mat", "exists"), ("folder.npz", "exists"), ("a" * 300 + ".npz", "can be read"),
-    ("a" * 300 + ".mcap", "can be read")])
+    ("photons.npz.gz", "ends in .npz, .mat, .ptu"), ("absent.mat", "exists"), ("folder.npz", "exists"),
+    ("a" * 300 + ".npz", "can be read"), ("a" * 300 + ".mcap", "can be read")])
 def test_what_is_no_photon_file_is_named(tmp_path, name, expected):
     (tmp_path / "folder.npz").mkdir()
     with pytest.raises(InvalidInput, match=f"^photon file is .*{name[-5:]}: expected a file that {expected}"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.projection import AngularScan
-from srt3d_ros.datasets.bust import Bust, Figure, Part, rotation
+from srt3d_ros.datasets.bust import Bust, Figure, Part
 from srt3d_ros.datasets.scene import NetScene, StaticScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -28,23 +28,13 @@ def test_a_ball_is_hit_where_geometry_says():
     np.testing.assert_allclose(ball.march(origin, rays)[clear], expected[clear], atol=3e-4)
 
 
-def test_parts_off_the_middle_have_mirror_images():
+def test_parts_off_the_middle_have_mirror_images_and_carving_takes_away():
     ears = Figure((Part((5, 0, 0), (1, 1, 1), tilt_deg=(10, 20, 30)),))
-    points = np.array([[0.052, -0.052, 0.0], [0, 0, 0], [0, 0, 0]], np.float32)
-    distance = ears.distance(points)
-    assert distance[0] == distance[1] < 0 < distance[2]
-
-
-def test_carving_takes_away():
+    left, right, between = ears.distance(np.array([[0.052, -0.052, 0.0], [0, 0, 0], [0, 0, 0]], np.float32))
+    assert left == right < 0 < between
     bowl = Figure((Part((0, 0, 0), (5, 5, 5)), Part((0, 0, -5), (2, 2, 2), carve=True, seam_cm=0.1)))
-    inside, hollow = np.array([[0, 0, 0.01], [0, 0, -0.04]], np.float32)
-    assert bowl.distance(inside[:, None]) < 0 < bowl.distance(hollow[:, None])
-
-
-def test_rotations_turn_rays_without_stretching_them():
-    turn = rotation(10, -20, 30)
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(rotation(90, 0, 0) @ (0, 1, 0), (0, 0, 1), atol=1e-12)
+    inside, hollow = bowl.distance(np.array([[0, 0], [0, 0], [0.01, -0.04]], np.float32))
+    assert inside < 0 < hollow
 
 
 def test_the_bust_is_a_head_on_shoulders_before_a_wall(bust):
@@ -58,32 +48,16 @@ def test_the_bust_is_a_head_on_shoulders_before_a_wall(bust):
     assert np.abs(person[20:110].astype(int) - person[20:110, ::-1]).mean() < 0.01     # looks straight ahead at t = 0
 
 
-def test_the_face_has_nose_sockets_and_chin(bust):
-    depth = bust.frame(0)[0][0] - 2
-    column = depth[:, 70]
-    nose = int(np.argmin(column))
-    assert 65 < nose < 85
-    assert depth[nose, 70] < depth[nose, 58] - 0.02             # the nose stands out from the cheek
-    eye, brow = depth[nose - 15, 70 - 13], depth[nose - 24, 70 - 13]
-    assert eye > brow + 0.003                                   # the eye lies deeper than the brow
-    lips, under, chin = column[nose + 12: nose + 17].min(), column[nose + 18: nose + 22].max(), column[nose + 23:].min()
-    assert under > lips + 0.003 and chin < depth[115, 70]       # a mouth, a dip, a chin before the neck
-
-
-def test_the_scene_lies_well_within_the_sensors_window(bust):
-    sensor = default_sensor()
-    for t_s in np.arange(0, 8, 0.5):
+def test_the_head_turns_smoothly_well_within_the_sensors_window(bust):
+    sensor, nose = default_sensor(), []
+    for t_s in np.arange(2, 6, 0.25):
         range_m, reflectivity = bust.frame(t_s)
         bins = (range_m - sensor.range_m(0)) / sensor.bin_width_m
         assert 500 < bins.min() and bins.max() < sensor.num_bins - len(sensor.irf)
         assert range_m.dtype == reflectivity.dtype == np.float32
         assert 0 < reflectivity.min() and reflectivity.max() <= 1
-
-
-def test_the_head_turns_smoothly(bust):
-    nose = [np.unravel_index(np.argmin(bust.frame(t_s)[0][0]), (141, 141))[1] for t_s in np.arange(0, 8, 0.1)]
-    assert min(nose) < 55 and max(nose) > 85
-    assert np.abs(np.diff(nose)).max() <= 6
+        nose.append(np.unravel_index(np.argmin(range_m[0]), (141, 141))[1])
+    assert max(nose) > 85 and min(nose) < 55 and np.abs(np.diff(nose)).max() <= 12
 
 
 def test_the_bust_refuses_a_scanner():
@@ -150,20 +124,9 @@ def test_large_scenes_are_thinned_to_pixels_of_their_own(write):
 @pytest.mark.parametrize(("arrays", "named"), [
     ({"other": DEPTH_M}, "scene.npz depth_m is missing"), ({"depth_m": DEPTH_M[0]}, "scene.npz depth_m"),
     ({"depth_m": np.full((6, 8), "near")}, "scene.npz depth_m"), ({"depth_m": np.zeros((6, 8))}, "unknown everywhere"),
-    ({"depth_m": np.full((6, 8), np.nan)}, "unknown everywhere"),
     ({"depth_m": DEPTH_M * np.linspace(1, 2, 8)}, "a span below 1.38 m"),
-    ({"depth_m": DEPTH_M, "valid": np.zeros((6, 8), bool)}, "unknown everywhere"),
     ({"depth_m": DEPTH_M, "valid": np.ones((8, 6), bool)}, "scene.npz valid"),
-    ({"depth_m": DEPTH_M, "reflectivity": np.ones(8)}, "scene.npz reflectivity"),
-    ({"depth_m": DEPTH_M, "reflectivity": np.full((6, 8), -1.0)}, "scene.npz reflectivity is negative"),
     ({"depth_m": DEPTH_M, "reflectivity": np.full((6, 8), np.nan)}, "scene.npz reflectivity is negative or NaN")])
 def test_what_cannot_be_used_is_named(write, arrays, named):
     with pytest.raises(InvalidInput, match=named):
         read_scene(write(**arrays))
-
-
-def test_a_file_that_is_none_is_named(tmp_path):
-    (tmp_path / "notes.npz").write_text("no scene")
-    for name in ("absent.npz", "notes.npz"):
-        with pytest.raises(InvalidInput, match=name):
-            read_scene(tmp_path / name)

@@ -31,12 +31,9 @@ def test_the_sensor_of_a_photon_file_is_read_with_its_sidecar(tmp_path):
 
 @pytest.mark.parametrize(("name", "content", "says"), [
     ("absent.json", None, "^sensor file is .*absent.json: expected a file that exists"),
-    ("absent.npz", None, "absent.npz: expected a file that exists"),
-    ("a.txt", b"{}", "a.txt: expected a file that ends in .npz"),
     ("a.json", b"", "^a.json sensor is broken JSON"), ("a.json", b"\xff\xfe{", "^a.json is unreadable"),
     ("a.json", b"{}", "^a.json schema_version is absent"),
-    ("a.json", b'{"schema_version": 1, "rows": "2"}', "^a.json cols is absent|^a.json rows is 2"),
-    ("a.npz", b"PK", "^a.npz is unreadable")])
+    ("a.txt", b"{}", "a.txt: expected a file that ends in .npz")])
 def test_what_cannot_be_used_is_named_in_one_line(tmp_path, name, content, says):
     if content is not None:
         (tmp_path / name).write_bytes(content)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import design_for
@@ -50,13 +49,6 @@ def same(sketch, expected) -> None:
     np.testing.assert_allclose(sketch.sums, expected.sums, atol=2e-3)
 
 
-def test_few_photons_are_kept_whole(npy, events):
-    photons = open_stream(npy, **GIVEN)
-    assert isinstance(photons, Photons) and photons.notes == ()
-    assert np.array_equal(photons.frame.pixel, events.pixel)
-    assert np.array_equal(np.sort(photons.frame.toa), np.sort(events.toa))
-
-
 def test_the_sketch_of_many_is_that_of_all_photons(npy, events, few_kept):
     found = open_stream(npy, **GIVEN)
     assert isinstance(found, PhotonStream) and found.whole is None and found.photons == events.photons
@@ -65,7 +57,7 @@ def test_the_sketch_of_many_is_that_of_all_photons(npy, events, few_kept):
     same(found.sketch(FREQUENCIES, gate), sketch_photons(events, SENSOR, FREQUENCIES, Gate(SENSOR, 60, 120)))
 
 
-def test_the_sample_has_all_photons_of_some_pixels(npy, events, few_kept):
+def test_the_sample_has_all_photons_of_some_pixels_and_all_can_be_had(npy, events, few_kept, monkeypatch):
     found = open_stream(npy, **GIVEN)
     sample, mask = found.sample.frame, found.sample.sensor.mask
     counts = np.bincount(events.pixel, minlength=SENSOR.pixels)
@@ -75,21 +67,20 @@ def test_the_sample_has_all_photons_of_some_pixels(npy, events, few_kept):
                     ((sample, found.sample.sensor), (events, SENSOR)))
     assert light.photons_per_pixel == pytest.approx(whole.photons_per_pixel, rel=0.1)
     assert light.sbr == pytest.approx(whole.sbr, rel=0.3)
+    assert open_photons(npy, **GIVEN).frame.photons == events.photons
+    monkeypatch.setattr(stream, "MAX_PHOTONS", 3000)
+    with pytest.raises(InvalidInput, match="cube photons is .*at most 3000 in memory"):
+        found.read_whole()
     assert np.array_equal(found.counts.ravel(), counts)
     assert np.array_equal(found.histogram, np.bincount(events.toa, minlength=200))
 
 
-def test_all_photons_can_be_had_up_to_a_number(npy, events, few_kept, monkeypatch):
-    assert open_photons(npy, **GIVEN).frame.photons == events.photons
-    monkeypatch.setattr(stream, "MAX_PHOTONS", 3000)
-    with pytest.raises(InvalidInput, match="cube photons is .*at most 3000 in memory"):
-        open_photons(npy, **GIVEN)
-
-
-def test_a_gate_drops_and_says_so(npy, events):
+def test_few_photons_are_kept_whole_and_a_gate_drops_and_says_so(npy, events):
     photons = open_stream(npy, gate=(60, 100), **GIVEN)
     inside = (events.toa >= 60) & (events.toa < 160)
-    assert photons.frame.photons == np.count_nonzero(inside) and photons.sensor.toa_offset_bins == 60
+    assert isinstance(photons, Photons) and np.array_equal(photons.frame.pixel, events.pixel[inside])
+    assert np.array_equal(np.sort(photons.frame.toa), np.sort(events.toa[inside]) - 60)
+    assert photons.sensor.toa_offset_bins == 60
     assert photons.notes == (f"{np.count_nonzero(~inside)} of {events.photons} photons lie outside the gate "
                              "(bins 60 to 159): dropped",)
 
@@ -136,8 +127,7 @@ def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch
 
 
 def test_events_outside_are_left_out():
-    recording = stream.Recording(2, 2, 10, 1e-10, lambda: iter([stream.Events(
-        np.array([0, -1, 3, 2]), np.array([0, 1, 12, 9]), 1.0)]), "a")
-    found = PhotonStream(recording, {"irf": np.ones(1)})
+    chunk = stream.Events(np.array([0, -1, 3, 2]), np.array([0, 1, 10, 9]), 1.0)
+    found = PhotonStream(stream.Recording(2, 2, 10, 1e-10, lambda: iter([chunk]), "a"), {"irf": np.ones(1)})
     assert found.whole.frame.pixel.tolist() == [0, 2] and found.whole.frame.toa.tolist() == [0, 9]
-    assert isinstance(found.whole.frame, PhotonEvents) and "1 of 3 photons" in found.notes[-1]
+    assert "1 of 3 photons" in found.notes[-1]

@@ -9,12 +9,9 @@ from srt3d_ros.errors import InvalidInput
 from tests.devices import made
 
 
-def test_the_layout_has_the_drivers_sizes():
-    assert (as_dt1.DOT.itemsize, as_dt1.BANK.itemsize) == (672, 33_600)
-
-
 @pytest.mark.parametrize("banks", [6, 12, 24])
 def test_frames(tmp_path, banks):
+    assert (as_dt1.DOT.itemsize, as_dt1.BANK.itemsize) == (672, 33_600)         # the driver's sizes
     path = tmp_path / "scan.asdt1"
     _, distance = made.as_dt1_log(path, banks)
     readings = list(as_dt1.read(path))
