@@ -34,6 +34,7 @@ JUMP = 0.1                      # of the range, from pixel to pixel of a plane's
 GRAZING = 0.15                  # cosine between ray and normal below which a plane's depth is too uncertain
 CHANGE = 0.5                    # rad/s and m/s by which the twist may differ from the last one's, standard deviation
 LARGEST = 3.0                   # rad/s and m/s of a twist that is believed
+LIT, LEAST = 0.5, 0.2
 SURE = 5.0                      # standard deviations by which photons have to fit the cloud better than by chance
 
 
@@ -83,6 +84,7 @@ class MotionEstimator:
     def forget(self) -> None:
         """Begin anew, with a sensor at rest."""
         self.trajectory, self.twist, self._known = Trajectory(), np.zeros(6), False
+        self._change = np.zeros(6)
 
     def follow(self, surfaces: Surfaces, frame: MovingFrame) -> Trajectory | None:
         """The trajectory up to the end of a frame; None if its photons do not fit the surfaces.
@@ -114,22 +116,33 @@ class MotionEstimator:
         if not len(surfaces.points):
             return None
         seen = self._put_together(surfaces.stamp_ns, parts)
-        twist, last = self.twist.copy(), None
+        begin = self.twist + self.lead * self._change
+        twist, best, level = begin, None, 0.0
         for blur in BLURS if self._known else FROM_REST + BLURS:
-            begins = last is None or last[0] != blur
-            if begins:
-                matched = self._filters(seen, blur * self._width)
+            if blur != level:
+                matched, level, best = self._filters(seen, blur * self._width), blur, None
             score, noise, gradient, curvature = self._look(surfaces, seen, matched, twist)
-            gradient = gradient + (self.twist - twist) / CHANGE**2
-            if begins:
-                inverse = np.linalg.inv(curvature + np.eye(6) / CHANGE**2)
+            away = begin - twist
+            fit, gradient = score - away @ away / (2 * CHANGE**2), gradient + away / CHANGE**2
+            if best is None:
+                curvature = curvature * self._curvature_at(blur) + np.eye(6) / CHANGE**2
+                inverse = np.linalg.inv(curvature)
+            elif fit < best[0]:             # too far
+                twist = (best[1] + twist) / 2
+                continue
             else:
-                inverse = _bfgs(inverse, last[1], last[2] - gradient)
-            step = inverse @ gradient
-            twist, last = twist + step, (blur, step, gradient)
-        self._known = bool(score > SURE * noise and np.abs(twist).max() < LARGEST)
+                inverse = _bfgs(inverse, curvature, twist - best[1], best[2] - gradient)
+            best = fit, twist, gradient
+            twist = twist + inverse @ gradient
+        known = bool(score > SURE * noise and np.abs(twist).max() < LARGEST)
+        self._change = twist - self.twist if known and self._known else np.zeros(6)
+        self._known = known
         self.twist = twist if self._known else np.zeros(6)
         return twist if self._known else None
+
+    def _curvature_at(self, blur: float) -> float:
+        omega = self._omega**2 * self._matcher.energy
+        return float(omega @ np.exp(-(self._omega * blur * self._width)**2 / 2)) * LIT
 
     def _put_together(self, stamp_ns: int, parts):
         """At most PARTS parts: seconds since the cloud, sums [pixels, m] and photons [pixels] of each."""
@@ -183,7 +196,7 @@ class MotionEstimator:
             variance += float(number.sum())
         energy = self._matcher.energy
         return (score, np.sqrt(variance / 2 * energy.sum()), gradient,
-                curvature * float((energy * self._omega**2).sum()))
+                curvature)
 
 
 def _moved(twist: np.ndarray, elapsed_s: float) -> Pose:
@@ -191,13 +204,13 @@ def _moved(twist: np.ndarray, elapsed_s: float) -> Pose:
     return Pose(Pose.turned(twist[:3] * elapsed_s).rotation, twist[3:] * elapsed_s)
 
 
-def _bfgs(inverse: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+def _bfgs(inverse: np.ndarray, curvature: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
     """The inverse curvature after a step over which the gradient fell by `change` (Broyden, 1970).
 
     Noise in the normals makes the curvature too large where little is known, and steps too short there.
     """
     along = float(step @ change)
-    if along <= 0:              # not concave here: keep what is known
+    if along <= LEAST * (step @ curvature @ step):              # not concave here: keep what is known
         return inverse
     left = np.eye(6) - np.outer(step, change) / along
     return left @ inverse @ left.T + np.outer(step, step) / along
