@@ -55,26 +55,18 @@ def wrong_by(trajectory, first_s, last_s, view=VIEW):
                                                                                                axis=1).max())
 
 
-def test_photons_show_the_motion_of_the_sensor_from_rest():
-    estimator = MotionEstimator(SENSOR, FREQUENCIES)
-    frame, = frames(10)
-    trajectory = estimator.follow(surfaces(CLOUD_S), frame)
-    error_m, motion_m = wrong_by(trajectory, CLOUD_S, 2.1)
-    assert motion_m > 0.2 and error_m < 0.1 * motion_m
-    assert np.abs(estimator.twist[3:]).max() == pytest.approx(1, abs=0.2)       # m/s, as walk says
-
-
-def test_the_trajectory_goes_on_from_frame_to_frame():
+def test_photons_show_the_motion_of_the_sensor_from_rest_and_from_frame_to_frame():
     estimator = MotionEstimator(SENSOR, FREQUENCIES)
     for k, frame in enumerate(frames(10, count=3)):
         trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k), frame)
     error_m, motion_m = wrong_by(trajectory, CLOUD_S, 2.3)
     assert motion_m > 0.5 and error_m < 0.1 * motion_m
+    assert np.abs(estimator.twist[3:]).max() == pytest.approx(1, abs=0.2)       # m/s, as walk says
 
 
 def test_a_sensor_that_is_shaken_is_followed():
     estimator = MotionEstimator(SENSOR, FREQUENCIES)
-    for k, frame in enumerate(frames(10, count=6, view=SHAKEN)):
+    for k, frame in enumerate(frames(10, count=5, view=SHAKEN)):
         trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k, SHAKEN), frame)
         assert wrong_by(trajectory, 2 + 0.1 * k, 2.05 + 0.1 * k, SHAKEN)[0] < 0.02
 
