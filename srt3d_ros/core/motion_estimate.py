@@ -132,23 +132,18 @@ class MotionEstimator:
             return None
         seen = self._put_together(surfaces.stamp_ns, parts)
         begin = self.twist + self._change
-        twist, best, blurred = begin, None, None
+        twist, last, blurred = begin, None, None
         for blur in BLURS if self._known else FROM_REST + BLURS:
             if blur != blurred:
-                matched, blurred, best = self._filters(seen, blur * self._width), blur, None
+                matched, blurred, last = self._filters(seen, blur * self._width), blur, None
             score, noise, gradient, curvature = self._look(surfaces, seen, matched, twist)
-            away = begin - twist
-            fit, gradient = score - away @ away / (2 * CHANGE**2), gradient + away / CHANGE**2
-            if best is None:
+            gradient = gradient + (begin - twist) / CHANGE**2
+            if last is None:
                 curvature = curvature * LIT * self._sharpness(blur * self._width) + np.eye(6) / CHANGE**2
                 inverse = np.linalg.inv(curvature)
-            elif fit < best[0]:             # too far
-                twist = (best[1] + twist) / 2
-                continue
             else:
-                inverse = _bfgs(inverse, curvature, twist - best[1], best[2] - gradient)
-            best = fit, twist, gradient
-            twist = twist + inverse @ gradient
+                inverse = _bfgs(inverse, curvature, twist - last[0], last[1] - gradient)
+            last, twist = (twist, gradient), twist + inverse @ gradient
         known = bool(score > SURE * noise and np.abs(twist).max() < LARGEST)
         self._change = twist - self.twist if known and self._known else np.zeros(6)
         self.twist, self._known = twist if known else np.zeros(6), known
