@@ -1,7 +1,7 @@
 """Motion of a sensor from its photons alone: the twist under which they fall on the surfaces of the last cloud.
 
 Parts of a frame have too few photons for a cloud of their own, but enough to say whether they fit one. With
-ξ = (ω, v), the sensor's turn and speed, constant over the frame, this climbs
+ξ = (ω, v), the sensor's turn and speed from the cloud to the frame's end, this climbs
 
     F(ξ) = Σ_parts Σ_pixels Re Σ_l conj(ĥ_l) g_l sums_l exp(−i ω_l t(ξ)),     g_l = exp(−ω_l² s² / 2),
 
@@ -10,6 +10,8 @@ plane of the surface there, seen from where the sensor was. Projective associati
 those of Blais and Levine (PAMI 1995) and KinectFusion (ISMAR 2011), with photons in the place of points. The filter is
 blurred over s bins, from wide to narrow, so that the start may be some IRF widths off. What moves by itself is further
 from the prediction than the filter is wide, and pulls at nothing.
+
+Within a frame the sensor moves on the parabola through the poses at its ends and one as long before.
 """
 
 from dataclasses import dataclass
@@ -34,6 +36,9 @@ JUMP = 0.1                      # of the range, from pixel to pixel of a plane's
 GRAZING = 0.15                  # cosine between ray and normal below which a plane's depth is too uncertain
 CHANGE = 0.5                    # rad/s and m/s by which the twist may differ from the last one's, standard deviation
 LARGEST = 3.0                   # rad/s and m/s of a twist that is believed
+LIT = 0.5                       # of the photons are from surfaces, to begin with
+LEAST = 0.2                     # of the curvature that they would have, below which what a step shows is chance
+BENDS = 8                       # poses of a frame
 SURE = 5.0                      # standard deviations by which photons have to fit the cloud better than by chance
 
 
@@ -82,7 +87,7 @@ class MotionEstimator:
 
     def forget(self) -> None:
         """Begin anew, with a sensor at rest."""
-        self.trajectory, self.twist, self._known = Trajectory(), np.zeros(6), False
+        self.trajectory, self.twist, self._change, self._known = Trajectory(), np.zeros(6), np.zeros(6), False
 
     def follow(self, surfaces: Surfaces, frame: MovingFrame) -> Trajectory | None:
         """The trajectory up to the end of a frame; None if its photons do not fit the surfaces.
@@ -99,10 +104,22 @@ class MotionEstimator:
             self.forget()
             return None
         start = self.trajectory.at(stamp_ns)
-        for instant_ns in (first_ns, last_ns):
-            if instant_ns > self.trajectory.newest_ns:
-                self.trajectory.add(instant_ns, start @ _moved(twist, (instant_ns - stamp_ns) / 1e9))
+        if first_ns > self.trajectory.newest_ns:
+            self.trajectory.add(first_ns, start @ _moved(twist, (first_ns - stamp_ns) / 1e9))
+        if last_ns >= self.trajectory.newest_ns + BENDS:        # not so if the frame is an instant
+            self._go_on(last_ns, start @ _moved(twist, (last_ns - stamp_ns) / 1e9))
         return self.trajectory if self.trajectory.covers(first_ns, last_ns) else None
+
+    def _go_on(self, to_ns: int, pose: Pose) -> None:
+        """Add a pose, and before it some of an even acceleration."""
+        from_ns = self.trajectory.newest_ns
+        begin, before_ns = self.trajectory.at(from_ns), 2 * from_ns - to_ns
+        motion, bend = _twist(begin.inverse() @ pose), np.zeros(6)
+        if self.trajectory.covers(before_ns, from_ns):
+            bend = motion - _twist(self.trajectory.motion(from_ns, before_ns))
+        for share in np.arange(1, BENDS + 1) / BENDS:
+            self.trajectory.add(from_ns + round(share * (to_ns - from_ns)),
+                                begin @ _moved(motion - (1 - share) / 2 * bend, share))
 
     def __call__(self, surfaces: Surfaces, parts: Parts) -> np.ndarray | None:
         """The twist from the cloud's instant on, float64 [6]; None if the photons do not fit the cloud.
@@ -114,22 +131,23 @@ class MotionEstimator:
         if not len(surfaces.points):
             return None
         seen = self._put_together(surfaces.stamp_ns, parts)
-        twist, last = self.twist.copy(), None
+        begin = self.twist + self._change
+        twist, last, blurred = begin, None, None
         for blur in BLURS if self._known else FROM_REST + BLURS:
-            begins = last is None or last[0] != blur
-            if begins:
-                matched = self._filters(seen, blur * self._width)
+            if blur != blurred:
+                matched, blurred, last = self._filters(seen, blur * self._width), blur, None
             score, noise, gradient, curvature = self._look(surfaces, seen, matched, twist)
-            gradient = gradient + (self.twist - twist) / CHANGE**2
-            if begins:
-                inverse = np.linalg.inv(curvature + np.eye(6) / CHANGE**2)
+            gradient = gradient + (begin - twist) / CHANGE**2
+            if last is None:
+                curvature = curvature * LIT * self._sharpness(blur * self._width) + np.eye(6) / CHANGE**2
+                inverse = np.linalg.inv(curvature)
             else:
-                inverse = _bfgs(inverse, last[1], last[2] - gradient)
-            step = inverse @ gradient
-            twist, last = twist + step, (blur, step, gradient)
-        self._known = bool(score > SURE * noise and np.abs(twist).max() < LARGEST)
-        self.twist = twist if self._known else np.zeros(6)
-        return twist if self._known else None
+                inverse = _bfgs(inverse, curvature, twist - last[0], last[1] - gradient)
+            last, twist = (twist, gradient), twist + inverse @ gradient
+        known = bool(score > SURE * noise and np.abs(twist).max() < LARGEST)
+        self._change = twist - self.twist if known and self._known else np.zeros(6)
+        self.twist, self._known = twist if known else np.zeros(6), known
+        return twist if known else None
 
     def _put_together(self, stamp_ns: int, parts):
         """At most PARTS parts: seconds since the cloud, sums [pixels, m] and photons [pixels] of each."""
@@ -144,6 +162,10 @@ class MotionEstimator:
         window = window.reshape(-1, len(self._omega))
         return [np.ascontiguousarray(sums * window).view(np.float32) for _, sums, _ in seen]
 
+    def _sharpness(self, blur_bins: float) -> float:
+        """Curvature of the blurred filter at its peak, of one photon."""
+        return float(self._matcher.energy @ (self._omega**2 * np.exp(-(self._omega * blur_bins)**2 / 2)))
+
     @cached_property
     def _phases(self) -> np.ndarray:
         """cos and sin of ω_l t at every STEPS_A_BIN-th of a bin; float32 [8 T, 2m]."""
@@ -151,8 +173,8 @@ class MotionEstimator:
         return np.exp(1j * turns).astype(np.complex64).view(np.float32)
 
     def _look(self, surfaces: Surfaces, seen, matched, twist):
-        """F and the standard deviation that it has by chance, its gradient in ξ, and its curvature if all photons fit.
-        """
+        """F and the standard deviation that it has by chance, its gradient in ξ, and its curvature over `_sharpness`,
+        if all photons fit."""
         sensor, rays = self._sensor, self._sensor.rays.reshape(-1, 3)
         score, variance, gradient, curvature = 0.0, 0.0, np.zeros(6), np.zeros((6, 6))
         weights = np.repeat(self._omega, 2).astype(np.float32)
@@ -181,9 +203,7 @@ class MotionEstimator:
             number = photons[pixel]
             curvature += (lever * number[:, None]).T @ lever
             variance += float(number.sum())
-        energy = self._matcher.energy
-        return (score, np.sqrt(variance / 2 * energy.sum()), gradient,
-                curvature * float((energy * self._omega**2).sum()))
+        return score, np.sqrt(variance / 2 * self._matcher.energy.sum()), gradient, curvature
 
 
 def _moved(twist: np.ndarray, elapsed_s: float) -> Pose:
@@ -191,13 +211,18 @@ def _moved(twist: np.ndarray, elapsed_s: float) -> Pose:
     return Pose(Pose.turned(twist[:3] * elapsed_s).rotation, twist[3:] * elapsed_s)
 
 
-def _bfgs(inverse: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+def _twist(motion: Pose) -> np.ndarray:
+    """That of which `_moved` makes this motion in a second."""
+    return np.concatenate([motion.rotation_vector, motion.translation])
+
+
+def _bfgs(inverse: np.ndarray, curvature: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
     """The inverse curvature after a step over which the gradient fell by `change` (Broyden, 1970).
 
     Noise in the normals makes the curvature too large where little is known, and steps too short there.
     """
     along = float(step @ change)
-    if along <= 0:              # not concave here: keep what is known
+    if along <= LEAST * (step @ curvature @ step):
         return inverse
     left = np.eye(6) - np.outer(step, change) / along
     return left @ inverse @ left.T + np.outer(step, step) / along

@@ -159,15 +159,6 @@ def test_pixels_with_times_of_their_own_move_by_these():
     assert list(np.flatnonzero(sketch.photons)) == [3, 8]       # the first looked before the turn, the other after it
 
 
-def test_the_device_says_the_same():
-    """The reference in float64, of the whole path."""
-    pose, events = Pose(Pose.turned([0.01, 0.02, -0.01]).rotation, np.array([0.05, 0.02, -0.1])), photons()
-    sketch, range_m = sketch_photons(events, SENSOR, FREQUENCIES), constant(3)
-    found, expected = (Deskewer(SENSOR, FREQUENCIES, device)([(0, sketch)], after(pose), LATER, range_m).on_host()
-                       for device in ("cpu", "reference"))
-    assert_same(found, expected)
-
-
 def test_unknown_ranges_are_those_of_what_is_behind():
     range_m = np.array([[1, np.nan, np.nan, 4], [np.nan] * 4, [2, 2, np.inf, 0]], np.float32)
     sensor = SensorModel(3, 4, T, 1e-10, [1])

@@ -6,13 +6,14 @@ import pytest
 from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
 from srt3d_ros.core.moving_sketcher import MovingFrame
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.motion_profiles import walk
+from srt3d_ros.datasets.motion_profiles import hand, walk
 from srt3d_ros.datasets.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.room import Room
 from srt3d_ros.datasets.simulator import Simulator
 
 SENSOR = moving_sensor(64)
 VIEW = MovingView(Room(), walk, SENSOR)
+SHAKEN = MovingView(Room(), lambda t_s: walk(2) @ hand(t_s), SENSOR)
 FREQUENCIES = (1, 2, 4, 6, 9, 14, 20, 29, 41, 58)
 PARTS, PART_S = 5, 0.02
 CLOUD_S = 1.95          # a frame before the photons
@@ -21,14 +22,17 @@ CLOUD_S = 1.95          # a frame before the photons
 class Later:
     """The room, seen on the way from 2 s on."""
 
+    def __init__(self, view):
+        self._view = view
+
     def frame(self, t_s):
-        range_m, reflectivity = VIEW.at(2.0 + t_s + PART_S / 2)
+        range_m, reflectivity = self._view.at(2.0 + t_s + PART_S / 2)
         return range_m[None], reflectivity[None]
 
 
-def frames(ppp, sbr=1.0, count=1):
+def frames(ppp, sbr=1.0, count=1, view=VIEW):
     """Frames of 100 ms from 2 s on."""
-    simulator = Simulator(Later(), SENSOR, sbr, ppp / PARTS, 1, 1 / PART_S)
+    simulator = Simulator(Later(view), SENSOR, sbr, ppp / PARTS, 1, 1 / PART_S)
     for k in range(count):
         first_ns = round((2.0 + k * PARTS * PART_S) * 1e9)
         parts = [(round((2.0 + (part + 0.5) * PART_S) * 1e9),
@@ -37,35 +41,50 @@ def frames(ppp, sbr=1.0, count=1):
         yield MovingFrame(parts, first_ns, first_ns + 10**8, first_ns + 5 * 10**7)
 
 
-def surfaces(t_s):
+def surfaces(t_s, view=VIEW):
     """Of an exact cloud."""
-    return Surfaces.of_ranges(round(t_s * 1e9), VIEW.at(t_s)[0], SENSOR)
+    return Surfaces.of_ranges(round(t_s * 1e9), view.at(t_s)[0], SENSOR)
 
 
-def wrong_by(trajectory, first_s, last_s):
+def wrong_by(trajectory, first_s, last_s, view=VIEW):
     """How far points 2 m ahead are from where they should be after a motion, metres."""
     ahead = 2 * SENSOR.rays[::16, ::16].reshape(-1, 3).astype(float)
-    true = VIEW.sensor_pose(last_s).inverse() @ VIEW.sensor_pose(first_s)
+    true = view.sensor_pose(last_s).inverse() @ view.sensor_pose(first_s)
     found = trajectory.motion(round(first_s * 1e9), round(last_s * 1e9))
     return float(np.linalg.norm(found(ahead) - true(ahead), axis=1).max()), float(np.linalg.norm(true(ahead) - ahead,
                                                                                                axis=1).max())
 
 
-def test_photons_show_the_motion_of_the_sensor_from_rest():
-    estimator = MotionEstimator(SENSOR, FREQUENCIES)
-    frame, = frames(10)
-    trajectory = estimator.follow(surfaces(CLOUD_S), frame)
-    error_m, motion_m = wrong_by(trajectory, CLOUD_S, 2.1)
-    assert motion_m > 0.2 and error_m < 0.1 * motion_m
-    assert np.abs(estimator.twist[3:]).max() == pytest.approx(1, abs=0.2)       # m/s, as walk says
-
-
-def test_the_trajectory_goes_on_from_frame_to_frame():
+def test_photons_show_the_motion_of_the_sensor_from_rest_and_from_frame_to_frame():
     estimator = MotionEstimator(SENSOR, FREQUENCIES)
     for k, frame in enumerate(frames(10, count=3)):
         trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k), frame)
     error_m, motion_m = wrong_by(trajectory, CLOUD_S, 2.3)
     assert motion_m > 0.5 and error_m < 0.1 * motion_m
+    assert np.abs(estimator.twist[3:]).max() == pytest.approx(1, abs=0.2)       # m/s, as walk says
+
+
+def test_a_sensor_that_is_shaken_is_followed():
+    estimator = MotionEstimator(SENSOR, FREQUENCIES)
+    for k, frame in enumerate(frames(10, count=5, view=SHAKEN)):
+        trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k, SHAKEN), frame)
+        assert wrong_by(trajectory, 2 + 0.1 * k, 2.05 + 0.1 * k, SHAKEN)[0] < 0.02
+
+
+def test_within_a_frame_the_sensor_accelerates_as_it_did_before():
+    """Shaken at 6 m/s², it would be 17 to 24 mm off if its motion were even."""
+    class Told(MotionEstimator):
+        def __call__(self, found, parts):
+            first_s, last_s = found.stamp_ns / 1e9, found.stamp_ns / 1e9 + 0.15
+            motion = SHAKEN.sensor_pose(first_s).inverse() @ SHAKEN.sensor_pose(last_s)
+            return np.concatenate([motion.rotation_vector, motion.translation]) / 0.15
+
+    estimator, nothing = Told(SENSOR, FREQUENCIES), np.zeros((0, 3), np.float32)
+    for first_s in (2.0, 2.1, 2.2, 2.3, 2.4):
+        first_ns, cloud_ns = round(first_s * 1e9), round((first_s - 0.05) * 1e9)
+        frame = MovingFrame([], first_ns, first_ns + 10**8, first_ns + 5 * 10**7)
+        trajectory = estimator.follow(Surfaces(cloud_ns, nothing, nothing), frame)
+        assert wrong_by(trajectory, first_s, first_s + 0.05, SHAKEN)[0] < 0.012
 
 
 def test_photons_that_fit_no_surface_show_nothing_and_the_next_frame_begins_anew():

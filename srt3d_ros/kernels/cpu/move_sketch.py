@@ -12,7 +12,8 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.lens import LOOKS, distorted
 
-BAND = 8                # rows: photons on the border between two are turned twice
+BAND = 16               # rows: photons on the border between two are turned twice
+LANES = 8               # of a vector of float32, at least
 TURN = F32(2 * np.pi)
 NOWHERE = F32(-1e9)
 _distorted = inline(distorted)
@@ -135,13 +136,22 @@ def _targets(photons, used, rays, ranges, motions, group, lens, late, metres_per
         reached[i, 0], reached[i, 1] = first - cols - 1, last + cols + 1
 
 
+@line
+def _padded(bin_frequencies):
+    """Frequencies in whole vectors: a rest would take as long as another vector, or longer."""
+    padded = np.zeros(-(-len(bin_frequencies) // LANES) * LANES, np.float32)
+    padded[:len(bin_frequencies)] = bin_frequencies
+    return padded
+
+
 @parallel
 def _collect(sums, photons, target, weight, depth, reached, bin_frequencies, moved, numbers):
     rows, cols, twice = sums.shape
     m, size = twice // 2, rows * cols
     for band in prange((rows + BAND - 1) // BAND):
         begin, end = band * BAND * cols, min((band + 1) * BAND * cols, size)
-        z, cosine, sine = np.empty(twice, np.float32), np.empty(m, np.float32), np.empty(m, np.float32)
+        z, turns = np.empty(twice, np.float32), _padded(bin_frequencies)
+        cosine, sine = np.empty_like(turns), np.empty_like(turns)
         for i in range(rows):
             if reached[i, 1] < begin or reached[i, 0] >= end:
                 continue
@@ -152,8 +162,8 @@ def _collect(sums, photons, target, weight, depth, reached, bin_frequencies, mov
                 if max(max(a, b), max(c, d)) < begin or min(min(a, b), min(c, d)) >= end:
                     continue
                 at = depth[i, j]
-                for l in range(m):
-                    sine[l], cosine[l] = sincos(bin_frequencies[l] * at)
+                for l in range(len(turns)):
+                    sine[l], cosine[l] = sincos(turns[l] * at)
                 for l in range(m):
                     re, im = sums[i, j, 2 * l], sums[i, j, 2 * l + 1]
                     z[2 * l] = re * cosine[l] + im * sine[l]
@@ -181,14 +191,15 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
 def _read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin, sums, photons):
     rows, cols, twice = moved.shape
     for i in prange(rows):
-        cosine, sine = np.empty(twice // 2, np.float32), np.empty(twice // 2, np.float32)
+        turns = _padded(bin_frequencies)
+        cosine, sine = np.empty_like(turns), np.empty_like(turns)
         for j in range(cols):
             number = numbers[i, j]
             whole = min(np.floor(np.float64(number) + 0.5), MAX_PHOTONS)
             scale, at = F32(whole / max(number, HALF)), ranges[i, j] / metres_per_bin + late[i, j]
             photons[i, j] = np.uint32(whole)
-            for l in range(twice // 2):
-                sine[l], cosine[l] = sincos(bin_frequencies[l] * at)
+            for l in range(len(turns)):
+                sine[l], cosine[l] = sincos(turns[l] * at)
             for l in range(twice // 2):
                 re, im = scale * moved[i, j, 2 * l], scale * moved[i, j, 2 * l + 1]
                 sums[i, j, 2 * l] = re * cosine[l] - im * sine[l]
