@@ -145,9 +145,9 @@ class Process:
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
 
-    def code(self) -> int:
+    def code(self, deadline_s: float = DEADLINE_S) -> int:
         """Wait until it has ended; its exit code."""
-        wait(lambda: not self.running, f"the end of {self.command}", lambda: self.text)
+        wait(lambda: not self.running, f"the end of {self.command}", lambda: self.text, deadline_s)
         self._reader.join(LAST_LINES_S)
         return self._process.returncode
 

@@ -24,7 +24,8 @@ PAGE, DRIVER = "docs/quickstart-driver.md", "examples/spad_driver.py"
 TABLE = "When nothing comes"
 WORDS = "is|are|of|on|expected|no_sensor|malformed|queue|my_sensor|json"
 VARIABLE = re.compile(rf'…|[\d.]+|/\w+|"\w+"|[:,;()]|\b(?:{WORDS})\b')
-PUT_TOGETHER = {"offering incompatible QoS", "waiting for a sensor description"}     # by ROS, and of words
+PUT_TOGETHER = {"offering incompatible QoS", "waiting for a sensor description", "nobody publishes",
+                "but nobody publishes"}         # by ROS, and of words
 ENOUGH = 500            # frames, after which a machine that has lost none will lose none
 
 

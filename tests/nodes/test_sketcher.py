@@ -193,9 +193,10 @@ def test_another_sensor_and_messages_that_it_does_not_explain_are_logged(sketche
     assert said.count(f"another sensor on {topic}: 16 × 12 pixels, 120 bins of 100 ps; ") == 1
     frame = PhotonHistograms(np.ones((sensor.rows, sensor.cols, sensor.num_bins), np.uint8), STAMP_NS)
     sketcher.send(photon_frames.encode_cdr(frame, "histograms", sensor), topic="histograms")
+    assert sketcher.counted("dropped.malformed") == [1]
+    assert "frame dropped: encoding is 8UC100: expected 8UC20 or 16UC20 or 32SC20 or 32FC20" in sketcher.process.text
     sketcher.send(photons_at(STAMP_NS)[:-1000])
     assert sketcher.counted("dropped.malformed") == [2]
-    assert "frame dropped: encoding is 8UC100: expected 8UC20 or 16UC20 or 32SC20 or 32FC20" in sketcher.process.text
     assert "Traceback" not in sketcher.process.text
     sketcher.send(photons_at(STAMP_NS))
     sketcher.wait_for(1)
