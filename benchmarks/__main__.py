@@ -16,7 +16,6 @@ PURPOSES = {
     "deskew": "time to move the parts of a frame to one instant, and a window of frames",
     "devices": "ranges of devices' logs against what is known of them",
     "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
-    "motion_film": "a recording of a sensor that moves, with its frames as they are and moved to one instant",
     "motion_slam": "drift of KISS-ICP on the clouds of a moving sensor",
     "two_machines": "sketches over links that are slow, lose packets or change: what passes, how late (root)",
 }

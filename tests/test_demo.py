@@ -6,11 +6,13 @@ import re
 import signal
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
+from rerun.chunk import RrdReader
 
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor import SensorModel
@@ -62,6 +64,10 @@ def test_a_moving_sensor_is_deskewed(start, tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["frames_sent"], summary["frames_lost"], summary["frames_judged"]) == (5, 0, 5)
     assert summary["true_detections_percent"] > 98 and summary["dae_bins"] < 0.8     # not moved: 96 %, 1.3 bins
+    recorded = Counter()
+    for chunk in RrdReader(tmp_path / "out" / "film.rrd").stream():
+        recorded[str(chunk.entity_path)] += chunk.num_rows
+    assert 0 < recorded["/clouds/photons_added"] == recorded["/clouds/parts_moved"] <= 5
 
 
 def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):

@@ -15,6 +15,7 @@ from tqdm import tqdm
 from srt3d_ros import __version__
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import evaluate
+from srt3d_ros.core.motion import Pose
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
@@ -23,8 +24,9 @@ from srt3d_ros.datasets.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.room import Room
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import require
+from srt3d_ros.messages import points
 from srt3d_ros.private_network import join_private_network
-from srt3d_ros.processes import Processes
+from srt3d_ros.processes import Processes, node_command
 
 SCENE = {"ppp": 15.0, "sbr": 1.0, "seed": 1}
 SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detection; RT3D's paper has 40 mm for its head
@@ -33,10 +35,23 @@ FILE_TOLERANCE_BINS = 10.0
 FRAMES_IN_FLIGHT = 3                    # of several packets: one that comes, one that waits for odometry, one beyond
 JUDGED_FRAMES = 40                      # compared with the truth, evenly spaced: all would outlast the streaming
 PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
-RESULTS = RECORDING, PICTURE, SUMMARY = "recording.rrd", "cloud.png", "summary.json"
-SHOWN = ("frames_sent", "frames_reconstructed", "frames_lost", "clouds_per_second", "latency_median_ms",
-         "latency_p95_ms", "photons_per_frame", "points_per_frame", "tolerance_mm", "true_detections_percent",
-         "false_detections_percent", "dae_bins", "dae_mm")      # of the summary, in the table
+RESULTS = RECORDING, PICTURE, SUMMARY, FILM = "recording.rrd", "cloud.png", "summary.json", "film.rrd"
+ADDED = "/photons_added"                # where the photons of a sensor that moves are added as they come, to compare
+FILM_VIEWS, FILM_HEIGHTS_M = ("photons added", "parts moved"), (0.0, 2.6)       # of the room, without its ceiling
+TABLE = """
+{source}: {rows} × {cols} pixels, {num_bins} bins, {rate_hz:g} Hz
+  frames sent           {frames_sent:>9}
+  frames reconstructed  {frames_reconstructed:>9}
+  frames lost           {frames_lost:>9}
+  clouds per second     {clouds_per_second:>9.1f}  of {rate_hz:g} asked for
+  latency, median       {latency_median_ms:>9.1f}  ms from the photons' stamp to the cloud
+  latency, 95 %         {latency_p95_ms:>9.1f}  ms
+  photons per frame     {photons_per_frame:>9}
+  points per frame      {points_per_frame:>9}  median"""
+JUDGED = """
+  true detections       {true_detections_percent:>9.1f}  % of the surfaces have a point within {tolerance_mm:.3g} mm
+  false detections      {false_detections_percent:>9.1f}  % more points that are farther off
+  depth error (DAE)     {dae_bins:>9.2f}  bins = {dae_mm:.3g} mm"""
 CLOUD_TIMEOUT_S = 60.0                  # between two clouds
 LAST_CLOUD_TIMEOUT_S = 5.0              # after the player is done
 
@@ -52,6 +67,7 @@ class Source:
         sketcher: parameters of the sketcher for it.
         packets: messages in a frame.
         stamped: the instant of a frame that its cloud is stamped with, 0 its start, 1 its end.
+        pose: of the sensor at that instant of frame k, in a fixed frame; None: it does not move.
     """
 
     title: str
@@ -63,6 +79,7 @@ class Source:
     sketcher: dict[str, object] = field(default_factory=dict)
     packets: int = 1
     stamped: float = 0.0
+    pose: Callable[[int], Pose] | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -97,8 +114,9 @@ def run(args: argparse.Namespace) -> int:
     summary, problems = _stream(source, round(args.duration_s * rate_hz), rate_hz, args.out)
     if summary:
         (args.out / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
-        print(_table(summary))
-        print(f"\n{args.out}/  {PICTURE}  {RECORDING} (to open with `srt3d view`)  {SUMMARY}  logs/")
+        print((TABLE + JUDGED * ("frames_judged" in summary)).format(**summary))
+        recordings = f"{RECORDING}  {FILM}" if source.pose else RECORDING
+        print(f"\n{args.out}/  {PICTURE}  {recordings} (to open with `srt3d view`)  {SUMMARY}  logs/")
     for problem in problems:
         _say(f"srt3d demo: {problem}")
     return 1 if problems else 0
@@ -130,7 +148,8 @@ def _moving(motion: str, rate_hz: float) -> Source:
                   MOVING_TOLERANCE_M / sensor.bin_width_m,
                   {"input": "simulator", "motion": motion, "in_flight": FRAMES_IN_FLIGHT * PACKETS, **SCENE},
                   {"motion": "odom", "packets_per_frame": PACKETS, "extrinsics": extrinsics(),
-                   "motion_timeout_s": CLOUD_TIMEOUT_S / 10}, PACKETS, stamped=0.5)
+                   "motion_timeout_s": CLOUD_TIMEOUT_S / 10}, PACKETS,
+                  stamped=0.5, pose=lambda k: view.sensor_pose((k + 0.5) / rate_hz))
 
 
 def _from_file(path: str) -> Source:
@@ -142,11 +161,14 @@ def _from_file(path: str) -> Source:
 def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
     """Play all frames through the nodes; returns the summary and what went wrong, in words."""
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
-    keep_every = -(-frames // JUDGED_FRAMES)
-    with PipelineProbe(keep_every) as probe, Processes(probe.spin_until, out / "logs") as nodes:
+    keep_every = 1 if source.pose else -(-frames // JUDGED_FRAMES)
+    with (PipelineProbe(keep_every, f"{ADDED}/points" if source.pose else None) as probe,
+          Processes(probe.spin_until, out / "logs") as nodes):
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True, **source.sketcher)
+        if source.pose:
+            _start_to_compare(nodes, source)
         _say("starting the nodes; the first time they compile their kernels, for about a minute")
         problems = nodes.not_ready(PIPELINE, probe.statuses)
         if problems:
@@ -164,7 +186,17 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     if summary["frames_lost"]:
         problems.append(f"{summary['frames_lost']} of {summary['frames_sent']} frames were lost ({_drops(probe)})")
     _draw(out / PICTURE, source, probe, summary)
+    if source.pose:
+        _record_film(out / FILM, source, probe, rate_hz)
     return summary, problems
+
+
+def _start_to_compare(nodes: Processes, source: Source) -> None:
+    """Another sketcher, which adds the same photons without moving them, and its reconstructor."""
+    remapped = "-r", f"__ns:={ADDED}", "-r", "photons:=/photons", "-r", "sensor:=/sensor"
+    both = {"reconstructor": {"fields": "full"}, "sketcher": {"packets_per_frame": source.packets}}
+    for name, parameters in both.items():
+        nodes.run(f"{name}{ADDED.replace('/', '_')}", node_command(name, *remapped, **parameters), is_node=True)
 
 
 def _watch(probe, nodes: Processes, frames: int) -> None:
@@ -202,9 +234,9 @@ def _summarise(source: Source, probe, rate_hz: float) -> dict:
 def _judge(source: Source, probe, rate_hz: float) -> dict:
     """Detections and depth error of the clouds that were kept, against the truth at their stamps; empty without one."""
     sensor, results = source.sensor, []
-    for raw in probe.kept:
-        cloud = _cloud(raw, sensor)
-        truth = source.truth(_frame_index(cloud, source, probe, rate_hz))
+    for raw in probe.kept[::-(-len(probe.kept) // JUDGED_FRAMES)]:
+        cloud = points.decode_cloud(raw, sensor)
+        truth = source.truth(_frame_index(cloud, source.stamped, probe, rate_hz))
         if truth is None:
             return {}
         results.append(evaluate(cloud, truth, source.tolerance_bins, sensor.num_bins))
@@ -221,8 +253,8 @@ def _judge(source: Source, probe, rate_hz: float) -> dict:
 
 def _draw(path: Path, source: Source, probe, summary: dict) -> None:
     from srt3d_ros.pictures.overview import draw_overview
-    cloud = _cloud(probe.kept[3 * len(probe.kept) // 4], source.sensor)
-    photons = source.photons(_frame_index(cloud, source, probe, summary["rate_hz"]))
+    cloud = points.decode_cloud(probe.kept[3 * len(probe.kept) // 4], source.sensor)
+    photons = source.photons(_frame_index(cloud, source.stamped, probe, summary["rate_hz"]))
     figures = {"photons per pixel": photons.photons / source.sensor.pixels, "points": len(cloud),
                "latency": f"{summary['latency_median_ms']:.0f} ms"}
     if "dae_mm" in summary:
@@ -230,22 +262,22 @@ def _draw(path: Path, source: Source, probe, summary: dict) -> None:
     draw_overview(path, cloud, source.sensor, photons, source.title, figures)
 
 
-def _frame_index(cloud: PointCloud, source: Source, probe, rate_hz: float) -> int:
+def _record_film(path: Path, source: Source, probe, rate_hz: float) -> None:
+    """Record where the sensor was, and what became of each frame with and without motion, side by side."""
+    from srt3d_ros.recording.motion_film import Moment, write_film
+
+    def by_frame(messages: list[bytes], stamped: float) -> dict[int, PointCloud]:
+        clouds = [points.decode_cloud(raw, source.sensor) for raw in messages]
+        return {_frame_index(cloud, stamped, probe, rate_hz): cloud for cloud in clouds}
+
+    added, moved = by_frame(probe.beside, 0.0), by_frame(probe.kept, source.stamped)
+    write_film(path, (Moment(cloud.stamp_ns, source.pose(k), dict(zip(FILM_VIEWS, (added[k], cloud))))
+                      for k, cloud in moved.items() if k in added), FILM_VIEWS, FILM_HEIGHTS_M, (0.0, 0.0, 1.0))
+
+
+def _frame_index(cloud: PointCloud, stamped: float, probe, rate_hz: float) -> int:
     """Which of the player's frames a cloud shows: the player stamps frame k with first stamp + k / rate."""
-    return round((cloud.stamp_ns - int(probe.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz - source.stamped)
-
-
-def _cloud(raw: bytes, sensor: SensorModel) -> PointCloud:
-    """The PointCloud in a `points` message of the full layout."""
-    from srt3d_ros.messages import points
-    header, columns = points.decode_cdr(raw)
-    row, col = columns["row"], columns["col"]
-    range_m = np.linalg.norm(columns["xyz"].astype(np.float64), axis=1)
-    background = np.full((sensor.rows, sensor.cols), np.nan, np.float32)
-    background[row, col] = columns["background"]
-    return PointCloud(row, col, sensor.depth_bins(range_m).astype(np.float32), columns["intensity"],
-                      columns["depth_std"] / np.float32(sensor.bin_width_m), columns["xyz"], columns["surface"],
-                      background, header.stamp_ns)
+    return round((cloud.stamp_ns - int(probe.value("player", "first_stamp_ns"))) * 1e-9 * rate_hz - stamped)
 
 
 def _drops(probe) -> str:
@@ -253,12 +285,6 @@ def _drops(probe) -> str:
     found = [f"{node} {key} {value}" for node, values in probe.statuses.items() for key, value in values.items()
              if (key.startswith("dropped.") or key in ("message_lost", "unanswered")) and value != "0"]
     return ", ".join(found) or "no node says where"
-
-
-def _table(summary: dict) -> str:
-    title = "{source}: {rows} × {cols} pixels, {num_bins} bins, {rate_hz:g} Hz".format(**summary)
-    lines = [f"  {name.replace('_', ' '):<28}{summary[name]:>9}" for name in SHOWN if name in summary]
-    return "\n".join(["", title, *lines])
 
 
 def _say(text: str) -> None:

@@ -37,11 +37,12 @@ class Arrival:
 class PipelineProbe:
     """Subscribes to `points` and /diagnostics; a context manager, inside which `spin_until` receives.
 
-    `kept` has the bytes of every `keep_every`-th cloud.
+    `kept` has the bytes of every `keep_every`-th cloud, `beside` those of all clouds on another topic.
     """
 
-    def __init__(self, keep_every: int):
-        self._keep_every = keep_every
+    def __init__(self, keep_every: int, topic_beside: str | None = None):
+        self._keep_every, self._topic_beside = keep_every, topic_beside
+        self.beside: list[bytes] = []
         self.arrivals: list[Arrival] = []
         self.kept: list[bytes] = []
         self.statuses: dict[str, dict[str, str]] = {}
@@ -50,7 +51,10 @@ class PipelineProbe:
         transport.prepare_process()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("monitor")
-        self.node.create_subscription(PointCloud2, "points", self._on_cloud, QoSProfile(depth=CLOUDS_DEPTH), raw=True)
+        depth = QoSProfile(depth=CLOUDS_DEPTH)
+        self.node.create_subscription(PointCloud2, "points", self._on_cloud, depth, raw=True)
+        if self._topic_beside is not None:
+            self.node.create_subscription(PointCloud2, self._topic_beside, self.beside.append, depth, raw=True)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

@@ -54,12 +54,16 @@ def write_film(path: Path, moments: Iterable[Moment], names: tuple[str, ...], he
             xyz = moment.pose(cloud.xyz)
             xyz = xyz[xyz[:, 2] < heights_m[1]]
             colour = range_table()[levels(xyz[:, 2], *heights_m)]
-            stream.log(f"{CLOUDS}/{name}", rr.Points3D(xyz, colors=colour, radii=RADIUS_M))
+            stream.log(_entity(name), rr.Points3D(xyz, colors=colour, radii=RADIUS_M))
     stream.flush()
     stream.disconnect()
 
 
+def _entity(name: str) -> str:
+    return f"{CLOUDS}/{name.replace(' ', '_')}"
+
+
 def _blueprint(names: tuple[str, ...], middle_m: np.ndarray) -> rrb.Blueprint:
     eye = Viewpoint(middle_m + (-5.0, -5.0, 9.0), middle_m, np.array([0, 0, 1]), FOV_DEG)
-    return film(rrb.Horizontal(*(view_from(eye, name, contents=[f"{CLOUDS}/{name}", WAY, SENSOR],
+    return film(rrb.Horizontal(*(view_from(eye, name, contents=[_entity(name), WAY, SENSOR],
                                            time_ranges=[last_frames(FRAMES_SHOWN)]) for name in names)), "frame")
