@@ -83,7 +83,7 @@ def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
     assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "logs"}
     assert {path.stem for path in (out / "logs").iterdir()} == NODES
     assert (out / "cloud.png").read_bytes()[1:4] == b"PNG" and (out / "recording.rrd").read_bytes()[:3] == b"RRF"
-    assert "frames reconstructed               10" in (tmp_path / "out.txt").read_text()
+    assert "frames reconstructed         10" in (tmp_path / "out.txt").read_text()
 
 
 def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, tmp_path):
