@@ -27,7 +27,7 @@ class Sketcher:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
         device: "cpu", or "cuda": photons are copied to the GPU, sums stay there, and the arrays of `sketch()` are
-            tensors on it. There, `resident(frame)` copies a frame's photons and returns a function that adds them.
+            tensors on it.
         gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
     """
 
@@ -43,8 +43,6 @@ class Sketcher:
         self._sums, self._photons = kernels.new_sums(sensor.pixels, table.shape[1])
         self._stamp_ns: int | None = None
         self._subtracted = False            # whether counts may have been negative
-        if not kernels.ON_HOST:
-            self.resident = self._resident
 
     @property
     def sketch_sensor(self) -> SensorModel:
@@ -59,11 +57,11 @@ class Sketcher:
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
-        self._resident(frame)()
+        self._copied(frame)()
         self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
 
-    def _resident(self, frame: PhotonFrame) -> Callable[[], None]:
-        """Copy the photons to the device; the function returned adds them, as often as it is called."""
+    def _copied(self, frame: PhotonFrame) -> Callable[[], None]:
+        """Copy the photons to the device; the function returned adds them."""
         on_device = self._kernels.photon_array
         if isinstance(frame, PhotonHistograms):
             frame.check(self.sensor)
