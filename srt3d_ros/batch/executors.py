@@ -34,12 +34,13 @@ class LocalProcesses:
 
     def __init__(self, jobs: int, say: Callable[[str], None]):
         self.most_waiting = 2 * jobs        # so that none waits for the next
+        self._others = multiprocessing.active_children()
         self._jobs, self._say = jobs, say
         self._pool = self._new_pool()
 
     def submit(self, call: Callable[[], Any]) -> Future:
         """Begin a call, of a function of a module, in one of the processes."""
-        # Ctrl-C reaches this process, which ends the others: they are not to complain of it, not even while they start.
+        # Block SIGINT in the workers, also while they start: the parent ends them on Ctrl-C.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return self._pool.submit(call)
@@ -53,12 +54,13 @@ class LocalProcesses:
     def close(self) -> None:
         """End the processes, whatever they do."""
         for child in multiprocessing.active_children():
-            child.kill()
+            if child not in self._others:
+                child.kill()
         self._pool.shutdown(cancel_futures=True)
 
     def _new_pool(self) -> ProcessPoolExecutor:
         cores = max(1, len(os.sched_getaffinity(0)) // self._jobs)
-        return ProcessPoolExecutor(self._jobs, SPAWN, _use, (cores,))
+        return ProcessPoolExecutor(self._jobs, SPAWN, _begin, (cores,))
 
 
 class DaskCluster:
@@ -101,7 +103,7 @@ class DaskCluster:
 
 
 def done(calls: Iterable[Call], executor: LocalProcesses | DaskCluster) -> Iterator[tuple[Call, Future]]:
-    """Each call with its future, as they are done; a call whose process died once more, by itself.
+    """Each call with its future, as they are done. A call whose process died is repeated once, while no other runs.
 
     Raises:
         InvalidInput: `calls` raised it; those before it have been given.
@@ -125,7 +127,7 @@ def _some(waiting: dict[Future, Call], executor: LocalProcesses | DaskCluster) -
     """Wait for some of these and take them out."""
     ended = wait(waiting, return_when=FIRST_COMPLETED).done
     if any(map(_died, ended)):
-        ended = wait(waiting).done      # which dies with it
+        ended = wait(waiting).done      # a broken pool fails all its calls: repeat none before the last has ended
     for future in [future for future in waiting if future in ended]:
         call = waiting.pop(future)
         if _died(future):
@@ -145,6 +147,17 @@ def _on_worker(call: Callable[[], Any]) -> Any:
     with _one_at_a_time:
         _use(get_worker().state.nthreads)
         return call()
+
+
+def _begin(cores: int) -> None:
+    """In a new process: take its share of the cores, and end with the parent, even if that is killed."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _use(cores)
+
+
+def _end_with_parent() -> None:
+    multiprocessing.parent_process().join()
+    os._exit(1)
 
 
 def _use(cores: int) -> None:

@@ -3,8 +3,8 @@
 import os
 import secrets
 from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -132,9 +132,18 @@ def failure(error: Exception) -> InvalidInput:
     """An error about a frame: itself, or what went wrong beside the input."""
     if isinstance(error, InvalidInput):
         return error
+    if isinstance(error, BrokenProcessPool):
+        return InvalidInput("reconstruction", "ended by the system, twice", "memory enough: fewer --jobs take less")
     return InvalidInput("reconstruction", f"failed ({type(error).__name__}: {error})", "a cloud")
 
 
-@lru_cache(maxsize=1)
+_open: dict["Task", "BagSource | LogSource"] = {}      # of this process: one at most
+
+
 def _source(task: Task) -> BagSource | LogSource:
-    return open_source(task.request)
+    """The input, open from frame to frame; that of an earlier run is closed."""
+    if task not in _open:
+        while _open:
+            _open.popitem()[1].close()
+        _open[task] = open_source(task.request)
+    return _open[task]

@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,6 +33,7 @@ SIMULATED_TOLERANCE_M = 0.04            # within which a point is a true detecti
 MOVING_TOLERANCE_M = 0.1
 FILE_TOLERANCE_BINS = 10.0
 FRAMES_IN_FLIGHT = 3                    # of several packets: one that comes, one that waits for odometry, one beyond
+FILM_FRAMES = 200                       # kept in memory for it, 1.3 MB each, twice
 JUDGED_FRAMES = 40                      # compared with the truth, evenly spaced: all would outlast the streaming
 PIPELINE = ("recorder", "reconstructor", "sketcher")    # started before the player, so that all listen to it
 RESULTS = RECORDING, PICTURE, SUMMARY, FILM = "recording.rrd", "cloud.png", "summary.json", "film.rrd"
@@ -161,7 +162,7 @@ def _from_file(path: str) -> Source:
 def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dict, list[str]]:
     """Play all frames through the nodes; returns the summary and what went wrong, in words."""
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe
-    keep_every = 1 if source.pose else -(-frames // JUDGED_FRAMES)
+    keep_every = -(-frames // (FILM_FRAMES if source.pose else JUDGED_FRAMES))
     with (PipelineProbe(keep_every, f"{ADDED}/points" if source.pose else None) as probe,
           Processes(probe.spin_until, out / "logs") as nodes):
         nodes.start("recorder", path=str(out / RECORDING))
@@ -266,7 +267,7 @@ def _record_film(path: Path, source: Source, probe, rate_hz: float) -> None:
     """Record where the sensor was, and what became of each frame with and without motion, side by side."""
     from srt3d_ros.recording.motion_film import Moment, write_film
 
-    def by_frame(messages: list[bytes], stamped: float) -> dict[int, PointCloud]:
+    def by_frame(messages: Iterable[bytes], stamped: float) -> dict[int, PointCloud]:
         clouds = [points.decode_cloud(raw, source.sensor) for raw in messages]
         return {_frame_index(cloud, stamped, probe, rate_hz): cloud for cloud in clouds}
 

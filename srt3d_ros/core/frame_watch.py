@@ -16,7 +16,7 @@ SURE = 4.5
 
 
 class FrameLooks:
-    """Has a subclass look at a frame now and then; other frames are not looked at, and cost nothing.
+    """Base of what samples frames: a subclass looks at one frame in `every_ns`; the others cost nothing.
 
     Args:
         sensor: of the photons as they come in.

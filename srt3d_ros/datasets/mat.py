@@ -102,6 +102,7 @@ def _recording(path: Path, layout: Layout, found: dict[str, np.ndarray], options
         given["gate"] = first, bins
     else:
         pixels, bins = found["size"].tolist()
+        _check_bins(options, bins)
         rows, cols = _counted_shape(pixels, reference, options, layout)
     if reference is not None:
         require(reference.shape == (rows, cols), f"{layout.reference} shape", reference.shape, f"{(rows, cols)}")
@@ -134,8 +135,17 @@ def _window(stated: list[float], toa: np.ndarray, options: dict) -> tuple[int, i
         low, high = (number("window", value, "a ToA") for value in stated)
         first, end = int(np.floor(low + EDGE)), int(np.ceil(high - EDGE))
     else:
+        _check_bins(options, int(toa.max(initial=-1)) + 1)
         first, end = (0, 0) if given or not toa.size else (int(toa.min()), int(toa.max()) + 1)
+    require(first >= 0, "window", f"from bin {first}", "a window from bin 0 or later")
     return first, given or end - first
+
+
+def _check_bins(options: dict, bins: int) -> None:
+    """Refuse a `num_bins` that would drop photons in silence, where no gate says which."""
+    given = options.get("num_bins", bins)
+    require("gate" in options or number("num_bins", given, "a number of bins") >= bins, "num_bins", given,
+            f"{bins} or more, up to the file's last bin; or give a gate")
 
 
 def variables_of(path: str) -> dict[str, np.ndarray]:
@@ -167,6 +177,7 @@ def variables_of(path: str) -> dict[str, np.ndarray]:
 
 
 def _of_counts(name: str, counts: np.ndarray) -> dict[str, np.ndarray]:
+    _check_whole(name, counts)
     return {name: counts, "size": np.array(counts.shape[::-1])}
 
 
@@ -174,11 +185,15 @@ def _of_sparse(name: str, counts) -> dict[str, np.ndarray]:
     require(counts.shape[0] <= MAX_PIXELS, f"{name} pixels", counts.shape[0], f"at most {MAX_PIXELS}")
     found = counts.tocoo()
     photons = found.data.astype(np.float64)
-    require(bool(((photons >= 0) & (photons == np.floor(photons))).all()), name, "negative or fractional in places",
-            "photons per bin")
+    _check_whole(name, photons)
     _check_number(name, photons.sum())
     photons = photons.astype(np.int64)
     return {name: found.col.repeat(photons), "pixel": found.row.repeat(photons), "size": np.array(counts.shape)}
+
+
+def _check_whole(name: str, photons: np.ndarray) -> None:
+    require(bool(((photons >= 0) & (photons == np.floor(photons))).all()), name, "negative or fractional in places",
+            "photons per bin")
 
 
 def _of_cells(name: str, cells: np.ndarray) -> dict[str, np.ndarray]:

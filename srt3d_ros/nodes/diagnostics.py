@@ -193,7 +193,9 @@ class Diagnostics(FrameAccounts):
             if new["message_lost"]:
                 causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            return level, f"dropped: {', '.join(causes)}, of {sent}"
+            several = "".join(f"; {count} publish {topic}" for topic in self._topics
+                              if (count := self._node.count_publishers(topic)) > 1)
+            return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
         if warning := self.find_warning():
             return DiagnosticStatus.WARN, warning
         if no_clock := self._missing_clock():

@@ -12,10 +12,12 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.node_names import NODES
 
 Value = bool | int | float | str
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides./clock.",
           "qos_overrides./parameter_events.", "qos_overrides./rosout.")
+SECTIONS_SHOWN = 5      # of a parameter file that has none for the node
 ALIKE = 0.75            # similarity of names from which one may be the other, mistyped
 KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "text"}
 
@@ -182,7 +184,10 @@ def _section_problem(path: Path, node: str) -> str:
     for section in sections:
         if _last(section) in meant:
             return f"parameters of {section} are for no node here: did you mean {node}?"
-    return ""
+    if any(_last(section) in NODES for section in sections):
+        return ""
+    found = ", ".join(sections[:SECTIONS_SHOWN]) + ", …" * (len(sections) > SECTIONS_SHOWN)
+    return f"no parameters for {node}: expected a section of this name, found {found or 'none'}"
 
 
 def _sections(tree, above: str = "") -> Iterator[str]:

@@ -11,6 +11,8 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from rerun.chunk import RrdReader
+
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import appearing_whole
 
@@ -62,6 +64,7 @@ def repair(path) -> Path:
             require(done.returncode == 0, "recording", str(path), f"chunks that can be read ({error})")
             with open(part, "rb") as copy:      # on a full disk rerun exits with 0
                 require(_ends_with_footer(copy), "recording", str(path), f"chunks that can be read, and {_NO_ROOM}")
+            require(bool(RrdReader(part).recordings()), "recording", str(path), "an .rrd file with a whole chunk")
     except OSError as e:
         raise InvalidInput("recording", str(path), f"{_NO_ROOM} ({e.strerror or e})") from None
     return target

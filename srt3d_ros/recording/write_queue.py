@@ -33,7 +33,7 @@ class WriteQueue:
         """Append a write; after `close` it is dropped."""
         with self._changed:
             if self._closed or len(self._writes) >= _MOST_WAITING:
-                self.dropped += write.size > 0
+                self.dropped += write.size > 0 or not self._closed
                 return
             while write.size and self._bytes and self._bytes + write.size > self._most_bytes:
                 oldest = next(k for k, waiting in enumerate(self._writes) if waiting.size)

@@ -123,7 +123,7 @@ def test_what_was_assumed_is_said(tmp_path):
 
 @pytest.mark.parametrize(("variables", "options", "field"), [
     ({"X": np.ones((3, 3))}, {}, ".mat variables"), ({"Ts": np.ones((3, 3))}, {}, ".mat variables"),
-    ({"Y": cells(LISTS)}, {}, ".mat variables"), ({"Y": np.full((8, 4), 0.5)}, {}, " counts"),
+    ({"Y": cells(LISTS)}, {}, ".mat variables"), ({"Y": np.full((8, 4), 0.5)}, {}, ".mat Y"),
     ({"Y": np.ones((8, 5))}, {}, ".mat rows, cols"),
     ({"Y": np.ones((0, 0))}, {"rows": 1e300}, ".mat cols"), ({"Ts": cells(LISTS)}, {"rows": 9}, ".mat rows, cols"),
     ({"spad": csc_matrix(np.eye(4) / 2)}, {}, ".mat spad"), ({"Ts": cells(LISTS)}, {"channel": 1}, None),
@@ -133,7 +133,8 @@ def test_what_was_assumed_is_said(tmp_path):
     ({"Ts": cells([[[-1]]], np.int16)}, {}, ".mat Ts ToA"),
     ({"data_processed": cells([[[np.nan]]], float)}, {}, ".mat data_processed ToA"),
     ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, ".mat Ts cells"),
-    ({"Ts": cells(LISTS)}, {"num_bins": 1}, None), ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, None),
+    ({"Ts": cells(LISTS)}, {"num_bins": 1}, ".mat num_bins"),
+    ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, None),
     ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s")])
 def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:

@@ -40,11 +40,11 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     turned, offset = np.einsum("pij,pj->pi", motion[:, :, :3], rays), motion[:, :, 3]
     length = ranges
     for _ in range(LOOKS):
-        row, col = _place(turned * length[:, None] + offset, lens.astype(float), cols)
+        row, col = _place(turned * length[:, None] + offset, lens.astype(float))
         seen, nearest = _pixel(row, col, rows, cols)
         length = np.where(seen, np.linalg.norm(rays[nearest] * ranges[nearest, None] - offset, axis=1), length)
     xyz = turned * length[:, None] + offset
-    row, col = _place(xyz, lens.astype(float), cols)
+    row, col = _place(xyz, lens.astype(float))
     seen, nearest = _pixel(row, col, rows, cols)
     chosen = np.flatnonzero(seen & (used.reshape(-1) > 0) & (photons.reshape(-1) > 0))
     row, col, xyz, offset, nearest = (values[chosen] for values in (row, col, xyz, offset, nearest))
@@ -70,7 +70,7 @@ def read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin):
     return sums.astype(np.complex64), whole.astype(np.uint32)
 
 
-def _place(xyz, lens, cols):
+def _place(xyz, lens):
     """Row and column of each point; NaN where there is none."""
     x, y, z = xyz.T
     with np.errstate(all="ignore"):

@@ -1,7 +1,6 @@
 """Photons → sketch: sums are int64 [pixels, 2m] in units of 1 / UNIT and exact.
 
-On a GPU what limits it is the bus that brings the photons: at 50 GB/s, 8·10⁹ of 6 bytes a second, about as many as the
-second-level cache of an H100 can do the 20 atomic additions for that each takes at m = 10. Nothing has been timed yet.
+On a GPU the bus brings at most 8·10⁹ photons of 6 bytes a second (50 GB/s). Nothing has been timed there yet.
 """
 
 import math
