@@ -18,7 +18,7 @@ from srt3d_ros.datasets.room import Room
 SIDE, FOV_DEG, PPP = 101, 90.0, 10.0        # it needs a wide field of view
 VOXEL_M, MAX_RANGE_M = 0.05, 12.0
 # Of its adaptive threshold, within which points belong together. By default it does not adapt to motions within 10 cm:
-# what comes into view is then matched with the edge of what is known, and the trajectory shrinks by up to 12 %.
+# what comes into view is then matched with the edge of what is known, and the trajectory shrinks.
 FIRST_THRESHOLD_M, LEAST_MOTION_M = 0.1, 0.001
 WAYS_M = 10.0, 20.0, 40.0
 
