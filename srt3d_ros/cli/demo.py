@@ -193,11 +193,12 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
 
 
 def _start_to_compare(nodes: Processes, source: Source) -> None:
-    """Another sketcher, which adds the same photons without moving them, and its reconstructor."""
+    """Another sketcher, which adds the same photons without moving them, and its reconstructor; the others go first."""
     remapped = "-r", f"__ns:={ADDED}", "-r", "photons:=/photons", "-r", "sensor:=/sensor"
     both = {"reconstructor": {"fields": "full"}, "sketcher": {"packets_per_frame": source.packets}}
     for name, parameters in both.items():
-        nodes.run(f"{name}{ADDED.replace('/', '_')}", node_command(name, *remapped, **parameters), is_node=True)
+        command = ["nice", *node_command(name, *remapped, **parameters)]
+        nodes.run(f"{name}{ADDED.replace('/', '_')}", command, is_node=True)
 
 
 def _watch(probe, nodes: Processes, frames: int) -> None:
