@@ -245,7 +245,7 @@ class Processes(dict[str, Process]):
 
     def log(self, name: str) -> Path:
         """What the process writes."""
-        return self._folder / f"{name}.log"
+        return self._folder / f"{name.replace('/', '_')}.log"
 
     def ended(self, name: str) -> bool:
         """True if the process was started and is no longer running."""

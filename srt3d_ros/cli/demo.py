@@ -168,15 +168,17 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
         nodes.start("recorder", path=str(out / RECORDING))
         nodes.start("reconstructor", fields="full", lossless=True)
         nodes.start("sketcher", lossless=True, **source.sketcher)
-        if source.pose:
-            _start_to_compare(nodes, source)
+        compared = _start_to_compare(nodes, source) if source.pose else ()
         _say("starting the nodes; the first time they compile their kernels, for about a minute")
-        problems = nodes.not_ready(PIPELINE, probe.statuses)
+        problems = nodes.not_ready((*PIPELINE, *compared), probe.statuses)
         if problems:
             return {}, problems
         _say(f"streaming the {source.title} at {rate_hz:g} Hz")
         nodes.start("player", rate_hz=rate_hz, frames=frames, lossless=True, **source.parameters)
         _watch(probe, nodes, frames)
+        if compared:
+            _say("waiting for the last clouds to compare")
+            probe.spin_until(lambda: len(probe.beside) >= len(probe.kept) or nodes.failed(), LAST_CLOUD_TIMEOUT_S)
         problems = nodes.failed()
         nodes.stop()
         problems = problems or nodes.failed()
@@ -192,13 +194,14 @@ def _stream(source: Source, frames: int, rate_hz: float, out: Path) -> tuple[dic
     return summary, problems
 
 
-def _start_to_compare(nodes: Processes, source: Source) -> None:
+def _start_to_compare(nodes: Processes, source: Source) -> tuple[str, ...]:
     """Another sketcher, which adds the same photons without moving them, and its reconstructor; the others go first."""
     remapped = "-r", f"__ns:={ADDED}", "-r", "photons:=/photons", "-r", "sensor:=/sensor"
     both = {"reconstructor": {"fields": "full"}, "sketcher": {"packets_per_frame": source.packets}}
-    for name, parameters in both.items():
-        command = ["nice", *node_command(name, *remapped, **parameters)]
-        nodes.run(f"{name}{ADDED.replace('/', '_')}", command, is_node=True)
+    names = tuple(f"{ADDED[1:]}/{name}" for name in both)
+    for name, (node, parameters) in zip(names, both.items()):
+        nodes.run(name, ["nice", *node_command(node, *remapped, **parameters)], is_node=True)
+    return names
 
 
 def _watch(probe, nodes: Processes, frames: int) -> None:
