@@ -14,7 +14,7 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import odometry
-from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
 from srt3d_ros.nodes.depth_input import DepthInput, tell
 
 READERS = {"odom": odometry.decode_odometry, "imu": odometry.decode_imu}
@@ -23,6 +23,7 @@ MOTIONS = ("off", *READERS, ESTIMATE)
 INBOX = 10_000              # reports that may wait for a worker that waits itself: 10 s of a fast IMU
 MANY = 100                  # reports that the worker is told of in any case; telling it of each costs more than reading
 ARRIVING = 256              # reports that may wait in the middleware for the executor
+NAMELESS = "a body without a name"      # of an empty child_frame_id, or frame_id of an Imu
 
 
 def parse_extrinsics(text: str) -> Pose | None:
@@ -122,8 +123,9 @@ class MotionInput:
 
     def _follow(self, raw: bytes, came_ns: int) -> None:
         report = READERS[self.kind](raw)
-        if report.frame_id != self._body:
-            self._body = report.frame_id
+        body = report.frame_id or NAMELESS
+        if body != self._body:
+            self._body = body
             self._place()
         if self._extrinsics is None:
             return
@@ -144,19 +146,22 @@ class MotionInput:
         self._place()
 
     def _place(self) -> None:
-        """Find the sensor's place on the body, and begin another trajectory if it is a new one."""
+        """Find the sensor's place on the body, and begin another trajectory if it is a new one, or none any more."""
         if not (self._body and self._sensor_frame):
             return
-        pose = self._given
+        pose, before = self._given, self._extrinsics
         if pose is None:
             pose = self._tree.pose(self._sensor_frame, self._body) if self._has_tf else Pose()
-        if pose is None or self._extrinsics is not None and pose.same_as(self._extrinsics):
+        if pose is before or None not in (pose, before) and pose.same_as(before):
             return
         self._extrinsics, self._track, self._before = pose, MotionTrack(pose), Trajectory()
-        log = self._node.get_logger()
-        if self._given is None and not self._has_tf and self._body != self._sensor_frame:
+        log, at = self._node.get_logger(), "" if pose is None else f"at {np.round(pose.translation, 3).tolist()} m in"
+        if before is not None:          # only /tf_static says another place than before, or none
+            says = f"now has {self._sensor_frame} {at}" if at else f"does not connect {self._sensor_frame} to"
+            tell(self._node, "motion_restarts", f"/tf_static {says} {self._body}; the trajectory begins again")
+        elif self._given is None and not self._has_tf and self._body != self._sensor_frame:
             axes = "x right, y down, z forward" if isinstance(self._sensor.projection, Pinhole) else "x forward, z up"
             log.warning(f"extrinsics is empty and tf2_msgs is not installed: {self._sensor_frame} ({axes}) is taken to "
                         f"be where {self._body} is, and turned alike")
         else:
-            log.info(f"{self._sensor_frame} is at {np.round(pose.translation, 3).tolist()} m in {self._body}")
+            log.info(f"{self._sensor_frame} is {at} {self._body}", throttle_duration_sec=LOG_EVERY_S)
