@@ -71,7 +71,6 @@ def test_a_recorder_that_is_started_again_keeps_what_was_recorded_and_no_node_ou
     up = start(UP, "--input", "simulator", "--record", tmp_path / "run.rrd", "--bag", tmp_path / "rec")
     up.says(f"recording to {tmp_path / 'run.rrd'}")
     wait(lambda: (tmp_path / "run.rrd").exists() and (tmp_path / "rec").exists(), "the files", lambda: up.text)
-    # After the usual delay, and one after the other: Fast DDS may not find the shared memory of killed nodes free.
     nodes_of(up.pid)["recorder"].kill()
     up.says(f"recording to {tmp_path / 'run_2.rrd'}")
     nodes_of(up.pid)["bag_recorder"].kill()
