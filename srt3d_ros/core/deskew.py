@@ -9,6 +9,7 @@ at its own place: along the surface of the last cloud, not across its edges.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,16 @@ import numpy as np
 from srt3d_ros.core.device import kernels_for, on_host
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch, check_frequencies
 from srt3d_ros.errors import require
 
+TINY = 1e-9             # photons that are divided by at least
 MOST_GROUPS = 64        # of pixels that look at about the same time: at 30°/s and 100 ms, 0.05° apart
 FAR_M = 100.0           # what is at no known range: its parallax in a frame is less than a pixel
 STEEPEST = 6.0          # tangent of the incidence, 80°, beyond which neighbouring pixels see two surfaces
 SMOOTHED = 2            # pixels to both sides: unsmoothed, the error of ten frames' window is 1.7 × as large (10 ppp)
+# Where the parts of photons round up, in each 4 × 4 pixels (Bayer, ICC 1973): as many up as down, however few there are
+ROUNDING = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32) + 0.5) / 16
 Parts = Sequence[tuple[int, Sketch]]
 Moved = tuple[Any, Any]         # sums and numbers of `move_sketch`
 
@@ -40,7 +44,7 @@ class Deskewer:
         device: "cpu" or "cuda".
 
     Attributes:
-        lost: photons of the last call that no pixel sees any more, or that came from masked ones.
+        lost: photons of the last call that no pixel sees any more; those of masked pixels do not count.
     """
 
     def __init__(self, sensor: SensorModel, frequencies, device: str = "cpu"):
@@ -50,7 +54,8 @@ class Deskewer:
         on, shape = self._kernels.array, (sensor.rows, sensor.cols)
         self._rays, self._lens = on(sensor.rays), on(sensor.projection.lens)
         self._late = on(np.zeros(shape, np.float32) if sensor.delay_bins is None else sensor.delay_bins.copy())
-        self._used = on(np.ones(shape, np.float32) if sensor.mask is None else sensor.mask.astype(np.float32))
+        self._used_on_host = np.ones(shape, bool) if sensor.mask is None else sensor.mask
+        self._used = on(self._used_on_host.astype(np.float32))
         self._bin_frequencies = on((np.array(self.frequencies) / sensor.num_bins).astype(np.float32))
         apart = np.linalg.norm(np.diff(sensor.rays, axis=1), axis=-1)
         self._steepest = STEEPEST * float(np.median(apart)) if apart.size else 0.0
@@ -73,16 +78,16 @@ class Deskewer:
         Raises:
             InvalidInput: the trajectory does not cover an instant, or the sketches are not the sensor's.
         """
-        return self.add_up(parts, trajectory, to_ns, self.filled(range_m))
+        return self.rounded(self.add_up(parts, trajectory, to_ns, self.filled(range_m)))
 
     def add_up(self, parts: Parts, trajectory: Trajectory, to_ns: int, ranges: Any) -> Sketch:
-        """The same by ranges of `filled`."""
-        moved = self.nothing()
+        """The same by ranges of `filled`, with parts of photons (float32) as they are shared."""
+        moved, back, came = self.nothing(), trajectory.at(to_ns).inverse(), 0
         for instant_ns, sketch in parts:
-            self._move(sketch, [trajectory.motion(int(instant_ns + late_ns), to_ns) for late_ns in self._together],
-                       self._group, ranges, moved)
-        came = sum(int(on_host(sketch.photons).sum(dtype=np.int64)) for _, sketch in parts)
-        self.lost = came - round(float(on_host(moved[1]).sum(dtype=np.float64)))
+            poses = [back @ trajectory.at(int(instant_ns + late_ns)) for late_ns in self._together]
+            self._move(sketch, poses, self._group, ranges, moved)
+            came += int(on_host(sketch.photons).sum(dtype=np.int64, where=self._used_on_host))
+        self.lost = max(came - round(float(on_host(moved[1]).sum(dtype=np.float64))), 0)
         return self.read(moved, ranges, to_ns, max((sketch.added_variance for _, sketch in parts), default=0.0))
 
     def move(self, sketch: Sketch, motion: Pose, ranges: Any, moved: Moved | None = None) -> Moved:
@@ -97,10 +102,19 @@ class Deskewer:
         return self._on(np.zeros((*shape, len(self.frequencies)), np.complex64)), self._on(np.zeros(shape, np.float32))
 
     def read(self, moved: Moved, ranges: Any, to_ns: int, added_variance: float = 0.0) -> Sketch:
-        """The sketch of photons that have been moved, all with the same ranges."""
-        sums, photons = self._kernels.read_moved(*moved, ranges, self._late, self._bin_frequencies,
-                                                 self.sensor.bin_width_m)
-        return Sketch(self.frequencies, sums, photons, to_ns, added_variance)
+        """The sketch of photons that have been moved, all with the same ranges; with parts of photons."""
+        sums, numbers = moved
+        sums = self._kernels.read_moved(sums, ranges, self._late, self._bin_frequencies, self.sensor.bin_width_m)
+        return Sketch(self.frequencies, on_host(sums), on_host(numbers), to_ns, added_variance)
+
+    def rounded(self, sketch: Sketch) -> Sketch:
+        """The same mean of whole photons, uint32."""
+        rows, cols = sketch.photons.shape
+        up = np.tile(ROUNDING, (-(-rows // len(ROUNDING)), -(-cols // len(ROUNDING))))[:rows, :cols]
+        whole = np.minimum(np.floor(sketch.photons.astype(np.float64) + up), MAX_PHOTONS)
+        scale = (whole / np.maximum(sketch.photons, TINY)).astype(np.float32)
+        sums = (sketch.sums.view(np.float32) * scale[..., None]).view(np.complex64)
+        return replace(sketch, sums=sums, photons=whole.astype(np.uint32))
 
     def filled(self, range_m: np.ndarray | None) -> Any:
         """Ranges of all pixels, smoothed, on the device; FAR_M if none is known.
@@ -124,7 +138,8 @@ class Deskewer:
         require(shape == (self.sensor.rows, self.sensor.cols) and sketch.frequencies == self.frequencies, "sketch",
                 f"{shape}, {sketch.frequencies}", f"{self.sensor.rows, self.sensor.cols}, {self.frequencies}")
         motions = np.stack([np.column_stack([pose.rotation, pose.translation]) for pose in poses]).astype(np.float32)
-        self._kernels.move_sketch(self._on(sketch.sums), self._on(sketch.photons), self._used, self._rays, ranges,
+        photons = self._on(on_host(sketch.photons).astype(np.float32))
+        self._kernels.move_sketch(self._on(sketch.sums), photons, self._used, self._rays, ranges,
                                   self._on(motions), group, self._lens, self._bin_frequencies, self._late,
                                   self.sensor.bin_width_m, self._steepest, *moved)
 

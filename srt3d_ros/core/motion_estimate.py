@@ -152,9 +152,20 @@ class MotionEstimator:
     def _put_together(self, stamp_ns: int, parts):
         """At most PARTS parts: seconds since the cloud, sums [pixels, m] and photons [pixels] of each."""
         groups = np.array_split(np.arange(len(parts)), min(PARTS, len(parts)))
-        return [((np.mean([parts[k][0] for k in group]) - stamp_ns) / 1e9,
-                 sum(parts[k][1].sums for k in group).reshape(self._sensor.pixels, -1),
-                 sum(parts[k][1].photons.astype(np.float32) for k in group).reshape(-1)) for group in groups]
+        found = [((np.mean([parts[k][0] for k in group]) - stamp_ns) / 1e9,
+                  sum(parts[k][1].sums for k in group).reshape(self._sensor.pixels, -1),
+                  sum(parts[k][1].photons.astype(np.float32) for k in group).reshape(-1)) for group in groups]
+        return found if self._sensor.pixel_times_s is None else self._by_pixel_times(*found[0])
+
+    def _by_pixel_times(self, start_s: float, sums: np.ndarray, photons: np.ndarray):
+        """A scanner's frame, whose pixels look one after the other: in parts by their times."""
+        times_s = self._sensor.pixel_times_s.reshape(-1)
+        parts = []
+        for pixels in np.array_split(np.argsort(times_s, kind="stable"), PARTS):
+            own = np.zeros(len(times_s), np.float32)
+            own[pixels] = 1
+            parts.append((start_s + float(times_s[pixels].mean()), sums * own[:, None], photons * own))
+        return parts
 
     def _filters(self, seen, blur_bins: float) -> list[np.ndarray]:
         """Of each part, the sums matched and blurred; float32 [pixels, 2m]."""

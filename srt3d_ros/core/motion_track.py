@@ -39,7 +39,7 @@ class MotionTrack:
     It begins again, so that no frame is moved over what is not known or not true, where
     - nothing came for GAP_NS, or stamps fell back by more: lost odometry, a bag or a clock that began again;
     - the body moved or turned by more than its twist explains (a correction by a SLAM, a kidnapped robot), or, where
-      no twist is ever given, faster than MAX_M_S and MAX_RAD_S.
+      no speed or no rate is ever given, faster than MAX_M_S or MAX_RAD_S.
 
     Args:
         extrinsics: the pose of the sensor in the body's frame.
@@ -52,7 +52,7 @@ class MotionTrack:
         self.extrinsics = extrinsics or Pose()
         self.trajectory = Trajectory(SMOOTH_NS)
         self._last: MotionReport | None = None
-        self._has_twist = False             # a robot at rest reports 0, as do those that never fill it in
+        self._has_speed = self._has_rate = False        # a robot at rest reports 0, as do those that never fill it in
 
     def add(self, report: MotionReport) -> str:
         """Follow a report; why the trajectory begins again with it, or nothing.
@@ -60,7 +60,8 @@ class MotionTrack:
         Raises:
             InvalidInput: a stamp that is not later than the last one.
         """
-        self._has_twist |= report.speed_m_s > 0 or bool(report.rate_rad_s.any())
+        self._has_speed |= report.speed_m_s > 0
+        self._has_rate |= bool(report.rate_rad_s.any())
         last, why = self._last, ""
         if last is not None:
             elapsed_ns = report.stamp_ns - last.stamp_ns
@@ -71,7 +72,8 @@ class MotionTrack:
             self.trajectory = Trajectory(SMOOTH_NS)
         self._last = report
         if report.pose is None:
-            self.trajectory.add_turn(report.stamp_ns, self.extrinsics.rotation.T @ report.rate_rad_s)
+            rate_rad_s = report.rate_rad_s if last is None else (last.rate_rad_s + report.rate_rad_s) / 2
+            self.trajectory.add_turn(report.stamp_ns, self.extrinsics.rotation.T @ rate_rad_s)
         else:
             self.trajectory.add(report.stamp_ns, report.pose @ self.extrinsics)
         return why
@@ -87,8 +89,9 @@ class MotionTrack:
         moved = last.pose.inverse() @ report.pose
         distance_m, turn_rad = (float(np.linalg.norm(vector)) for vector in (moved.translation, moved.rotation_vector))
         most_m, most_rad = MAX_M_S * elapsed_s, MAX_RAD_S * elapsed_s
-        if self._has_twist:
+        if self._has_speed:
             most_m = max(last.speed_m_s, report.speed_m_s) * (elapsed_s + JITTER_S)
+        if self._has_rate:
             most_rad = max(map(np.linalg.norm, (last.rate_rad_s, report.rate_rad_s))) * (elapsed_s + JITTER_S)
         if distance_m <= most_m + SLACK_M and turn_rad <= most_rad + SLACK_RAD:
             return ""

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
+from statistics import median_low
 from typing import Any
 
 import numpy as np
@@ -62,7 +63,7 @@ class MovingSketcher(Sketcher):
         deskew_to: "start", "middle" or "end" of the frame's acquisition: the instant of its sketch, and its stamp.
 
     Attributes:
-        lost: photons of the last frame finished that no pixel sees at its instant, or that masked ones saw.
+        lost: photons of the last frame finished that no pixel sees at its instant.
 
     Raises:
         InvalidInput: also if window and parts would take more than MAX_WINDOW_BYTES.
@@ -78,15 +79,19 @@ class MovingSketcher(Sketcher):
         self._window = MovingWindow(self._deskewer)
         self._times_s = sensor.pixel_times_s
         self._part_bytes, self._spare = self._sums.nbytes + self._photons.nbytes, [(self._sums, self._photons)]
+        self._frame_bytes = sensor.pixels * (8 * len(self.frequencies) + 4)
         self._slot_ns = 0                           # the length of a part; 0: each stamp has its own
         self._previous_ns: int | None = None        # the last stamp of the frame before
         self._distances_ns: list[int] = []
         self._begin()
+        each = self._part_bytes + self._frame_bytes
+        most = max((MAX_WINDOW_BYTES - self._frame_bytes) // each, 1)
+        require(subframes <= most, "subframes", subframes, f"1 to {most}: each takes {each / 1e6:.3g} MB")
         self.resize(window_frames)
 
     def resize(self, window_frames: int) -> None:
         """Change W; a longer window grows frame by frame. Raises InvalidInput as above."""
-        each = self.sensor.pixels * (8 * len(self.frequencies) + 4)
+        each = self._frame_bytes
         most = max((MAX_WINDOW_BYTES - self.subframes * (self._part_bytes + each)) // each, 1)
         require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {self.sensor.rows} × "
                 f"{self.sensor.cols} pixels in {self.subframes} subframes, which take {each / 1e6:.3g} MB a frame")
@@ -168,7 +173,7 @@ class MovingSketcher(Sketcher):
         ranges = self._deskewer.filled(range_m)
         sketch = self._deskewer.add_up(frame.parts, trajectory, frame.to_ns, ranges)
         self.lost = self._deskewer.lost
-        return self._window.add(sketch, trajectory, ranges)
+        return self._deskewer.rounded(self._window.add(sketch, trajectory, ranges))
 
     def _by_time(self, events: PhotonEvents, first_ns: int) -> Iterator[tuple[int, int, PhotonEvents]]:
         """The photons of each part: their mean instant, ns, their number, and they themselves."""
@@ -193,10 +198,13 @@ class MovingSketcher(Sketcher):
         return self._parts[slot]
 
     def _packet_ns(self, stamps: list[int]) -> int:
-        """The time that a packet takes: the median of the last distances between stamps, also those of frames."""
+        """The time that a packet takes: the median of the last distances between stamps, also those of frames.
+
+        Of two, the shorter: a pause between frames is no packet's.
+        """
         before = [] if self._previous_ns is None or self._previous_ns >= stamps[0] else [self._previous_ns]
         self._distances_ns = [*self._distances_ns, *np.diff([*before, *stamps]).tolist()][-DISTANCES:]
-        return int(np.median(self._distances_ns)) if self._distances_ns else 0
+        return median_low(self._distances_ns) if self._distances_ns else 0
 
     def _discard(self) -> None:
         """Begin a frame without photons; the memory of the parts' sums is used again."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.deskew import Deskewer
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
-from srt3d_ros.core.motion import Pose, Trajectory
+from srt3d_ros.core.motion import KEPT_NS, Pose, Trajectory
 from srt3d_ros.core.sketch import Sketch
 
 CELL = 3                # pixels along the side of the cells in which photons are kept or forgotten together
@@ -51,8 +51,15 @@ class MovingWindow:
         self._kept.clear()
 
     def add(self, sketch: Sketch, trajectory: Trajectory, ranges: Any) -> Sketch:
-        """The sketch of the window whose newest frame is this, at its stamp; `ranges` as of `Deskewer.filled`."""
-        while len(self._kept) >= self.frames:
+        """The sketch of the window whose newest frame is this, at its stamp, both with parts of photons.
+
+        Frames that the trajectory has forgotten leave the window.
+
+        Args:
+            ranges: as of `Deskewer.filled`.
+        """
+        while self._kept and (len(self._kept) >= self.frames
+                              or not 0 <= sketch.stamp_ns - self._kept[0].stamp_ns <= KEPT_NS):
             self._kept.popleft()
         total = self._add_up(sketch, trajectory, ranges) if self._kept else sketch
         if self.frames > 1:

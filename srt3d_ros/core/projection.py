@@ -120,17 +120,24 @@ class AngularScan:
     @property
     def lens(self) -> np.ndarray:
         """As kernels read it (`kernels.lens`), float32 [4]."""
-        return np.array([self.azimuth_start_rad, self.azimuth_step_rad, self.elevation_start_rad,
-                         self.elevation_step_rad], np.float32)
+        azimuth_step, elevation_step = self._steps
+        return np.array([self.azimuth_start_rad, azimuth_step, self.elevation_start_rad, elevation_step], np.float32)
 
     def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Row and column at which points [..., 3] are seen, float32 [...]; columns from −½ to a turn later."""
         x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
+        azimuth_step, elevation_step = self._steps
         with np.errstate(all="ignore"):
-            row = (np.arctan2(z, np.hypot(x, y)) - self.elevation_start_rad) / self.elevation_step_rad
-            col = (np.arctan2(y, x) - self.azimuth_start_rad) / self.azimuth_step_rad
-            col = (col + 0.5) % (2 * np.pi / abs(self.azimuth_step_rad)) - 0.5
+            row = (np.arctan2(z, np.hypot(x, y)) - self.elevation_start_rad) / elevation_step
+            col = (np.arctan2(y, x) - self.azimuth_start_rad) / azimuth_step
+            col = (col + 0.5) % (2 * np.pi / abs(azimuth_step)) - 0.5
         return row.astype(np.float32), col.astype(np.float32)
+
+    @property
+    def _steps(self) -> tuple[float, float]:
+        """In azimuth and elevation. A line has none across, and sees as far to both sides as along; a beam, 1 rad."""
+        azimuth, elevation = self.azimuth_step_rad, self.elevation_step_rad
+        return azimuth or abs(elevation) or 1.0, elevation or abs(azimuth) or 1.0
 
     def upsampled(self, factor: int) -> "AngularScan":
         """The same scan in steps `factor` times finer."""

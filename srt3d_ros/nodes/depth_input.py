@@ -1,5 +1,6 @@
 """The depth image of the last cloud, `depth`: the ranges that a moving sensor's photons come from."""
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -24,17 +25,16 @@ class DepthInput:
 
     def __init__(self, node: PipelineNode, came: Callable[[], None] | None = None):
         self._node, self._came = node, came
-        self._raw: bytes | None = None
+        self._inbox: deque[bytes] = deque(maxlen=1)             # taken in another thread than it is filled in
         self._image: tuple[int, np.ndarray] | None = None       # of the newest: stamp and depths
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.topic = node.make_subscription("depth", self._receive, 1, qos, raw=True).topic_name
 
     def stamp_ns(self, to_ns: int) -> int | None:
         """The stamp of the newest image; None if none is younger than MAX_AGE_NS at an instant."""
-        raw, self._raw = self._raw, None
         try:
-            if raw is not None:
-                header, image = images.decode_cdr(raw)
+            if self._inbox:
+                header, image = images.decode_cdr(self._inbox.pop())
                 self._image = header.stamp_ns, image
         except InvalidInput as problem:
             tell(self._node, "motion_refused", f"depth: {problem}")
@@ -59,7 +59,7 @@ class DepthInput:
         return self.ranges(sensor, trajectory.motion(stamp_ns, to_ns))
 
     def _receive(self, raw: bytes) -> None:
-        self._raw = raw
+        self._inbox.append(raw)
         if self._came is not None:
             self._came()
 

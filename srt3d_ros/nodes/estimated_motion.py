@@ -62,4 +62,5 @@ class EstimatedMotion:
     def _none(self, frame: MovingFrame, why: str) -> tuple[None, str]:
         self._last_ns = frame.to_ns
         self._estimator.forget()
+        self._node.diagnostics.show(motion_m_s="unknown", motion_deg_s="unknown")
         return None, why

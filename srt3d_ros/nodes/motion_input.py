@@ -23,7 +23,7 @@ MOTIONS = ("off", *READERS, ESTIMATE)
 INBOX = 10_000              # reports that may wait for a worker that waits itself: 10 s of a fast IMU
 MANY = 100                  # reports that the worker is told of in any case; telling it of each costs more than reading
 ARRIVING = 256              # reports that may wait in the middleware for the executor
-NAMELESS = "a body without a name"      # of an empty child_frame_id, or frame_id of an Imu
+NAMELESS_BODY, NAMELESS_SENSOR = "a body without a name", "a sensor without a name"    # where a frame_id is empty
 
 
 def parse_extrinsics(text: str) -> Pose | None:
@@ -76,7 +76,8 @@ class MotionInput:
     def of(self, sensor: SensorModel, frame_id: str = "") -> None:
         """The sensor whose photons come, and their tf frame; before the first, that of the description."""
         self._sensor = sensor
-        frame_id = frame_id or self._sensor_frame or sensor.frame_id
+        known = "" if self._sensor_frame == NAMELESS_SENSOR else self._sensor_frame
+        frame_id = frame_id or known or sensor.frame_id or NAMELESS_SENSOR
         if frame_id != self._sensor_frame:
             self._sensor_frame = frame_id
             self._place()
@@ -106,7 +107,8 @@ class MotionInput:
         if newest_ns is not None and newest_ns >= last_ns:
             return f"what came on {self._topic} begins later, or anew within it", False
         if newest_ns is not None:
-            return f"the newest on {self._topic} is {(last_ns - newest_ns) / 1e6:.0f} ms older than its end", True
+            return (f"the newest on {self._topic} is {(last_ns - newest_ns) / 1e6:.0f} ms older than its end "
+                    f"(motion_timeout_s: {self._node.parameters['motion_timeout_s']:g})"), True
         if self._body and self._extrinsics is None:
             return f"/tf_static does not connect {self._sensor_frame} to {self._body}", True
         return f"nothing has come on {self._topic}", True
@@ -123,7 +125,7 @@ class MotionInput:
 
     def _follow(self, raw: bytes, came_ns: int) -> None:
         report = READERS[self.kind](raw)
-        body = report.frame_id or NAMELESS
+        body = report.frame_id or NAMELESS_BODY
         if body != self._body:
             self._body = body
             self._place()

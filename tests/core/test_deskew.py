@@ -82,6 +82,21 @@ def test_half_a_column_shares_photons_and_keeps_their_number():
     np.testing.assert_allclose(np.abs(sketch.z[0, 5:7]), 1, atol=1e-5)
 
 
+@pytest.mark.parametrize("ppp", [0.1, 1, 10])
+def test_rounding_keeps_the_number_of_photons_however_few_there_are(ppp):
+    sensor = SENSOR.replace(rows=60, cols=80)
+    events = photons(number=round(ppp * sensor.pixels), sensor=sensor)
+    sketch, lost = moved(events, Pose.turned([0, 0.5 * STEP, 0.5 * STEP]), None, sensor)
+    assert int(sketch.photons.sum()) == pytest.approx(events.photons - lost, rel=0.03)
+
+
+def test_a_line_without_a_step_across_sees_what_is_on_it():
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
+    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
+    assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
+    assert lost == 0
+
+
 def test_means_are_never_longer_than_one():
     turn = Pose.turned([0.01, -0.003, 0.027])
     sketch, _ = moved(PhotonEvents(np.arange(SENSOR.pixels, dtype=np.uint32), np.full(SENSOR.pixels, 9, np.uint16)),
@@ -135,7 +150,7 @@ def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
     sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP), mask=mask, delay_bins=late)
     events = PhotonEvents(np.array([3, 5, 5], np.uint32), np.array([50, 40, 40], np.uint16))
     sketch, lost = moved(events, Pose.turned([0, 0, -STEP]), None, sensor)
-    assert lost == 1 and sketch.photons.sum() == 2
+    assert lost == 0 and sketch.photons.sum() == 2 == sketch.photons[0, 6]
     expected = np.exp(2j * np.pi * np.array(FREQUENCIES) * (40 + late[0, 6] - late[0, 5]) / T)
     np.testing.assert_allclose(sketch.z[0, 6], expected, atol=1e-3)
 

@@ -1,10 +1,14 @@
 """core/motion_estimate.py: a sensor's motion from its photons and the last cloud's ranges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
 from srt3d_ros.core.moving_sketcher import MovingFrame
+from srt3d_ros.core.scan_rate import ScanRate
+from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets.motion_profiles import hand, walk
 from srt3d_ros.datasets.moving import MovingView, moving_sensor
@@ -69,6 +73,19 @@ def test_a_sensor_that_is_shaken_is_followed():
     for k, frame in enumerate(frames(10, count=5, view=SHAKEN)):
         trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k, SHAKEN), frame)
         assert wrong_by(trajectory, 2 + 0.1 * k, 2.05 + 0.1 * k, SHAKEN)[0] < 0.02
+
+
+def test_a_scanner_is_followed_by_the_times_of_its_pixels():
+    scanner = SENSOR.replace(scan=ScanRate(0, PARTS * PART_S / (SENSOR.cols - 1)))
+    estimator = MotionEstimator(scanner, FREQUENCIES)
+    looks = np.minimum((scanner.pixel_times_s / PART_S).astype(int), PARTS - 1)
+    for k, frame in enumerate(frames(10 * PARTS, count=4)):
+        sums = sum(np.where((looks == part)[..., None], sketch.sums, 0) for part, (_, sketch) in enumerate(frame.parts))
+        photons = sum(np.where(looks == part, sketch.photons, 0) for part, (_, sketch) in enumerate(frame.parts))
+        scanned = replace(frame, parts=[(frame.first_ns, Sketch(FREQUENCIES, sums, photons))])
+        trajectory = estimator.follow(surfaces(CLOUD_S + 0.1 * k), scanned)
+    error_m, motion_m = wrong_by(trajectory, 2.3, 2.4)
+    assert motion_m > 0.15 and error_m < 0.1 * motion_m
 
 
 def test_within_a_frame_the_sensor_accelerates_as_it_did_before():

@@ -39,6 +39,11 @@ def test_an_imus_rate_turns_with_the_sensor():
     np.testing.assert_array_equal(track.trajectory.at(200 * MS).translation, 0)
 
 
+def test_an_imus_rate_changes_evenly_between_reports():
+    track, _ = followed(*(MotionReport(ms * MS, rate_rad_s=np.array([0, 0, ms / 100])) for ms in (0, 20, 40, 60)))
+    np.testing.assert_allclose(track.trajectory.at(60 * MS).rotation_vector, [0, 0, 0.6 * 0.06 / 2], atol=1e-12)
+
+
 @pytest.mark.parametrize("stamps_ms", [(0, 20, 20), (0, 20, 10), (1000, 600)])
 def test_stamps_that_are_not_later_are_refused_and_the_trajectory_goes_on(stamps_ms):
     *good, bad = stamps_ms
@@ -56,7 +61,7 @@ def test_stamps_that_are_not_later_are_refused_and_the_trajectory_goes_on(stamps
     (report(GAP_NS / MS + 1, 0.5), "none came for 0.501 s"),
 ])
 def test_after_a_jump_a_leap_or_a_gap_it_begins_again(then, why):
-    track, (_, said) = followed(report(0, 0), then)
+    track, (*_, said) = followed(report(-20, -0.02, rate=0.1), report(0, 0), then)
     assert why in said
     assert track.trajectory.covers(then.stamp_ns, then.stamp_ns) and not track.trajectory.covers(0, 0)
     np.testing.assert_array_equal(track.trajectory.at(then.stamp_ns).translation, then.pose.translation)
@@ -67,6 +72,8 @@ def test_after_a_jump_a_leap_or_a_gap_it_begins_again(then, why):
     [report(0, 0, speed=0), report(20, 0.3, speed=0)],                  # no twist: 15 m/s
     [report(0, 0, speed=20), report(100, 2.0, speed=20, rate=3, turn=0.3)],
     [report(0, 0), report(20, 0.07)],                                   # noise of poses
+    [report(0, 0, speed=1), report(20, 0.02, turn=0.3, speed=1)],       # no rate: 15 rad/s
+    [report(0, 0, speed=0, rate=1), report(20, 0.3, speed=0, rate=1)],  # no speed: 15 m/s
 ])
 def test_what_a_robot_does_is_no_jump(reports):
     assert not any(followed(*reports)[1])

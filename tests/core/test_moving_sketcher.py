@@ -82,6 +82,13 @@ def test_a_frame_of_one_packet_lasts_until_the_next():
     assert (instants_ms(second), second.to_ns) == ([150], 150 * MS)
 
 
+def test_of_two_packets_a_frame_and_a_pause_the_pause_is_no_packet():
+    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
+    for first in (0, 100, 200):
+        frame = frame_of(sketcher, (first, first + 10))
+    assert instants_ms(frame) == [205, 215] and frame.to_ns == 210 * MS
+
+
 def test_more_packets_than_parts_share_them_evenly_from_the_second_frame_on():
     sketcher = MovingSketcher(SENSOR, FREQUENCIES, subframes=4)
     first = frame_of(sketcher, range(0, 100, 5))
@@ -198,3 +205,14 @@ def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
     monkeypatch.setattr(moving_sketcher, "MAX_WINDOW_BYTES", 100_000)
     with pytest.raises(InvalidInput, match="window_frames is 500: expected 1 to .* for 3 × 12 pixels in 10 subframes"):
         MovingSketcher(SENSOR, FREQUENCIES, 500)
+    with pytest.raises(InvalidInput, match="subframes is 500: expected 1 to .*: each takes"):
+        MovingSketcher(SENSOR, FREQUENCIES, subframes=500)
+
+
+def test_a_window_is_no_longer_than_the_trajectory():
+    sketcher, known = MovingSketcher(SENSOR, FREQUENCIES, window_frames=5), Trajectory()
+    for stamp in range(0, 30_000, 100):
+        known.add(stamp * MS, Pose())
+        if stamp % 4_000 == 1_000:
+            counts = int(sketcher.finish(frame_of(sketcher, (stamp - 500, stamp - 490)), known).photons.sum())
+    assert counts == 3 * 400        # of 12 s, those of the last 10 s

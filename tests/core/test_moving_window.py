@@ -78,7 +78,8 @@ def test_what_moves_is_one_frame_and_the_rest_is_the_window():
     still = np.s_[32:, :]
     omega = 2 * np.pi * np.array(FREQUENCIES) / T
     assert sketch.photons[still].sum() > 0.98 * 4 * 3 * sketch.photons[still].size
-    assert sketch.photons[box].sum() == newest.photons[box].sum()       # no photon of the wall that was there
+    # no photon of the wall that was there
+    assert sketch.photons[box].sum() == pytest.approx(newest.photons[box].sum(), rel=1e-3)
     towards = (sketch.sums[uncovered].sum(axis=(0, 1)) * np.exp(-1j * omega * 200)).real.sum()
     wall = (sketch.sums[uncovered].sum(axis=(0, 1)) * np.exp(-1j * omega * WALL)).real.sum()
     assert towards < 0.3 * wall
@@ -145,4 +146,4 @@ def test_arrays_that_cells_do_not_divide_keep_their_size():
     events = PhotonEvents(np.arange(20, dtype=np.uint32), np.full(20, 7, np.uint16))
     for _ in range(2):
         sketch = window.add(sketch_photons(events, sensor, (1, 2)), trajectory(), deskewer.filled(None))
-    assert (sketch.photons == 2).all()
+    np.testing.assert_allclose(sketch.photons, 2, rtol=1e-5)

@@ -6,7 +6,6 @@ import pytest
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.motion import Pose
 from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.kernels.constants import MAX_PHOTONS
 
 from .frames import REFERENCE
 
@@ -23,7 +22,7 @@ def arguments(lens, seed: int, shape=(13, 21), groups: int = 2) -> dict:
     poses = [Pose(Pose.turned(rng.normal(scale=0.03, size=3)).rotation, rng.normal(scale=0.05, size=3))
              for _ in range(groups)]
     sums = rng.normal(size=(rows, cols, M, 2)).astype(np.float32).view(np.complex64)[..., 0]
-    return {"sums": sums, "photons": rng.poisson(2, shape).astype(np.uint32),
+    return {"sums": sums, "photons": rng.poisson(2, shape).astype(np.float32),
             "used": (rng.random(shape) > 0.1).astype(np.float32), "rays": lens.rays(rows, cols),
             "ranges": (2 + 0.02 * x + 0.03 * y + (x > cols // 2)).astype(np.float32),
             "motions": np.array([np.column_stack([p.rotation, p.translation]) for p in poses], np.float32),
@@ -77,16 +76,8 @@ def test_a_line_of_pixels_moves(backend):
 
 
 def test_read_moved(backend):
-    given, rng = arguments(LENSES["pinhole"], 0), np.random.default_rng(5)
-    shape = given["photons"].shape
-    numbers = rng.uniform(0, 3, shape).astype(np.float32)
-    numbers[0, :4] = 0, 0.49, 0.5, 1e10
-    moved = (given["sums"] * numbers[..., None]).astype(np.complex64)
-    those = moved, numbers, *(given[name] for name in ("ranges", "late", "bin_frequencies", "metres_per_bin"))
-    sums, photons = backend.call("read_moved", *those)
-    expected, whole = REFERENCE.read_moved(*those)
-    assert sums.dtype == np.complex64 and photons.dtype == np.uint32
-    np.testing.assert_array_equal(photons, whole)
-    np.testing.assert_array_equal(photons[0, :4], [0, 0, 1, MAX_PHOTONS])
-    np.testing.assert_allclose(sums / np.maximum(photons, 1)[..., None], expected / np.maximum(whole, 1)[..., None],
-                               atol=2e-3)
+    given = arguments(LENSES["pinhole"], 0)
+    those = given["sums"], *(given[name] for name in ("ranges", "late", "bin_frequencies", "metres_per_bin"))
+    sums = backend.call("read_moved", *those)
+    assert sums.dtype == np.complex64
+    np.testing.assert_allclose(sums, REFERENCE.read_moved(*those), atol=5e-3)

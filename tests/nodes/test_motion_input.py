@@ -1,5 +1,6 @@
 """Where the sensor is on its robot, without a node and without tf2_msgs, which has no wheel."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -19,15 +20,16 @@ UNCONNECTED = "/tf_static does not connect spad to "
 class Placed:
     """A MotionInput that follows /tf_static and odometry of a robot at rest, ten reports a time."""
 
-    def __init__(self, sensor, extrinsics: str = ""):
-        self.node, self.reports = Mock(parameters={"motion": "odom", "extrinsics": extrinsics}), 0
+    def __init__(self, sensor, extrinsics: str = "", frame_id: str = "spad"):
+        given = {"motion": "odom", "extrinsics": extrinsics, "motion_timeout_s": 0.3}
+        self.node, self.reports = Mock(parameters=given), 0
         self.node.make_subscription.return_value.topic_name = "/odom"
         self.node.now_ns.return_value = 0
         self.motion = MotionInput(self.node, moved=lambda: None, wanted=lambda: False)
         if not extrinsics:
             (_, self.transforms), _ = self.node.follow.call_args
         self.report = self.node.make_subscription.call_args_list[0].args[1]
-        self.motion.of(sensor, "spad")
+        self.motion.of(sensor, frame_id)
 
     def tf(self, *tree: tuple[str, str, float], **turn: float) -> None:
         """The x of frames in their parents'."""
@@ -97,8 +99,9 @@ def test_the_place_in_one_body_is_none_in_another(placed, body):
     assert placed.x == 0.25
 
 
-def test_extrinsics_hold_whatever_the_body_is_called(sensor):
-    placed = Placed(sensor, extrinsics="0.25 0 0 0 0 0 1")
+@pytest.mark.parametrize("frame_id", ["spad", ""])
+def test_extrinsics_hold_whatever_the_body_and_the_sensor_are_called(sensor, frame_id):
+    placed = Placed(replace(sensor, frame_id=""), "0.25 0 0 0 0 0 1", frame_id)
     placed.odometry("")
     assert placed.x == 0.25
     placed.odometry("base_link")
@@ -114,3 +117,13 @@ def test_what_is_no_transform_is_refused_and_the_last_one_stays(placed):
     assert placed.x == 0.25
     assert [one.partition(" is ")[0] for one in placed.told] == [
         "/tf_static, spad: position", "/tf_static, spad: orientation", "/tf_static, spad: orientation"]
+
+
+def test_a_sensor_without_a_name_is_nowhere(sensor):
+    placed = Placed(replace(sensor, frame_id=""), frame_id="")
+    placed.tf(("base_link", "spad", 0.25))
+    placed.odometry("base_link")
+    assert placed.x == "/tf_static does not connect a sensor without a name to base_link"
+    placed.motion.of(sensor, "spad")
+    placed.odometry("base_link")
+    assert placed.x == 0.25

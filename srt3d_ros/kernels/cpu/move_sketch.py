@@ -7,7 +7,6 @@ that they come from, so that sums do not depend on the number of threads.
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO, sincos
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.lens import LOOKS, distorted
@@ -123,7 +122,7 @@ def _targets(photons, used, rays, ranges, motions, group, lens, late, metres_per
         _see(turned, offset, length, lens, row, col)
         _find_nearest(row, col, rows, nearest)
         for j in range(cols):
-            if photons[i, j] == 0 or used[i, j] == ZERO:
+            if photons[i, j] == ZERO or used[i, j] == ZERO:
                 nearest[j] = -1
         _share(row, col, nearest, all_ranges, steepest, rows, target[i], weight[i], there)
         _depths(turned, offset, length, there, late[i], metres_per_bin, depth[i])
@@ -171,7 +170,7 @@ def _collect(sums, photons, target, weight, depth, reached, bin_frequencies, mov
                 for k in range(4):
                     pixel, share = target[i, j, k], weight[i, j, k]
                     if pixel >= begin and pixel < end and share > ZERO:
-                        numbers[pixel] += share * F32(photons[i, j])
+                        numbers[pixel] += share * photons[i, j]
                         for l in range(twice):
                             moved[pixel, l] += share * z[l]
 
@@ -188,26 +187,22 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
 
 
 @parallel
-def _read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin, sums, photons):
+def _read_moved(moved, ranges, late, bin_frequencies, metres_per_bin, sums):
     rows, cols, twice = moved.shape
     for i in prange(rows):
         turns = _padded(bin_frequencies)
         cosine, sine = np.empty_like(turns), np.empty_like(turns)
         for j in range(cols):
-            number = numbers[i, j]
-            whole = min(np.floor(np.float64(number) + 0.5), MAX_PHOTONS)
-            scale, at = F32(whole / max(number, HALF)), ranges[i, j] / metres_per_bin + late[i, j]
-            photons[i, j] = np.uint32(whole)
+            at = ranges[i, j] / metres_per_bin + late[i, j]
             for l in range(len(turns)):
                 sine[l], cosine[l] = sincos(turns[l] * at)
             for l in range(twice // 2):
-                re, im = scale * moved[i, j, 2 * l], scale * moved[i, j, 2 * l + 1]
+                re, im = moved[i, j, 2 * l], moved[i, j, 2 * l + 1]
                 sums[i, j, 2 * l] = re * cosine[l] - im * sine[l]
                 sums[i, j, 2 * l + 1] = im * cosine[l] + re * sine[l]
 
 
-def read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin):
-    sums, photons = np.empty_like(moved), np.empty(numbers.shape, np.uint32)
-    _read_moved(moved.view(np.float32), numbers, ranges, late, bin_frequencies, F32(metres_per_bin),
-                sums.view(np.float32), photons)
-    return sums, photons
+def read_moved(moved, ranges, late, bin_frequencies, metres_per_bin):
+    sums = np.empty_like(moved)
+    _read_moved(moved.view(np.float32), ranges, late, bin_frequencies, F32(metres_per_bin), sums.view(np.float32))
+    return sums

@@ -4,7 +4,6 @@ import math
 
 import torch
 
-from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.lens import LOOKS, distorted
 
 
@@ -22,7 +21,7 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     xyz = turned * length[:, None] + offset
     row, col = _place(xyz, lens)
     seen, nearest = _pixel(row, col, rows, cols)
-    numbers_here = photons.reshape(-1).to(torch.float32) * (seen & (used.reshape(-1) > 0))
+    numbers_here = photons.reshape(-1) * (seen & (used.reshape(-1) > 0))
     target, weight = _shares(row, col, nearest, ranges, steepest, rows, cols)
     there = 1 / (weight / ranges[target]).sum(dim=0)
     before = (xyz * (there / xyz.norm(dim=1))[:, None] - offset).norm(dim=1)
@@ -34,11 +33,8 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
         numbers.view(-1).index_add_(0, pixel, share * numbers_here)
 
 
-def read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin):
-    whole = (numbers.double() + 0.5).floor().clamp(max=MAX_PHOTONS)
-    scale = (whole / numbers.clamp(min=0.5)).float()
-    turned = _phases(ranges / metres_per_bin + late, bin_frequencies)
-    return moved * turned * scale[..., None], whole.to(torch.int64).to(torch.uint32)
+def read_moved(moved, ranges, late, bin_frequencies, metres_per_bin):
+    return moved * _phases(ranges / metres_per_bin + late, bin_frequencies)
 
 
 def _phases(depth, bin_frequencies):

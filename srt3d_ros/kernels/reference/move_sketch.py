@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.lens import LOOKS, distorted
 
 
@@ -23,7 +22,8 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     that of the point at the pixel found. Photons that no pixel would see are left out.
 
     Args:
-        sums, photons: as of `prepare`.
+        sums: as of `prepare`.
+        photons: float32 [rows, cols], also parts of photons.
         used: float32 [rows, cols], 0 in masked pixels, whose photons are left out.
         rays: float32 [rows, cols, 3], unit vectors.
         ranges: float32 [rows, cols], ρ' along each ray, m, of every pixel.
@@ -58,16 +58,10 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
         np.add.at(numbers.reshape(-1), pixel, share * photons.reshape(-1)[chosen])
 
 
-def read_moved(moved, numbers, ranges, late, bin_frequencies, metres_per_bin):
-    """moved_l exp(i ω_l (ρ' / metres_per_bin + late)) n / numbers, complex64, and n, numbers rounded, uint32.
-
-    So the means stay those of photons. A pixel with less than half a photon has none.
-    """
+def read_moved(moved, ranges, late, bin_frequencies, metres_per_bin):
+    """moved_l exp(i ω_l (ρ' / metres_per_bin + late)), complex64: sums of photons again."""
     depth = ranges / metres_per_bin + late
-    whole = np.minimum(np.floor(numbers.astype(float) + 0.5), MAX_PHOTONS)
-    scale = whole / np.maximum(numbers, 0.5)
-    sums = moved * np.exp(2j * np.pi * depth[..., None] * bin_frequencies) * scale[..., None]
-    return sums.astype(np.complex64), whole.astype(np.uint32)
+    return (moved * np.exp(2j * np.pi * depth[..., None] * bin_frequencies)).astype(np.complex64)
 
 
 def _place(xyz, lens):
