@@ -8,6 +8,8 @@ import contextlib
 import ctypes
 import fcntl
 import os
+import re
+import socket
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -23,8 +25,11 @@ SHARED_MEMORY = Path("/dev/shm")
 SEGMENTS_MB = (64, 32, 16, 4)
 PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
 LEAK_AGE_S = 10.0       # older than any segment whose process is still starting
+FIRST_PORT, DOMAIN_PORTS = 7400, 250    # of domain 0, and of each (RTPS 2.5, 9.6.2.3)
 
 M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -2, -3, -8     # glibc's malloc.h
+
+_held: list[socket.socket] = []         # open as long as this process lives
 
 
 def prepare_process() -> None:
@@ -33,6 +38,7 @@ def prepare_process() -> None:
     A profile that the user chose is kept.
     """
     remove_leaked_segments()
+    avoid_ports_of_the_killed()
     profile = choose_profile()
     if profile is not None:
         os.environ.setdefault(PROFILE_VARIABLE, str(profile))
@@ -52,6 +58,45 @@ def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
                 lock.unlink()
+
+
+def avoid_ports_of_the_killed(shared_memory: Path = SHARED_MEMORY) -> None:
+    """Keep Fast DDS from giving this process a port that others still send to for a killed one.
+
+    They find out one after the other, and each makes the port anew: a reader that opens it meanwhile may be left with
+    one that nobody writes to. Fast DDS takes the first numbers whose UDP ports are free, so this holds those of the
+    killed.
+    """
+    first = FIRST_PORT + DOMAIN_PORTS * int(os.environ.get("ROS_DOMAIN_ID") or 0)
+    for path in shared_memory.glob(f"{SEGMENT}port*[0-9]"):
+        port, lock = int(path.name.removeprefix(f"{SEGMENT}port")), path.with_name(f"{path.name}_el")
+        if first < port < first + DOMAIN_PORTS and not _is_locked(lock) and _is_mapped(path):
+            for number in (port - 1, port):         # of one participant: discovery, and data
+                held = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                _held.append(held)
+                with contextlib.suppress(OSError):      # another node that starts holds it
+                    held.bind(("", number))
+
+
+def _is_locked(lock: Path) -> bool:
+    """Whether a process reads there."""
+    try:
+        with lock.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _is_mapped(path: Path) -> bool:
+    """Whether any process still has a file in memory, under this name."""
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        with contextlib.suppress(OSError):      # it has ended, or is another user's
+            if re.search(rf"{re.escape(str(path))}( |$)", maps.read_text(errors="replace"), re.MULTILINE):
+                return True
+    return False
 
 
 def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:

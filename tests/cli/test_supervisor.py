@@ -18,6 +18,11 @@ IMPATIENT = [sys.executable, "-c", """if True:
     sys.exit(main.main(["up", *sys.argv[1:]]))"""]
 
 
+def port_of(node: psutil.Process) -> str:
+    """The lock of the shared memory where it reads data: the last of its domain's ports, not those from 7000 on."""
+    return max((file.path for file in node.open_files() if "_port" in file.path), key=lambda path: (len(path), path))
+
+
 @pytest.fixture
 def start():
     """Starts a command, and ends it with the test."""
@@ -71,8 +76,11 @@ def test_a_recorder_that_is_started_again_keeps_what_was_recorded_and_no_node_ou
     up = start(UP, "--input", "simulator", "--record", tmp_path / "run.rrd", "--bag", tmp_path / "rec")
     up.says(f"recording to {tmp_path / 'run.rrd'}")
     wait(lambda: (tmp_path / "run.rrd").exists() and (tmp_path / "rec").exists(), "the files", lambda: up.text)
-    nodes_of(up.pid)["recorder"].kill()
+    killed = nodes_of(up.pid)["recorder"]
+    port = port_of(killed)
+    killed.kill()
     up.says(f"recording to {tmp_path / 'run_2.rrd'}")
+    assert port != port_of(nodes_of(up.pid)["recorder"])        # or it may hear nothing: nodes/transport.py
     nodes_of(up.pid)["bag_recorder"].kill()
     wait((tmp_path / "rec_2").exists, "another bag", lambda: up.text)
     assert {"run.rrd", "run_2.rrd", "rec", "rec_2"} <= {path.name for path in tmp_path.iterdir()}

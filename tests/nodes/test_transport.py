@@ -1,7 +1,10 @@
 """What a process is prepared with before rclpy.init, as its distribution's middleware has it."""
 
+import contextlib
 import fcntl
+import mmap
 import os
+import socket
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -9,6 +12,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from srt3d_ros.nodes import transport
+from srt3d_ros.private_network import claim_domain
 
 
 @pytest.mark.parametrize("free_mb, segment_mb", [
@@ -32,11 +36,12 @@ def test_without_shared_memory_the_default_stays(tmp_path):
 def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, given):
     prepared = []
     monkeypatch.setattr(transport, "remove_leaked_segments", lambda: prepared.append("segments"))
+    monkeypatch.setattr(transport, "avoid_ports_of_the_killed", lambda: prepared.append("ports"))
     monkeypatch.setattr(transport, "_keep_freed_memory", lambda: prepared.append("memory"))
     monkeypatch.setattr(os, "environ", {transport.PROFILE_VARIABLE: given} if given else {})
     transport.prepare_process()
     assert os.environ[transport.PROFILE_VARIABLE] == str(given or transport.choose_profile())
-    assert prepared == ["segments", "memory"]
+    assert prepared == ["segments", "ports", "memory"]
 
 
 def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tmp_path):
@@ -53,6 +58,40 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
         transport.remove_leaked_segments(tmp_path)
     kept = {alive.name, new.name}
     assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}
+
+
+def test_ports_of_killed_processes_are_avoided_while_others_send_to_them(tmp_path, monkeypatch):
+    """Two have a writer and no reader; the others have a reader, no writer, or are of another domain."""
+    def port(number: int, mapped: bool = True, locked: bool | None = None) -> None:
+        path = tmp_path / f"{transport.SEGMENT}port{number}"
+        path.write_bytes(b"x")
+        file = opened.enter_context(path.open("r+b"))
+        if mapped:
+            opened.enter_context(mmap.mmap(file.fileno(), 1))
+        if locked is not None:
+            lock = opened.enter_context(open(f"{path}_el", "wb"))
+            fcntl.flock(lock, fcntl.LOCK_EX if locked else fcntl.LOCK_UN)
+
+    def is_free(number: int) -> bool:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tried:
+            try:
+                tried.bind(("", number))
+            except OSError:
+                return False
+            return True
+
+    monkeypatch.setattr(transport, "_held", [])
+    with contextlib.ExitStack() as opened:
+        domain = claim_domain()
+        first = 7400 + 250 * domain
+        for number, options in {211: {}, 213: {"locked": False}, 215: {"locked": True}, 217: {"mapped": False},
+                                461: {}}.items():
+            port(first + number, **options)
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        transport.avoid_ports_of_the_killed(tmp_path)
+        assert [number for number in range(210, 219) if not is_free(first + number)] == [210, 211, 212, 213]
+    for held in transport._held:
+        held.close()
 
 
 LARGE_BUFFERS = """
