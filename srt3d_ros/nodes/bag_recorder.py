@@ -28,14 +28,16 @@ INPUTS = (topics.SENSOR, topics.SKETCH_SENSOR, *topics.FRAMES, topics.SKETCH, to
 TOPICS = "photons, gates, histograms, sensor"
 
 PARAMETERS = (
-    Parameter("path", "", "The bag, a new folder; bag_<UTC time> in the working directory if empty.", form="a path"),
-    Parameter("topics", TOPICS, "Inputs to record.", form="names with commas between"),
+    Parameter("path", "", "Folder of the bag, which must not exist yet; if empty, bag_<UTC time> in the working "
+              "directory.", form="a path"),
+    Parameter("topics", TOPICS, "Topics of the pipeline to record.", form="names with commas between"),
     Parameter("format", STORAGES[0], "Storage plugin of rosbag2.", choices=STORAGES),
     Parameter("max_duration_s", 0.0, "Finish the bag and exit after this time from its first message; 0: no limit.",
               "s", 0, 10**7),
     Parameter("max_size_mb", 0, "Finish the bag and exit at this size; 0: no limit.", "MB", 0, 10**9),
-    Parameter("queue_mb", 512, "Messages that may wait to be written; further ones are dropped.", "MB", 1, 10**6),
-    Parameter("min_free_mb", 256, "Finish the bag and exit with an error when the disk has less free.", "MB", 1, 10**9),
+    Parameter("queue_mb", 512, "Most messages that wait to be written; further ones are dropped.", "MB", 1, 10**6),
+    Parameter("min_free_mb", 256, "Finish the bag and exit with an error if the disk has less free space.",
+              "MB", 1, 10**9),
 )
 
 SPEC = NodeSpec(

@@ -24,11 +24,11 @@ POLL_S = 0.1            # longest time until a halt is seen
 ACKNOWLEDGE_S = 5.0
 
 PARAMETERS = (
-    Parameter("device", "tmf8829", "The sensor; docs/devices.md describes each.", choices=tuple(devices.DEVICES)),
+    Parameter("device", "tmf8829", "The sensor model; see docs/devices.md.", choices=tuple(devices.DEVICES)),
     Parameter("connect", "", "Address of the sensor's ZeroMQ publisher (tmf8829).", form="such as tcp://HOST:5558"),
-    Parameter("log", "", "Without `connect`: a log of the sensor, which is played once.", form="a path"),
-    Parameter("rate_hz", 10.0, "Log: frames a second.", "Hz", 0.01, 1000),
-    Parameter("frame_id", "", "tf frame of the histograms; the device's name if empty."),
+    Parameter("log", "", "Without `connect`: a log of the sensor, played once.", form="a path"),
+    Parameter("rate_hz", 10.0, "Log: frames per second.", "Hz", 0.01, 1000),
+    Parameter("frame_id", "", "tf frame of the histograms; if empty, the device's name."),
 )
 
 SPEC = NodeSpec(

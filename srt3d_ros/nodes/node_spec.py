@@ -7,9 +7,9 @@ from srt3d_ros.nodes.frame_accounting import FRAMES, Balance
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.topics import Topic
 
-AUTOSTART = Parameter("autostart", True, "Configure and activate at the start; if false, a lifecycle manager does.")
+AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: a lifecycle manager does.")
 LOSSLESS = Parameter("lossless", False, "Drop no frame: queue frames instead of keeping the newest, and wait for a "
-                     "subscriber before publishing. For replays; a live sensor needs the newest frame.")
+                     "subscriber before publishing. For replays only: a live sensor needs the newest frame.")
 
 
 @dataclass(frozen=True)

@@ -33,44 +33,44 @@ CLOCK_PERIOD_S = 0.01
 PARAMETERS = (
     Parameter("input", SIMULATOR, "Photon file (docs/photon-file.md), bag (its folder, .mcap or .db3 file), or "
               "the simulator's moving scene.", form="a path or simulator"),
-    Parameter("output", "photons", "File and simulator: the topic; gates suit small arrays with few photons a pixel, "
-              "histograms few bins with many.", choices=tuple(CODECS)),
-    Parameter("rate_hz", 10.0, "File and simulator: frames a second; 0 with `lossless`: as fast as they are answered.",
-              "Hz", 0, 10_000),
-    Parameter("loop", True, "File: repeat its frame. The simulator never ends; bags have `bag_loop`."),
+    Parameter("output", "photons", "File and simulator: topic to publish. gates suit small arrays with few photons "
+              "per pixel, histograms few bins with many photons.", choices=tuple(CODECS)),
+    Parameter("rate_hz", 10.0, "File and simulator: frames per second. 0 with `lossless`: as fast as they are "
+              "answered.", "Hz", 0, 10_000),
+    Parameter("loop", True, "File: repeat its frame. The simulator never ends; for bags use `bag_loop`."),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
-    Parameter("duration_s", 0.0, "Exit after this time, in a bag its recorded time; 0: no limit. Needs a rate.", "s", 0,
-              10**6),
+    Parameter("duration_s", 0.0, "Exit after this time (bag: recorded time); 0: no limit. Needs a rate.",
+              "s", 0, 10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
-    Parameter("in_flight", 4, "When lossless: messages sent that `points` may still have to answer; at least twice the "
-              "sketcher's packets_per_frame, with `window_stamp: oldest` packets_per_frame × (window_frames + 1).",
+    Parameter("in_flight", 4, "With lossless: most messages without an answer on `points`. At least twice the "
+              "sketcher's packets_per_frame; with `window_stamp: oldest` packets_per_frame × (window_frames + 1).",
               low=1, high=1000),
-    Parameter("ppp", 15.0, "Simulator: mean photons a pixel and frame.", low=0, high=10**6),
+    Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
     Parameter("motion", "off", "Simulator: how the sensor moves through a furnished room: like a person, a drone, or a "
               f"robot that turns on the spot. A frame comes in {PACKETS} packets, and `odom` says where its body is.",
               choices=("off", *MOTIONS), loose=True),
-    Parameter("odom_noise", 0.0, "Moving simulator: error of the velocity that `odom` adds up; 0.05 is 5 %.", low=0,
-              high=1),
-    Parameter("odom_jitter_s", 0.0, "Moving simulator: stamps of `odom` are off by up to this.", "s", 0, 1),
-    Parameter("odom_delay_s", 0.0, "Moving simulator: `odom` comes so late.", "s", 0, 10),
-    Parameter("num_bins", 0, "File: T, where the file does not say.", "bins", 0, 65_535),
-    Parameter("bin_width_s", 0.0, "File: bin width, where the file does not say.", "s", 0, 1),
-    Parameter("irf", "", "File: path of the IRF (.npy or .npz), where the file has none.", form="a path"),
-    Parameter("fov_deg", 0.0, "File: field of view of the larger side, where the file does not say.", "deg", 0, 179),
-    Parameter("frame_id", "", "File and simulator: tf frame of the photons; their own if empty."),
-    Parameter("bag_rate", 1.0, "Bag: pace, 1 as recorded, 2 twice as fast; 0 with `lossless`: as fast as frames are "
+    Parameter("odom_noise", 0.0, "Moving simulator: relative error of the velocity that `odom` integrates; 0.05 is "
+              "5 %.", low=0, high=1),
+    Parameter("odom_jitter_s", 0.0, "Moving simulator: largest error of the stamps of `odom`.", "s", 0, 1),
+    Parameter("odom_delay_s", 0.0, "Moving simulator: delay of `odom`.", "s", 0, 10),
+    Parameter("num_bins", 0, "File: T, if the file does not have it.", "bins", 0, 65_535),
+    Parameter("bin_width_s", 0.0, "File: bin width, if the file does not have it.", "s", 0, 1),
+    Parameter("irf", "", "File: path of the IRF (.npy or .npz), if the file has none.", form="a path"),
+    Parameter("fov_deg", 0.0, "File: field of view across the larger side, if the file does not have it.",
+              "deg", 0, 179),
+    Parameter("frame_id", "", "File and simulator: tf frame of the photons; if empty, their own."),
+    Parameter("bag_rate", 1.0, "Bag: speed, 1 as recorded, 2 twice as fast. 0 with `lossless`: as fast as frames are "
               "answered.", low=0, high=1000),
-    Parameter("bag_loop", False, "Bag: begin again at its end."),
+    Parameter("bag_loop", False, "Bag: start again at its end."),
     Parameter("bag_start_s", 0.0, "Bag: start this long after its first message.", "s", 0, 10**6),
-    Parameter("bag_stamps", "original", "Bag: stamps as recorded, or as if the photons were acquired now.",
-              choices=("original", "now")),
-    Parameter("bag_photons_topic", "", "Bag: the topic of the photons, in whichever form, or of sketches; needed if "
-              "there are several.",
-              form="a topic's full name"),
-    Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
+    Parameter("bag_stamps", "original", "Bag: original keeps the recorded stamps; now stamps as if the photons were "
+              "acquired now.", choices=("original", "now")),
+    Parameter("bag_photons_topic", "", "Bag: topic of the photons (in any form) or of the sketches; required if there "
+              "are several.", form="a topic's full name"),
+    Parameter("bag_sensor_topic", "", "Bag: topic that describes the sensor; required if there are several.",
               form="a topic's full name"),
     Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )

@@ -21,40 +21,40 @@ PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
         "sketcher's `frequencies` consecutive.", choices=SKETCH_METHODS, live=True),
-    Parameter("surfaces", 1, "Most surfaces of a pixel.", low=1, high=MAX_SURFACES, live=True),
-    Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`; the images and an "
-              "organised cloud show only that one. With `surfaces` of 2 or more, nearest shows a net or fog and "
-              "farthest what is behind it.", choices=tuple(SURFACE_ORDERS), live=True),
-    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: share of the pixels without a surface that "
-              "may show a point.", low=1e-12, high=0.5, live=True),
-    Parameter("background", BACKGROUNDS[0], "pooled: how the background spreads over the bins. auto: as the last "
-              "clouds leave it unexplained, evenly while that is not significant; sensor: as the sensor's "
-              "background_shape says, evenly without; flat: evenly.", choices=BACKGROUNDS, live=True),
+    Parameter("surfaces", 1, "Most surfaces per pixel.", low=1, high=MAX_SURFACES, live=True),
+    Parameter("surface_order", "strongest", "Which surface of a pixel comes first in `points`. Images and organised "
+              "clouds show only that one. With `surfaces` of 2 or more, nearest shows a net or fog, and farthest what "
+              "is behind it.", choices=tuple(SURFACE_ORDERS), live=True),
+    Parameter("false_alarm_rate", DEFAULT_FALSE_ALARM_RATE, "pooled, smle: fraction of the pixels without a surface "
+              "that may show a false point.", low=1e-12, high=0.5, live=True),
+    Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: what the "
+              "last clouds left unexplained, or even while that is not significant. sensor: the sensor's "
+              "background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
     Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto: as published.",
               choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
-    Parameter("warm_start", False, "pooled: begin with the last frame's surfaces where the photons confirm them: less "
-              "error while the scene changes little.", live=True),
-    Parameter("pipeline", PIPELINES[0], "latency: publish a frame before the next one begins. throughput: publish it, "
-              "and copy it from and to a GPU, while the next is reconstructed; more frames a second.",
+    Parameter("warm_start", False, "pooled: start from the last frame's surfaces where the photons confirm them. This "
+              "reduces the error while the scene changes little.", live=True),
+    Parameter("pipeline", PIPELINES[0], "latency: publish a frame before the next one starts. throughput: publish it, "
+              "and copy it to and from a GPU, while the next one is reconstructed: more frames per second.",
               choices=PIPELINES, live=True),
-    Parameter("upsampling", 1, "pooled: finer pixels of `points` and of the images along the side of each pixel.",
+    Parameter("upsampling", 1, "pooled: finer pixels along each side of a pixel, in `points` and in the images.",
               low=1, high=MAX_UPSAMPLING, live=True),
-    Parameter("tile", "", "pooled: the part of the array to reconstruct; other reconstructors do the rest of one that "
-              "is too large for one. `row` and `col` of points count in the whole array; images and an organised cloud "
-              "show the tile.", form=FORM, live=True, loose=True, refuse=Tile.read),
-    Parameter("device", "auto", "Where to compute; auto takes the GPU if there is one.", choices=DEVICES, live=True),
-    Parameter("fields", "xyzi", "Fields of `points`: x, y, z, intensity, or also depth_std, background, row, col, "
-              "surface, and t of a scanner (`scan` in `sketch/sensor`).", choices=("xyzi", "full"), live=True),
-    Parameter("organised", False, "`points` as rows × cols with the first point of each pixel, NaN where there is "
-              "none; if false, a list of all points.", live=True),
-    Parameter("min_range_m", 0.0, "Leave out points nearer than this along their pixel's ray, of `points` and of the "
-              "images; 0 = no limit.", "m", low=0.0, live=True),
-    Parameter("max_range_m", 0.0, "Leave out points farther than this; 0 = no limit.", "m", low=0.0, live=True),
-    Parameter("frame_id", "", "tf frame of what is published; the messages' own if empty.", live=True),
-    Parameter("save_folder", "", "Where `~/save_cloud` writes; the working directory if empty.",
+    Parameter("tile", "", "pooled: part of the array to reconstruct, if several reconstructors share a large array. "
+              "`row` and `col` of points count in the whole array. Images and organised clouds show the tile.",
+              form=FORM, live=True, loose=True, refuse=Tile.read),
+    Parameter("device", "auto", "Where to compute. auto: on a GPU if there is one.", choices=DEVICES, live=True),
+    Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
+              "col, surface, and t for a scanner (`scan` in `sketch/sensor`).", choices=("xyzi", "full"), live=True),
+    Parameter("organised", False, "true: `points` as rows × cols with the first point of each pixel, NaN where there "
+              "is none. false: a list of all points.", live=True),
+    Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
+              "= no limit.", "m", low=0.0, live=True),
+    Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
+    Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
+    Parameter("save_folder", "", "Folder for `~/save_cloud`; the working directory if empty.",
               form="a folder that exists"),         # not live: whoever starts the node decides where files go
-    Parameter("save_format", "ply", "Its file format: ply and pcd have x, y, z and intensity, npz has everything.",
-              choices=("ply", "pcd", "npz"), live=True),
+    Parameter("save_format", "ply", "File format of `~/save_cloud`. ply and pcd have x, y, z and intensity, npz has "
+              "everything.", choices=("ply", "pcd", "npz"), live=True),
     LOSSLESS,
 )
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}

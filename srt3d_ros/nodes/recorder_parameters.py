@@ -19,31 +19,33 @@ IMAGES = tuple(path.strip("/") for path in (schema.DEPTH, *schema.IMAGES))
 ALL_IMAGES, NO_IMAGES = ",".join(IMAGES), "none"
 WHICH_IMAGES = f"some of {ALL_IMAGES}, or {NO_IMAGES}"
 PARAMETERS = (
-    Parameter("path", "", "The recording; recording_<UTC time>.rrd in the working directory if empty. The first "
-              "replaces an existing file; the next are NAME_2.rrd, NAME_3.rrd, …. With split_size_mb or "
-              "split_period_s, NAME_001.rrd, NAME_002.rrd, …; none is replaced.", form="a path that ends with .rrd"),
-    Parameter("record", True, "Record as soon as the node is active; if false, from `~/start_recording` on."),
-    Parameter("colour_by", COLOUR_BY[0], "What colours the points. depth_std needs the reconstructor's `fields:=full`, "
-              "else the intensity is used; up is the sensor's.", choices=COLOUR_BY),
-    Parameter("colour_map", RANGE_MAP, "Colours, for any colour vision: bright is near, or much of anything but range.",
-              choices=COLOUR_MAPS),
-    Parameter("colour_range", ADAPTIVE, "Values, photons or metres, of the first and the last colour; adaptive follows "
-              "the clouds slowly.", form=COLOUR_RANGE),
-    Parameter("images", ALL_IMAGES, "Which images are recorded.", form=WHICH_IMAGES),
-    Parameter("exact", False, "Points in the order in which they come, intensities and images in float32. If false, "
-              "points by intensity, intensities in 11 bits, images to a third of the photons' noise: a third less. "
-              "Positions are always exact."),
+    Parameter("path", "", "Path of the recording; if empty, recording_<UTC time>.rrd in the working directory. The "
+              "first recording replaces an existing file, the next are NAME_2.rrd, NAME_3.rrd, …. With split_size_mb "
+              "or split_period_s the files are NAME_001.rrd, NAME_002.rrd, …, and none is replaced.",
+              form="a path that ends with .rrd"),
+    Parameter("record", True, "true: record as soon as the node is active. false: from `~/start_recording` on."),
+    Parameter("colour_by", COLOUR_BY[0], "What the colours of the points show. depth_std needs the reconstructor's "
+              "`fields:=full`; without it, intensity is used. Height is along the sensor's up direction.",
+              choices=COLOUR_BY),
+    Parameter("colour_map", RANGE_MAP, "Colour map; all suit any colour vision. Bright is near for range, and high "
+              "for everything else.", choices=COLOUR_MAPS),
+    Parameter("colour_range", ADAPTIVE, "Values (photons or metres) of the first and the last colour. adaptive "
+              "follows the clouds slowly.", form=COLOUR_RANGE),
+    Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
+    Parameter("exact", False, "true: points in the published order, intensities and images in float32. false: points "
+              "sorted, intensities in 11 bits, images rounded to a third of the photon noise: files are a third "
+              "smaller. Positions are always exact."),
     Parameter("decimate", 1, "Record every n-th point.", low=1, high=1_000_000),
     Parameter("max_points", 0, "Thin out larger clouds evenly to at most this number of points; 0 = no limit.", low=0),
-    Parameter("max_rate_hz", 0.0, "Frames a second whose clouds and images are recorded at most; 0 = all. Time series "
+    Parameter("max_rate_hz", 0.0, "Most frames per second whose clouds and images are recorded; 0 = all. Time series "
               "have every frame.", "Hz", low=0.0),
-    Parameter("split_size_mb", 0.0, "Begin another file at this size; 0 = one file.", "MB", low=0.0),
-    Parameter("split_period_s", 0.0, "Begin another file after this time; 0 = one file.", "s", low=0.0),
+    Parameter("split_size_mb", 0.0, "Start a new file at this size; 0 = one file.", "MB", low=0.0),
+    Parameter("split_period_s", 0.0, "Start a new file after this time; 0 = one file.", "s", low=0.0),
     Parameter("live_port", 0, "Port on the loopback interface for viewers (`srt3d view --connect`); 0 = none.", low=0,
               high=65535),
-    Parameter("live_memory_mb", 256, "Memory for the newest frames, for viewers that connect later.", "MB", low=16,
-              high=100_000),
-    Parameter("lossless", False, "Queue more before dropping: for replays faster than a sensor."),
+    Parameter("live_memory_mb", 256, "Memory that keeps the newest frames for viewers that connect later.",
+              "MB", low=16, high=100_000),
+    Parameter("lossless", False, "Queue more frames before dropping, for replays faster than a sensor."),
 )
 
 
