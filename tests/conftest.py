@@ -1,5 +1,6 @@
 """What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
 
+import importlib.util
 import os
 import resource
 import signal
@@ -43,6 +44,15 @@ def pytest_collection_modifyitems(items):
 def repository() -> Path:
     """The root of the source tree."""
     return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def make_venv():
+    """scripts/make_venv.py as a module."""
+    spec = importlib.util.spec_from_file_location("make_venv", REPOSITORY / "scripts" / "make_venv.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """scripts/make_venv.py: what it says, what it falls back to, and when it does nothing."""
 
 import importlib.metadata
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -11,14 +10,6 @@ import pytest
 from packaging.requirements import Requirement
 
 from srt3d_ros.versions import versions
-
-
-@pytest.fixture
-def make_venv(repository):
-    spec = importlib.util.spec_from_file_location("make_venv", repository / "scripts" / "make_venv.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.deskew import Deskewer, range_image
+from srt3d_ros.core.deskew import Deskewer
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import AngularScan, Pinhole
@@ -46,12 +46,6 @@ def constant(range_m: float) -> np.ndarray:
 def assert_same(sketch, expected, atol=2e-4):
     np.testing.assert_array_equal(sketch.photons, expected.photons)
     np.testing.assert_allclose(sketch.sums, expected.sums, atol=atol * max(expected.photons.max(), 1))
-
-
-def test_what_does_not_move_stays():
-    sketch, lost = moved(photons(), Pose(), constant(2))
-    assert_same(sketch, sketch_photons(photons(), SENSOR, FREQUENCIES))
-    assert lost == 0 and sketch.stamp_ns == LATER
 
 
 def test_a_step_forward_shifts_the_photons_of_the_middle():
@@ -192,12 +186,6 @@ def test_ranges_are_smoothed_along_surfaces_not_across_edges():
     left = Deskewer(sensor, FREQUENCIES).filled((wall + noise).astype(np.float32)) - wall
     assert np.abs(left).max() < 0.05
     assert np.sqrt((left[4:-4, 4:-4]**2).mean()) < 0.006
-
-
-def test_range_image_is_of_the_nearest_point():
-    xyz = np.array([[0, 0, 3.0], [0, 0, 2.0], [0, 0, -1.0], [9, 0, 1.0], [np.nan, 0, 1]])
-    image = range_image(SensorModel(3, 3, T, 1e-10, [1], projection=Pinhole(3, 3, 1, 1)), xyz)
-    assert image[1, 1] == 2 and np.isnan(image).sum() == 8
 
 
 @pytest.mark.parametrize(("shape", "frequencies"), [((2, 2), FREQUENCIES), ((ROWS, COLS), (1, 2, 3))])

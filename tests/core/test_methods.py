@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.methods import METHODS, SKETCH_METHODS, find
+from srt3d_ros.core.methods import METHODS, SKETCH_METHODS
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
@@ -196,8 +196,3 @@ def test_every_method_tells_its_device_and_can_warm_up(name):
     method = METHODS[name].build(make_sensor(12, 14), (1, 2, 3), surfaces=2)
     method.warm_up()
     assert method.device == "cpu"
-
-
-def test_an_unknown_name_is_refused_with_the_known_ones():
-    with pytest.raises(InvalidInput, match="^method is magic: expected pooled or srt3d or smle or xcorr or rt3d$"):
-        find("magic")

@@ -217,12 +217,6 @@ def test_open_photons_gives_the_frame_that_is_asked_for(bag):
         open_photons(bag, 3)
 
 
-def test_gates_are_read_as_photons_too(tmp_path):
-    bag = write(tmp_path / "bag", [RECORDED[0], ("/gates", IMAGE, gates_of(1))])
-    assert sorted(zip(*(getattr(open_photons(bag).frame, name).tolist() for name in ("pixel", "toa")))) == [
-        (0, 7), (2, 9), (5, 1)]
-
-
 def test_no_ros_is_needed(tmp_path, repository):
     bag = write(tmp_path / "bag", RECORDED)
     script = ("import sys\n"

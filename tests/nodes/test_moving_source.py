@@ -10,12 +10,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.datasets.motion_profiles import MOTIONS, OPTICAL, walk
+from srt3d_ros.datasets.motion_profiles import OPTICAL, walk
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.motion_input import parse_extrinsics
-from srt3d_ros.nodes.moving_source import BEFORE_S, PACKETS, MovingSource, quaternion
+from srt3d_ros.nodes.moving_source import BEFORE_S, PACKETS, MovingSource
 from srt3d_ros.nodes.player import PARAMETERS
 
 MS = 1_000_000
@@ -67,13 +67,6 @@ def test_noise_and_jitter_reach_the_odometry_and_the_seed_repeats_them():
     stamps = np.array([stamp for stamp, _ in noisy])
     assert (np.diff(stamps) > 0).all() and (stamps % (10 * MS) != 0).any()
     assert np.abs(np.subtract(noisy[-1][1], walk(0.1).translation)).max() < 0.3
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_quaternions_are_the_rotation(motion):
-    for t_s in (0.0, 3.3, 6.0, 11.0):
-        pose = MOTIONS[motion](t_s)
-        np.testing.assert_allclose(Pose.from_quaternion(quaternion(pose)).rotation, pose.rotation, atol=1e-9)
 
 
 def test_the_extrinsics_that_it_tells_are_where_the_sensor_is():

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, Quaternion, Vector3
+from geometry_msgs.msg import Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
@@ -19,9 +19,11 @@ from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.range_guide import moved_ranges
 from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.datasets.motion_profiles import Measured
 from srt3d_ros.messages import images
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.nodes import moving_source
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.nodes.waiting_frames import crowded
 
@@ -38,13 +40,6 @@ def pose_at(ms: float) -> Pose:
     return Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3)
 
 
-def quaternion(pose: Pose) -> Quaternion:
-    vector = pose.rotation_vector
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / max(angle, 1e-12) * np.sin(angle / 2)
-    return Quaternion(x=x, y=y, z=z, w=np.cos(angle / 2))
-
-
 def stamp(message, ms: float, frame_id: str = "odom"):
     message.header.stamp = Time(nanoseconds=START_NS + round(ms * MS)).to_msg()
     message.header.frame_id = frame_id
@@ -52,11 +47,10 @@ def stamp(message, ms: float, frame_id: str = "odom"):
 
 
 def odometry(ms: float, offset_m=(0, 0, 0), body="spad") -> Odometry:
-    message, pose = stamp(Odometry(child_frame_id=body), ms), pose_at(ms)
-    x, y, z = (pose.translation + offset_m).tolist()
-    message.pose.pose.position, message.pose.pose.orientation = Point(x=x, y=y, z=z), quaternion(pose)
-    message.twist.twist.linear = Vector3(**dict(zip("xyz", SPEED_M_S.tolist())))
-    message.twist.twist.angular = Vector3(**dict(zip("xyz", TURN_RAD_S.tolist())))
+    pose = pose_at(ms)
+    moved = Pose(pose.rotation, pose.translation + offset_m)
+    message = stamp(moving_source.odometry(Measured(ms / 1e3, ms / 1e3, moved, SPEED_M_S, TURN_RAD_S)), ms)
+    message.child_frame_id = body
     return message
 
 

@@ -1,7 +1,6 @@
 """Every dependency has a lower bound, below which nothing was tried, and an upper one, above which nobody knows."""
 
 import importlib.metadata
-import importlib.util
 import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
@@ -27,14 +26,6 @@ def bounded(requirement: Requirement) -> bool:
 def requirements() -> dict[str, Requirement]:
     """Those of the installed package, its extras' too, as setup.py gave them."""
     return {text: Requirement(text) for text in importlib.metadata.requires(srt3d_ros.__name__)}
-
-
-@pytest.fixture(scope="module")
-def make_venv(repository):
-    spec = importlib.util.spec_from_file_location("make_venv", repository / "scripts" / "make_venv.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_all_that_pip_installs_is_bounded(requirements, make_venv, repository):

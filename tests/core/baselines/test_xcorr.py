@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.baselines import xcorr
-from srt3d_ros.core.baselines.toa import DepthInformation, by_pixel, irf_slope
+from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
 from tests.core.scenes import T, background_alone, errors, make_sensor, ramp, run, simulate
 
 
@@ -66,13 +65,3 @@ def test_of_two_lone_photons_either_is_chosen_as_often():
     toa = np.tile([100, 300], 1600).astype(np.uint16)
     cloud = run("xcorr", PhotonEvents(np.arange(1600, dtype=np.uint32).repeat(2), toa), sensor)
     assert len(cloud) == 1600 and 0.45 < (cloud.depth_bins < 200).mean() < 0.55
-
-
-def test_information_is_that_of_a_normal_irf(sigma=8.0):
-    irf = np.exp(-np.arange(-60, 61)**2 / (2 * sigma**2))
-    information = DepthInformation(SensorModel(2, 2, 400, 1e-10, irf))
-    assert information.per_photon(np.array(0.0)) == pytest.approx(1 / sigma**2, rel=0.03)
-    assert information.std(np.array(100.0), np.array(0.0)) == pytest.approx(sigma / 10, rel=0.03)
-    h, slope = irf / irf.sum(), irf_slope(irf / irf.sum())
-    expected = (40 * slope**2 / (h + 0.5 / 40)).sum()                       # r = 40, b = 0.5 per bin
-    assert information.std(np.array(40.0), np.array(0.5)) == pytest.approx(expected**-0.5, rel=0.01)
