@@ -36,7 +36,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.sketching import Sketcher, sketch_photons
 from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.datasets.motion_profiles import Path, hand, trajectory, walk
 from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
@@ -111,9 +111,7 @@ def at_rest(range_m: np.ndarray, reflectivity: np.ndarray, sensor: SensorModel, 
             ) -> Sketch:
     """The sketch of a sensor that stands still."""
     simulator = Simulator(StaticScene(range_m, reflectivity), sensor, SBR, ppp, seed)
-    sketcher = Sketcher(sensor, frequencies)
-    sketcher.add(simulator.frame(0)[0])
-    return sketcher.sketch()
+    return sketch_photons(simulator.frame(0)[0], sensor, frequencies)
 
 
 @dataclass
