@@ -162,9 +162,8 @@ sys.meta_path.insert(0, NoTorch())
 
 def test_every_method_runs_on_the_cpu_without_torch(repository):
     photons_to_clouds = WITHOUT_TORCH + """
-import numpy as np
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.methods import METHODS, reconstruct
+import numpy as np, srt3d_ros
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.versions import machine
@@ -172,7 +171,7 @@ from srt3d_ros.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])
 frame = PhotonEvents(np.repeat(np.arange(6, dtype=np.uint32), 40), np.full(240, 50, np.uint16))
 for name in METHODS:
-    print(len(reconstruct(name, frame, sensor, choose("auto", sensor, 10), device="cpu")))
+    print(len(srt3d_ros.reconstruct(frame, sensor=sensor, method=name, device="cpu")))
 machine(), versions()
 """
     assert run([sys.executable, "-c", photons_to_clouds], repository).split() == ["6"] * 5

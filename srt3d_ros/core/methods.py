@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
@@ -71,13 +69,3 @@ def find(name: str) -> Method:
     """The method of this name, or InvalidInput that lists them."""
     require(name in METHODS, "method", name, " or ".join(METHODS))
     return METHODS[name]
-
-
-def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
-    """Reconstruct photons with the method of this name, by way of their sketch if it needs no more."""
-    # Here, as it imports kernels, which a list of names does not need.
-    from srt3d_ros.core.sketching import sketch_photons
-
-    method = find(name)
-    reconstructor = method.build(sensor, frequencies, **options)
-    return reconstructor(sketch_photons(frame, sensor, frequencies) if method.needs == "sketch" else frame)

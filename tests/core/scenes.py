@@ -2,14 +2,16 @@
 
 import numpy as np
 
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.frequency_design import Light
 from srt3d_ros.core.light_meter import LightMeter
-from srt3d_ros.core.methods import METHODS, reconstruct
+from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 
@@ -63,6 +65,12 @@ def with_photons(frame: PhotonEvents, pixel: np.ndarray, toa) -> PhotonEvents:
     """The frame with further photons in these pixels."""
     toa = np.broadcast_to(toa, len(pixel)).astype(np.uint16)
     return PhotonEvents(np.append(frame.pixel, pixel.astype(np.uint32)), np.append(frame.toa, toa))
+
+
+def reconstruct(name: str, frame: PhotonFrame, sensor: SensorModel, frequencies, **options) -> PointCloud:
+    """The cloud of photons by the method of this name, by way of their sketch if it needs no more."""
+    method = METHODS[name].build(sensor, frequencies, **options)
+    return method(sketch_photons(frame, sensor, frequencies) if METHODS[name].needs == "sketch" else frame)
 
 
 def run(name: str, frame, sensor: SensorModel, sketch_size: int = 10, **options):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.evaluation import held_out
+from tests.core.scenes import reconstruct
 
 SENSOR = SensorModel(16, 24, 200, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2))
 DEPTH = 60 + 30 * (np.arange(24) >= 12) + np.zeros((16, 1))         # a step

@@ -11,7 +11,6 @@ from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.frequencies import consecutive
 from srt3d_ros.core.matched_frame import Matcher
-from srt3d_ros.core.methods import reconstruct
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
@@ -19,6 +18,7 @@ from srt3d_ros.core.weighting import weighted_steps
 from srt3d_ros.datasets.scene import StaticScene
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.kernels import cpu, reference
+from tests.core.scenes import reconstruct
 
 from .frames import REFERENCE, SHARE_AT_TIES, T
 
