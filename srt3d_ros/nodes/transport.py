@@ -46,57 +46,67 @@ def prepare_process() -> None:
 
 
 def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
-    """Remove the shared memory of killed processes, up to 64 MB each, which nobody else removes.
-
-    A running process holds a lock on the file `<segment>_el` beside its segment.
-    """
+    """Remove the shared memory of killed processes, up to 64 MB each, which nobody else removes."""
     for lock in shared_memory.glob(SEGMENT + "[0-9a-f]" * 16 + "_el"):
-        with contextlib.suppress(OSError):      # in use, another user's, or removed by another process just now
-            if time.time() - lock.stat().st_mtime < LEAK_AGE_S:
-                continue
-            with lock.open("rb") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
-                lock.unlink()
+        _remove(lock.with_name(lock.name.removesuffix("_el")))
 
 
 def avoid_ports_of_the_killed(shared_memory: Path = SHARED_MEMORY) -> None:
-    """Keep Fast DDS from giving this process a port that others still send to for a killed one.
+    """Keep Fast DDS from giving this process a port of shared memory that others still send to for a killed one.
 
     They find out one after the other, and each makes the port anew: a reader that opens it meanwhile may be left with
-    one that nobody writes to. Fast DDS takes the first numbers whose UDP ports are free, so this holds those of the
-    killed.
+    one that nobody writes to, or wait for ever. Fast DDS takes the first ports whose numbers are free on UDP, too. So
+    this process holds those of the killed. It removes what nobody sends to any more.
     """
     first = FIRST_PORT + DOMAIN_PORTS * int(os.environ.get("ROS_DOMAIN_ID") or 0)
-    for path in shared_memory.glob(f"{SEGMENT}port*[0-9]"):
-        port, lock = int(path.name.removeprefix(f"{SEGMENT}port")), path.with_name(f"{path.name}_el")
-        if first < port < first + DOMAIN_PORTS and not _is_locked(lock) and _is_mapped(path):
-            for number in (port - 1, port):         # of one participant: discovery, and data
-                held = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-                _held.append(held)
-                with contextlib.suppress(OSError):      # another node that starts holds it
-                    held.bind(("", number))
+    names = {f"{SEGMENT}port{port}": port for port in range(first + 1, first + DOMAIN_PORTS)}
+    there = names.keys() & {path.name for path in shared_memory.glob(f"{SEGMENT}port*[0-9]")}
+    if not there:
+        return
+    mapped = names.keys() & _mapped(shared_memory)
+    for name in there | mapped:
+        bound = _bind(names[name] - 1, names[name])     # of one participant: discovery, and data
+        if name in mapped:
+            _held.extend(bound)
+        elif bound:
+            _remove(shared_memory / name)
+            for one in bound:
+                one.close()
 
 
-def _is_locked(lock: Path) -> bool:
-    """Whether a process reads there."""
-    try:
-        with lock.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
+def _remove(path: Path) -> None:
+    """Remove a file of shared memory and the one beside it on which the process that reads there holds a lock."""
+    lock = path.with_name(f"{path.name}_el")
+    with contextlib.suppress(OSError):      # in use, another user's, or removed by another process just now
+        if time.time() - max(one.stat().st_mtime for one in (path, lock) if one.exists()) < LEAK_AGE_S:
+            return
+        with lock.open("ab") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink(missing_ok=True)
+            lock.unlink()
 
 
-def _is_mapped(path: Path) -> bool:
-    """Whether any process still has a file in memory, under this name."""
+def _mapped(folder: Path) -> set[str]:
+    """Names of the files of a folder that any process of this user has in memory."""
+    found = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):      # it has ended, or is another user's
-            if re.search(rf"{re.escape(str(path))}( |$)", maps.read_text(errors="replace"), re.MULTILINE):
-                return True
-    return False
+            found.update(re.findall(rf" {re.escape(str(folder))}/(\S+)(?: \(deleted\))?$",
+                                    maps.read_text(errors="replace"), re.MULTILINE))
+    return found
+
+
+def _bind(*ports: int) -> list[socket.socket]:
+    """UDP sockets at these ports; none if one of them is in use."""
+    with contextlib.ExitStack() as opened:
+        bound = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in ports]
+        for one, port in zip(bound, ports):
+            try:
+                one.bind(("", port))
+            except OSError:
+                return []
+        opened.pop_all()
+        return bound
 
 
 def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:

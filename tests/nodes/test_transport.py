@@ -60,38 +60,35 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
     assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}
 
 
-def test_ports_of_killed_processes_are_avoided_while_others_send_to_them(tmp_path, monkeypatch):
-    """Two have a writer and no reader; the others have a reader, no writer, or are of another domain."""
-    def port(number: int, mapped: bool = True, locked: bool | None = None) -> None:
+def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_then_removed(tmp_path, monkeypatch):
+    """Two have a writer and no reader, one only in memory; two have a reader, one nobody; one is of another domain."""
+    def port(number: int, mapped: bool) -> None:
         path = tmp_path / f"{transport.SEGMENT}port{number}"
         path.write_bytes(b"x")
-        file = opened.enter_context(path.open("r+b"))
+        os.utime(path, (0, 0))
         if mapped:
-            opened.enter_context(mmap.mmap(file.fileno(), 1))
-        if locked is not None:
-            lock = opened.enter_context(open(f"{path}_el", "wb"))
-            fcntl.flock(lock, fcntl.LOCK_EX if locked else fcntl.LOCK_UN)
-
-    def is_free(number: int) -> bool:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tried:
-            try:
-                tried.bind(("", number))
-            except OSError:
-                return False
-            return True
+            with path.open("r+b") as file:
+                opened.enter_context(mmap.mmap(file.fileno(), 1))
 
     monkeypatch.setattr(transport, "_held", [])
     with contextlib.ExitStack() as opened:
-        domain = claim_domain()
-        first = 7400 + 250 * domain
-        for number, options in {211: {}, 213: {"locked": False}, 215: {"locked": True}, 217: {"mapped": False},
-                                461: {}}.items():
-            port(first + number, **options)
+        first = 7400 + 250 * (domain := claim_domain())
+        for number, mapped in {211: True, 213: True, 215: True, 217: False, 219: False, 461: False}.items():
+            port(first + number, mapped)
+        lock = opened.enter_context((tmp_path / f"{transport.SEGMENT}port{first + 219}_el").open("wb"))
+        fcntl.flock(lock, fcntl.LOCK_EX)        # in a container of its own, which shares the memory, not the network
+        os.utime(lock.name, (0, 0))
+        (tmp_path / f"{transport.SEGMENT}port{first + 213}").unlink()
+        reader = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        reader.bind(("", first + 215))
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         transport.avoid_ports_of_the_killed(tmp_path)
-        assert [number for number in range(210, 219) if not is_free(first + number)] == [210, 211, 212, 213]
-    for held in transport._held:
-        held.close()
+        held = {one.getsockname()[1] - first for one in transport._held}
+        left = {int(path.name.removeprefix(f"{transport.SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
+    for one in transport._held:
+        one.close()
+    assert held == {210, 211, 212, 213}
+    assert left == {211, 215, 219, 461} and len(list(tmp_path.glob("*_el"))) == 1
 
 
 LARGE_BUFFERS = """
