@@ -72,6 +72,10 @@ PARAMETERS = (
               form="a topic's full name"),
     Parameter("bag_sensor_topic", "", "Bag: the topic that describes the sensor; needed if there are several.",
               form="a topic's full name"),
+    Parameter("bag_odom_topic", "", "Bag: the topic of the Odometry to play on `odom`; needed if there are several.",
+              form="a topic's full name"),
+    Parameter("bag_imu_topic", "", "Bag: the topic of the Imu to play on `imu`; needed if there are several.",
+              form="a topic's full name"),
     Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )
 
@@ -82,8 +86,9 @@ SPEC = NodeSpec(
              *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
              *(replace(topic, when="the bag has sketches and no photons")
                for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
-             replace(topics.ODOM, when="`motion`, or the bag has one topic of its type, beside photons"),
-             replace(topics.IMU, when="the bag has one topic of its type, beside photons"),
+             replace(topics.ODOM, when="`motion`, or the bag has a topic of its type, beside photons"),
+             replace(topics.IMU, when="the bag has a topic of its type, beside photons"),
+             replace(topics.TF_STATIC, when="the bag has it, and tf2_msgs is installed"),
              Topic("/clock", "rosgraph_msgs/msg/Clock", "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
 )
@@ -107,6 +112,7 @@ class PlayerNode(PipelineNode):
             self._sensors = self.advertise(self._source.describes)
         self._publisher = self.advertise(self._source.output)
         self._others = {topic: self.advertise(topic) for topic in self._source.others}
+        self._transforms = self._advertise_transforms()
         self._clock_timer: Timer | None = None
         if self.parameters["clock"]:
             self._clock_publisher = self.advertise("/clock")
@@ -115,6 +121,8 @@ class PlayerNode(PipelineNode):
         self._recorded = (self._source.start_ns, time.monotonic())
         if self._sensors is not None:
             self._sensors.publish(self._source.sensor)
+        for raw in self._source.transforms if self._transforms else ():
+            self._transforms.publish(raw)
         if self.lossless:
             self._answers = self.listen("points", self._on_answer)
         if self.parameters["clock"]:
@@ -132,6 +140,15 @@ class PlayerNode(PipelineNode):
     def cleanup(self) -> None:
         super().cleanup()
         self._source.close()
+
+    def _advertise_transforms(self) -> Publisher | None:
+        if not self._source.transforms:
+            return None
+        try:
+            return self.advertise("/tf_static", len(self._source.transforms))
+        except ModuleNotFoundError:
+            self.get_logger().warning("/tf_static in the bag is not played, for tf2_msgs is not installed: "
+                                      "a sketcher with motion needs extrinsics")
 
     def now_ns(self) -> int:
         """The time by the stamps' clock: if they are kept, the recording's, which stops while the player waits."""

@@ -3,7 +3,8 @@
 Both sources have `items()`, the messages from the beginning, with a sensor only where it changes; `close()`; and
     output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
     describes   "sensor", or of sketches "sketch/sensor"
-    others      topics of other messages
+    others      topics of other messages, which report how the sensor moves
+    transforms  what was published on /tf_static, each message once
     sensor      the serialised description to begin with, or None
     rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
     start_ns    when the recording began; 0 if nothing was recorded
@@ -85,6 +86,7 @@ class FrameSource:
     start_ns = 0
     describes = "sensor"
     others: tuple[str, ...] = ()
+    transforms: tuple[bytes, ...] = ()
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
@@ -125,7 +127,7 @@ class FrameSource:
 class BagSource:
     """The photons of a bag, or its sketches, and the descriptions of their sensor, as and when they were recorded.
 
-    With the photons also what was reported of the sensor's motion, if the bag has one topic of it.
+    With the photons also what was reported of the sensor's motion, if the bag has one topic of it or one is chosen.
 
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
@@ -142,7 +144,7 @@ class BagSource:
         found = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
         self.output = found.output
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
-        reports = {} if self.output == "sketch" else self._of_motion()
+        reports, self.notes = self._of_motion(parameters)
         self.others = tuple(reports.values())
         self._played_on = reports | {found.frames.name: self.output}        # by topic in the bag
         self._topics = tuple(topic for topic in self._bag.topics
@@ -153,8 +155,11 @@ class BagSource:
         require(first is not None and not self._is_late(first.time_ns), "bag_start_s", parameters["bag_start_s"],
                 f"a time after which {found.frames.name} has messages")
         self.sensor = self._sensor_in_force(found.sensor)
-        self.notes = () if self.sensor else (
-            f"no sensor is described beside {found.frames.name}: another node has to publish it",)
+        if not self.sensor:
+            self.notes += (f"no sensor is described beside {found.frames.name}: another node has to publish it",)
+        fixed = [topic for topic in self._bag.topics if topic.type == topics.TF_STATIC.type
+                 and topic.name.endswith(topics.TF_STATIC.name)]
+        self.transforms = tuple(dict.fromkeys(message.raw for message in self._bag.messages(fixed)))
 
     def items(self) -> Iterator[Item]:
         """The messages, each turn from the start; raises InvalidInput where the bag is broken."""
@@ -183,14 +188,23 @@ class BagSource:
         """Close the bag."""
         self._bag.close()
 
-    def _of_motion(self) -> dict[str, str]:
-        """The topics in the bag that report a motion, and on which they are played: where there is one of a type."""
-        found = {}
+    def _of_motion(self, parameters: Mapping) -> tuple[dict[str, str], tuple[str, ...]]:
+        """The topics in the bag that report a motion, and on which they are played; a line for each choice to make."""
+        found, notes = {}, ()
         for report in (topics.ODOM, topics.IMU):
             names = [topic.name for topic in self._bag.topics if topic.type == report.type and topic.messages]
+            key = f"bag_{report.name}_topic"
+            if given := parameters[key]:
+                require(given in names and self.output != "sketch", key, given,
+                        f"a topic of {report.type} beside photons; {self._bag.path.name} has {self._bag.content()}")
+                names = [given]
+            if self.output == "sketch":
+                continue
             if len(names) == 1:
                 found[names[0]] = report.name
-        return found
+            elif names:
+                notes += (f"nothing is played on {report.name}: {key} can be {' or '.join(names)}",)
+        return found, notes
 
     def _sensor_in_force(self, topic: BagTopic | None) -> bytes | None:
         """The last description before the start, or else the first one after it."""

@@ -1,9 +1,11 @@
 """The player alone: what it sends, when, and how it ends."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
@@ -32,16 +34,21 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     assert int(report["first_stamp_ns"]) == stamps[0] and int(report["photons_sent"]) == 5 * events.photons
 
 
+HAS_TF = find_spec("tf2_msgs") is not None
 RECORDED_NS, APART_NS = 1_600_000_000_000_000_000, 20_000_000
 
 
-def write_bag(path: Path, messages: list[bytes]) -> Path:
+def write_bag(path: Path, messages: list[bytes], transforms: tuple[bytes, ...] = ()) -> Path:
     """A bag of photons, and of descriptions of their sensor where there is JSON, recorded 20 ms after each other."""
     writer = BagWriter(path)
     writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
     writer.add_topic("/spad/sensor", "std_msgs/msg/String", [Offer()])
     for k, raw in enumerate(messages):
         writer.write("/spad/sensor" if raw[8:9] == b"{" else "/spad/raw", RECORDED_NS + k * APART_NS, raw)
+    if transforms:
+        writer.add_topic("/tf_static", "tf2_msgs/msg/TFMessage", [Offer()])
+    for raw in transforms:
+        writer.write("/tf_static", RECORDED_NS, raw)
     writer.close()
     return path
 
@@ -91,6 +98,29 @@ def test_a_bag_can_be_stamped_as_if_it_happened_now(graph, tmp_path, description
     stamps = [cdr.stamp_ns(frame) for frame in frames]
     assert np.diff(stamps).tolist() == [5_500_000, 4_500_000, 5_000_000] and stamps[0] > before_ns
     assert [frame[12:len(raw)] for frame, raw in zip(frames, recorded)] == [raw[12:] for raw in recorded]
+
+
+@pytest.mark.skipif(HAS_TF, reason="tf2_msgs is installed, and /tf_static is played")
+def test_without_tf2_msgs_a_line_says_that_tf_static_is_not_played(graph, tmp_path, descriptions, recorded):
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded], (bytes(8),))
+    player = graph.start("player", input=bag, wait_for_subscribers=0)
+    assert player.code() == 0
+    assert "/tf_static in the bag is not played, for tf2_msgs is not installed" in player.text
+
+
+@pytest.mark.skipif(not HAS_TF, reason="tf2_msgs is not installed")
+def test_tf_static_of_a_bag_is_latched_whoever_published_it(graph, tmp_path, descriptions, recorded):
+    from geometry_msgs.msg import TransformStamped
+    from tf2_msgs.msg import TFMessage
+
+    messages = [TFMessage(transforms=[TransformStamped(child_frame_id=name)]) for name in ("mast", "spad")]
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded], (*map(serialize_message, messages),) * 2)
+    start_player(graph, input=bag)
+    came: list = []
+    graph.node.create_subscription(TFMessage, "/tf_static", came.append, QoSProfile(
+        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    graph.wait(lambda: len(came) > 1, "both")
+    assert came == messages
 
 
 def test_lossless_play_waits_for_answers_and_begins_again_where_it_is_activated_again(graph, tmp_path, descriptions,

@@ -124,7 +124,7 @@ def trajectory_of(*at_ms: float, extrinsics: Pose | None = None) -> Trajectory:
 
 def check_same(sketch, expected) -> None:
     assert sketch.stamp_ns == expected.stamp_ns
-    apart = sketch.photons.astype(int) - expected.photons       # an image of depths has them in float32: one rounds over
+    apart = sketch.photons.astype(int) - expected.photons       # an image's depths are float32: one rounds over
     assert np.abs(apart).max() <= 1 >= np.count_nonzero(apart)
     np.testing.assert_allclose(sketch.z, expected.z, atol=2e-4)
 
