@@ -4,6 +4,7 @@ Both sources have `items()`, the messages from the beginning, with a sensor only
     output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
     describes   "sensor", or of sketches "sketch/sensor"
     others      topics of other messages, which report how the sensor moves
+    packets     messages of a frame; 1 if that is not known
     transforms  what was published on /tf_static, each message once
     sensor      the serialised description to begin with, or None
     rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
@@ -12,6 +13,7 @@ Both sources have `items()`, the messages from the beginning, with a sensor only
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from itertools import count
 from typing import NamedTuple
@@ -30,6 +32,7 @@ from srt3d_ros.nodes import topics
 SIMULATOR = "simulator"
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "fov_deg")
 NS_PER_S = 1_000_000_000
+AHEAD_NS = NS_PER_S // 5        # reports of the motion come less behind the frames that wait for them, and fit a queue
 ALONE_NS = NS_PER_S // 10       # between the turns of a bag with one message
 
 
@@ -72,6 +75,20 @@ def open_source(parameters: Mapping) -> "FrameSource | BagSource":
                        photons.notes)
 
 
+def reports_first(source: "FrameSource | BagSource") -> Iterator[Item]:
+    """The items of a source, what reports the motion before the frames of the last AHEAD_NS: they may wait for it."""
+    held: deque[Item] = deque()
+    for item in source.items():
+        now_ns = item.time_ns or item.due_ns
+        while held and not 0 <= now_ns - (held[0].time_ns or held[0].due_ns) < AHEAD_NS:
+            yield held.popleft()        # also where a bag begins again
+        if item.topic in source.others:
+            yield item
+        else:
+            held.append(item)
+    yield from held
+
+
 class FrameSource:
     """Frames of the simulator, or that of a photon file: frame k is due k / rate_hz after the first.
 
@@ -86,6 +103,7 @@ class FrameSource:
     start_ns = 0
     describes = "sensor"
     others: tuple[str, ...] = ()
+    packets = 1
     transforms: tuple[bytes, ...] = ()
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
@@ -132,6 +150,8 @@ class BagSource:
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
     """
+
+    packets = 1
 
     def __init__(self, parameters: Mapping):
         self.rate = parameters["bag_rate"]

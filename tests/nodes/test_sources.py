@@ -2,6 +2,7 @@
 
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
-from srt3d_ros.nodes.sources import open_source
+from srt3d_ros.nodes.sources import Item, open_source, reports_first
 
 START_NS = 1_600_000_000_000_000_000
 MS = 1_000_000
@@ -146,6 +147,14 @@ def test_of_several_topics_of_motion_a_line_asks_for_one_and_the_chosen_is_playe
     assert [(item.topic, item.due_ns // MS) for item in chosen.items()] == [("photons", 10), (name, 12)]
     with pytest.raises(InvalidInput, match=f"bag_{name}_topic is /spad/raw: expected a topic of {holds}"):
         source(input=bag, **{f"bag_{name}_topic": "/spad/raw"})
+
+
+def test_reports_of_the_motion_come_before_the_frames_that_wait_for_them_and_a_loop_holds_nothing_back():
+    turn = [("photons", 0), ("photons", 100), ("odom", 150), ("photons", 250), ("odom", 440)]
+    played = [Item(topic, b"", 0, time_ns=ms * MS) for topic, ms in turn * 2]
+    moving = SimpleNamespace(others=("odom",), items=lambda: iter(played))
+    once = [("odom", 150), ("photons", 0), ("photons", 100), ("odom", 440), ("photons", 250)]
+    assert [(item.topic, item.time_ns // MS) for item in reports_first(moving)] == once * 2
 
 
 def test_the_pace_of_a_bag_can_be_changed(source, bag):
