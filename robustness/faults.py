@@ -19,6 +19,7 @@ import statistics
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -118,8 +119,25 @@ def sensor(testbed: FaultTestbed, choice: random.Random, *, comes_back: bool) ->
     return name
 
 
-def odometry(testbed: FaultTestbed, choice: random.Random, *, harm: str, counted: str) -> str:
-    """Something is wrong with the odometry of a sensor that moves: counted as this, and costs no frame."""
+def other_sensor(testbed: FaultTestbed, choice: random.Random) -> None:
+    sensor(testbed, choice, comes_back=False)
+    testbed.spin(HELD_S)
+
+
+def windows(testbed: FaultTestbed, choice: random.Random) -> None:
+    for frames in (5, choice.randint(2, 8), 1):
+        testbed.set("sketcher", window_frames=frames)
+        testbed.spin(HELD_S / 3)
+
+
+def reports(testbed: FaultTestbed, choice: random.Random, **harm: str) -> None:
+    testbed.drive(**harm)
+    testbed.spin(HELD_S)
+    testbed.drive(**{name: "" if name == "depth" else "good" for name in harm})
+
+
+def moving(testbed: FaultTestbed, choice: random.Random, *, motion: str, harm: Callable, counted: str) -> str:
+    """Something is wrong while a sensor moves: counted as this, if anything is, and costs no frame that is complete."""
     def begin(**parameters) -> None:
         end(testbed, "sketcher", signal.SIGTERM)
         testbed.start("sketcher", **parameters)
@@ -128,20 +146,24 @@ def odometry(testbed: FaultTestbed, choice: random.Random, *, harm: str, counted
         before = testbed.totals("sketcher")["frames_deskewed"]
         testbed.wait(lambda: testbed.totals("sketcher")["frames_deskewed"] > before, "a deskewed frame", CLOUD_S)
 
-    testbed.drive(odometry="good")
-    begin(motion="odom", extrinsics="0 0 0 0 0 0 1")
+    testbed.drive(odometry="good", imu="good")
+    begin(motion=motion, extrinsics="0 0 0 0 0 0 1")
     deskewed()
     before = testbed.totals("sketcher")
-    testbed.drive(odometry=harm)
-    testbed.spin(HELD_S)
-    testbed.drive(odometry="good")
+    harm(testbed, choice)
     testbed.wait_for_cloud(CLOUD_S)
     deskewed()
     seen = testbed.totals("sketcher") - before
-    testbed.drive(odometry="")
+    testbed.drive(odometry="", imu="")
     begin()
-    assert seen[counted] and not seen["dropped"] - seen["dropped.queue"] - seen["dropped.late"], f"{harm}: {seen}"
-    return f"{seen[counted]} {counted}, {seen['frames_undeskewed']} of {seen['frames_out']} frames undeskewed"
+    lost = seen["dropped"] - sum(seen[f"dropped.{cause}"] for cause in ("queue", "late", "incomplete"))
+    assert (seen[counted] or not counted) and not lost, f"{harm}: {seen}"
+    told = f"{seen[counted]} {counted}, " if counted else ""
+    return f"{told}{seen['frames_undeskewed']} of {seen['frames_out']} frames undeskewed"
+
+
+def by_odometry(harm: str, counted: str) -> Callable:
+    return partial(moving, motion="odom", harm=partial(reports, odometry=harm), counted=counted)
 
 
 FAULTS = {
@@ -151,11 +173,15 @@ FAULTS = {
     "lost": partial(packets, fate="lose", cause=""), "doubled": partial(packets, fate="double", cause="duplicate"),
     "late": partial(packets, fate="late", cause="late"), "cut": partial(packets, fate="cut", cause="malformed"),
     "sensor": partial(sensor, comes_back=True), "replaced": partial(sensor, comes_back=False),
-    "odom_lost": partial(odometry, harm="", counted="frames_undeskewed"),
-    "odom_late": partial(odometry, harm="late", counted="frames_undeskewed"),
-    "odom_nan": partial(odometry, harm="nan", counted="motion_refused"),
-    "odom_jump": partial(odometry, harm="jump", counted="motion_restarts"),
-    "odom_leap": partial(odometry, harm="leap", counted="motion_restarts"),
+    "odom_lost": by_odometry("", "frames_undeskewed"), "odom_late": by_odometry("late", "frames_undeskewed"),
+    "odom_nan": by_odometry("nan", "motion_refused"), "odom_jump": by_odometry("jump", "motion_restarts"),
+    "odom_leap": by_odometry("leap", "motion_restarts"),
+    "imu_nan": partial(moving, motion="imu", harm=partial(reports, imu="nan"), counted="motion_refused"),
+    "imu_fast": partial(moving, motion="imu", harm=partial(reports, imu="fast"), counted="motion_refused"),
+    "depth_size": partial(moving, motion="estimate", harm=partial(reports, depth="size"), counted="motion_refused"),
+    "depth_nan": partial(moving, motion="estimate", harm=partial(reports, depth="nan"), counted="frames_undeskewed"),
+    "moving_replaced": partial(moving, motion="odom", harm=other_sensor, counted=""),
+    "moving_window": partial(moving, motion="odom", harm=windows, counted=""),
 }
 COUNTED = ("lost", "doubled", "late", "cut")    # the sketcher, unharmed, accounts for every packet sent
 

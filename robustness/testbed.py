@@ -9,6 +9,9 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.messages import photons as photons_message
@@ -86,6 +89,16 @@ class Testbed(Processes):
         driver.tell(json.dumps(settings))
         self.wait(lambda: len(driver.lines) > before or not driver.running, "an answer of the driver")
         return Counter(json.loads(driver.lines[-1]))
+
+    def set(self, name: str, **values) -> None:
+        """Set parameters of a node; AssertionError if it refuses."""
+        client = self.probe.node.create_client(SetParametersAtomically, f"{name}/set_parameters_atomically")
+        self.wait(client.service_is_ready, f"the parameters of {name}")
+        given = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+        answer = client.call_async(SetParametersAtomically.Request(parameters=given))
+        self.wait(answer.done, f"an answer of {name}")
+        self.probe.node.destroy_client(client)
+        assert answer.result().result.successful, answer.result().result.reason
 
     def run(self, name: str, command: list[str], **options) -> Process:
         if name in self:

@@ -58,6 +58,9 @@ def _add_play(subparsers) -> None:
                       help="as recorded, or as if the photons were acquired now")
     bags.add_argument("--photons-topic", dest="bag_photons_topic", metavar="TOPIC",
                       help="where the photons are, if the bag has several topics of them")
+    for name, holds in (("odom", "Odometry"), ("imu", "Imu")):
+        bags.add_argument(f"--{name}-topic", dest=f"bag_{name}_topic", metavar="TOPIC",
+                          help=f"what to play on `{name}`, if the bag has several topics of {holds}")
     bags.add_argument("--clock", action="store_const", const=True,
                       help="publish the bag's time on /clock, for nodes with use_sim_time")
     _finish(parser, "player")

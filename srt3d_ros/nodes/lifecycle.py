@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.node_spec import NodeSpec
-from srt3d_ros.nodes.topics import LATCHED, OVERRIDABLE, Topic
+from srt3d_ros.nodes.topics import OVERRIDABLE, Topic
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
 
@@ -60,10 +60,11 @@ class ManagedNode(LifecycleNode):
 
     # ---- Topics of the spec
 
-    def advertise(self, topic: str) -> Publisher:
-        """A publisher of one of the spec's outputs, until `cleanup`."""
+    def advertise(self, topic: str, kept: int = 1) -> Publisher:
+        """A publisher of one of the spec's outputs, until `cleanup`; of a latched one, `kept` messages stay."""
         declared = self.spec.topic(topic)
-        qos = LATCHED if declared.latched else QoSProfile(depth=self.publish_depth)
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if declared.latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=kept if declared.latched else self.publish_depth, durability=durability)
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 

@@ -28,6 +28,7 @@ class MovingSource(FrameSource):
     """
 
     others = ("odom",)
+    packets = PACKETS
 
     def __init__(self, parameters: Mapping):
         rate_hz = PACKETS * parameters["rate_hz"]

@@ -1,7 +1,6 @@
 """player: a photon file, the simulator or a bag → `photons`, `gates`, `histograms` or `sketch`, and their sensor."""
 
 import time
-from collections import deque
 from dataclasses import replace
 from functools import partial
 
@@ -16,17 +15,20 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
+from srt3d_ros.nodes.answers import Answers
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.moving_source import PACKETS, MovingSource
 from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sources import SIMULATOR, Item, open_source
+from srt3d_ros.nodes.sources import AHEAD_NS, SIMULATOR, Item, open_source, reports_first
 from srt3d_ros.nodes.topics import Topic
 from srt3d_ros.nodes.worker import Dropped
 
-ANSWER_TIMEOUT_S = 10.0     # then unanswered frames are given up: the node that had them is gone
+ANSWER_TIMEOUT_S = 10.0     # then unanswered messages are given up: the node that had them is gone
+SILENCE_S = 0.25            # without an answer: a frame may lack packets; less than after which sketchers end it
+OPEN_FRAME_S = 2.0          # for which messages are waited for at the end that may be of a frame which never ends
 ACKNOWLEDGE_S = 5.0
 CLOCK_PERIOD_S = 0.01
 
@@ -43,9 +45,8 @@ PARAMETERS = (
               "s", 0, 10**6),
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
-    Parameter("in_flight", 4, "With lossless: most messages without an answer on `points`. At least twice the "
-              "sketcher's packets_per_frame; with `window_stamp: oldest` packets_per_frame × (window_frames + 1).",
-              low=1, high=1000),
+    Parameter("in_flight", 4, "With lossless: most messages without an answer on `points`; at least two frames. After "
+              "0.25 s without an answer more are sent, up to 64 MB, for a frame may lack packets.", low=1, high=1000),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),
@@ -72,6 +73,10 @@ PARAMETERS = (
               "are several.", form="a topic's full name"),
     Parameter("bag_sensor_topic", "", "Bag: topic that describes the sensor; required if there are several.",
               form="a topic's full name"),
+    Parameter("bag_odom_topic", "", "Bag: topic of the Odometry to play on `odom`; required if there are several.",
+              form="a topic's full name"),
+    Parameter("bag_imu_topic", "", "Bag: topic of the Imu to play on `imu`; required if there are several.",
+              form="a topic's full name"),
     Parameter("clock", False, "Bag: publish its time on /clock, 100 times a second, for nodes with `use_sim_time`."),
 )
 
@@ -82,8 +87,9 @@ SPEC = NodeSpec(
              *(replace(one, when=f"`output` is {one.name}, or the bag has {one.name}") for one in topics.FRAMES),
              *(replace(topic, when="the bag has sketches and no photons")
                for topic in (topics.SKETCH_SENSOR, topics.SKETCH)),
-             replace(topics.ODOM, when="`motion`, or the bag has one topic of its type, beside photons"),
-             replace(topics.IMU, when="the bag has one topic of its type, beside photons"),
+             replace(topics.ODOM, when="`motion`, or the bag has a topic of its type, beside photons"),
+             replace(topics.IMU, when="the bag has a topic of its type, beside photons"),
+             replace(topics.TF_STATIC, when="the bag has it, and tf2_msgs is installed"),
              Topic("/clock", "rosgraph_msgs/msg/Clock", "the time of the recording", when="`clock`")),
     parameters=PARAMETERS,
 )
@@ -101,12 +107,14 @@ class PlayerNode(PipelineNode):
         require(self._replays or not self.parameters["clock"], "clock", True, "false, unless a bag keeps its stamps")
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
-        self._unanswered: deque[int] = deque()
+        self._answers = Answers(self.parameters["in_flight"], self._source.packets)
+        # Before the others, for best effort: whoever has the description has found what was advertised before it.
+        self._others = {topic: self.advertise(topic) for topic in self._source.others}
         self._sensors: Publisher | None = None
         if self._source.sensor is not None:
             self._sensors = self.advertise(self._source.describes)
         self._publisher = self.advertise(self._source.output)
-        self._others = {topic: self.advertise(topic) for topic in self._source.others}
+        self._transforms = self._advertise_transforms()
         self._clock_timer: Timer | None = None
         if self.parameters["clock"]:
             self._clock_publisher = self.advertise("/clock")
@@ -115,8 +123,10 @@ class PlayerNode(PipelineNode):
         self._recorded = (self._source.start_ns, time.monotonic())
         if self._sensors is not None:
             self._sensors.publish(self._source.sensor)
+        for raw in self._source.transforms if self._transforms else ():
+            self._transforms.publish(raw)
         if self.lossless:
-            self._answers = self.listen("points", self._on_answer)
+            self._points = self.listen("points", self._on_answer)
         if self.parameters["clock"]:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._clock_timer = self.create_timer(CLOCK_PERIOD_S, self._publish_clock, clock=steady)
@@ -127,11 +137,20 @@ class PlayerNode(PipelineNode):
         super().deactivate()
         if self._clock_timer is not None:
             self.destroy_timer(self._clock_timer)
-        self._unanswered.clear()
+        self._answers.clear()
 
     def cleanup(self) -> None:
         super().cleanup()
         self._source.close()
+
+    def _advertise_transforms(self) -> Publisher | None:
+        if not self._source.transforms:
+            return None
+        try:
+            return self.advertise("/tf_static", len(self._source.transforms))
+        except ModuleNotFoundError:
+            self.get_logger().warning("/tf_static in the bag is not played, for tf2_msgs is not installed: "
+                                      "a sketcher with motion needs extrinsics")
 
     def now_ns(self) -> int:
         """The time by the stamps' clock: if they are kept, the recording's, which stops while the player waits."""
@@ -147,7 +166,7 @@ class PlayerNode(PipelineNode):
         try:
             self._wait_for_subscribers()
             self._send_all()
-            self._wait_for_answers(0)
+            self._wait_for_answers()
             self._wait_until_acknowledged(self._publisher)
         except Exception:
             self.exit_code = 1
@@ -161,7 +180,7 @@ class PlayerNode(PipelineNode):
         self.wait_until(lambda: publisher.get_subscription_count() >= wanted,
                         f"{wanted} subscriber{'s' * (wanted > 1)} on {publisher.topic_name}")
         if self.lossless:
-            self.wait_until(self._answers.get_publisher_count, f"somebody who publishes {self._answers.topic_name}")
+            self.wait_until(self._points.get_publisher_count, f"somebody who publishes {self._points.topic_name}")
         if self._sensors is not None:
             self._wait_until_acknowledged(self._sensors)
 
@@ -171,30 +190,33 @@ class PlayerNode(PipelineNode):
     def _send_all(self) -> None:
         sent, total = 0, None if isinstance(self._source, MovingSource) else self.parameters["frames"] or None
         begun = stamp_ns = None
-        for item in self._source.items():
+        ahead_s = AHEAD_NS * 1e-9 if self.lossless and self._others else 0.0
+        for item in reports_first(self._source) if ahead_s else self._source.items():
             if begun is None:
-                begun, self._first_ns = time.monotonic(), super().now_ns()
+                begun, self._first_ns = time.monotonic() + ahead_s, super().now_ns() + round(ahead_s * 1e9)
             due_at = begun + item.due_ns * 1e-9
-            self._recorded = item.time_ns, due_at
+            is_report = item.topic in self._others
+            if not (is_report and ahead_s):         # else its time has not come
+                self._recorded = item.time_ns, due_at
             if item.topic == self._source.describes:
                 self._send_sensor(item, due_at)
                 continue
-            if item.topic in self._others:
-                if not self._wait_until_due(due_at):
+            if is_report:
+                if not self._wait_until_due(due_at - ahead_s):
                     return
                 self._others[item.topic].publish(_stamped(item, self._stamp(item, None)))
                 continue
-            self._wait_for_answers(self.parameters["in_flight"] - 1)
+            self._wait_for_room()
             stamp_ns, before_ns = self._stamp(item, stamp_ns), stamp_ns
             if before_ns is None:
                 self.diagnostics.show(first_stamp_ns=stamp_ns)
             elif stamp_ns < before_ns:      # a bag begins again: answers are matched by rising stamps
-                self._wait_for_answers(0)
+                self._wait_for_answers()
             data = _stamped(item, stamp_ns)
             if not self._wait_until_due(due_at):
                 return
             if self.lossless:
-                self._unanswered.append(stamp_ns)
+                self._answers.sent(stamp_ns, len(data))
             self.diagnostics.count(frames_in=1)
             try:
                 self.publish_frame(self._publisher, data, stamp_ns, frames_sent=1,
@@ -216,7 +238,7 @@ class PlayerNode(PipelineNode):
 
     def _send_sensor(self, item: Item, due_at: float) -> None:
         """Publish another description when the frames before it are answered, and wait until it has arrived."""
-        self._wait_for_answers(0)
+        self._wait_for_answers()
         if self._wait_until_due(due_at):
             self._sensors.publish(item.raw)
             self._wait_until_acknowledged(self._sensors)
@@ -226,23 +248,35 @@ class PlayerNode(PipelineNode):
         return not self.halted.wait(max(due_at - time.monotonic(), 0) if self._source.rate else 0)
 
     def _on_answer(self, raw: bytes, _: dict) -> None:
-        """A cloud answers its frame and, since the pipeline keeps the order, all before it."""
         try:
-            stamp_ns = cdr.stamp_ns(raw)
+            self._answers.answered(cdr.stamp_ns(raw))
         except InvalidInput as error:
-            self.diagnostics.error(f"{self._answers.topic_name}: {error}")
-            return
-        while self._unanswered and self._unanswered[0] <= stamp_ns:
-            self._unanswered.popleft()
+            self.diagnostics.error(f"{self._points.topic_name}: {error}")
 
-    def _wait_for_answers(self, allowed: int) -> None:
-        """Wait until at most `allowed` frames are unanswered; give up those that stay so for ANSWER_TIMEOUT_S."""
-        while (waiting := len(self._unanswered)) > allowed and not self.halted.is_set():
-            if not self.wait_until(lambda: len(self._unanswered) < waiting, f"answers on {self._answers.topic_name}",
-                                   ANSWER_TIMEOUT_S) and not self.halted.is_set():
-                self.diagnostics.count(unanswered=waiting)
-                self.get_logger().warning(f"{waiting} frames were never answered on {self._answers.topic_name}")
-                self._unanswered.clear()
+    def _wait_for_room(self) -> None:
+        """Wait until another frame may be sent, because of answers, or to hear whether any come then."""
+        answers, what = self._answers, f"answers on {self._points.topic_name}" if self.lossless else ""
+        while not self.wait_until(lambda: answers.has_room, what, SILENCE_S) and not self.halted.is_set():
+            answers.silent()
+            if answers.silences * SILENCE_S > ANSWER_TIMEOUT_S:
+                self._give_up()
+
+    def _wait_for_answers(self) -> None:
+        """Wait until all that was sent is answered, but for what may belong to the last frame, or to an open one."""
+        answers = self._answers
+        while (waiting := len(answers)) >= answers.per_frame and not self.halted.is_set():
+            may_be_open = waiting <= answers.unanswerable
+            if not self.wait_until(lambda: len(answers) < waiting, f"answers on {self._points.topic_name}",
+                                   OPEN_FRAME_S if may_be_open else ANSWER_TIMEOUT_S) and not self.halted.is_set():
+                if not may_be_open:
+                    self._give_up()
+                break
+        answers.clear()
+
+    def _give_up(self) -> None:
+        self.diagnostics.count(unanswered=len(self._answers))
+        self.get_logger().warning(f"{len(self._answers)} messages were never answered on {self._points.topic_name}")
+        self._answers.clear()
 
 
 def _stamped(item: Item, stamp_ns: int) -> bytes:

@@ -3,7 +3,9 @@
 Both sources have `items()`, the messages from the beginning, with a sensor only where it changes; `close()`; and
     output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
     describes   "sensor", or of sketches "sketch/sensor"
-    others      topics of other messages
+    others      topics of other messages, which report how the sensor moves
+    packets     messages of a frame; 1 if that is not known
+    transforms  what was published on /tf_static, each message once
     sensor      the serialised description to begin with, or None
     rate        recorded seconds that pass in one; 0: messages are due as soon as those before are answered
     start_ns    when the recording began; 0 if nothing was recorded
@@ -11,6 +13,7 @@ Both sources have `items()`, the messages from the beginning, with a sensor only
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from itertools import count
 from typing import NamedTuple
@@ -29,6 +32,7 @@ from srt3d_ros.nodes import topics
 SIMULATOR = "simulator"
 OVERRIDES = ("num_bins", "bin_width_s", "irf", "fov_deg")
 NS_PER_S = 1_000_000_000
+AHEAD_NS = NS_PER_S // 5        # reports of the motion come less behind the frames that wait for them, and fit a queue
 ALONE_NS = NS_PER_S // 10       # between the turns of a bag with one message
 
 
@@ -71,6 +75,20 @@ def open_source(parameters: Mapping) -> "FrameSource | BagSource":
                        photons.notes)
 
 
+def reports_first(source: "FrameSource | BagSource") -> Iterator[Item]:
+    """The items of a source, what reports the motion before the frames of the last AHEAD_NS: they may wait for it."""
+    held: deque[Item] = deque()
+    for item in source.items():
+        now_ns = item.time_ns or item.due_ns
+        while held and not 0 <= now_ns - (held[0].time_ns or held[0].due_ns) < AHEAD_NS:
+            yield held.popleft()        # also where a bag begins again
+        if item.topic in source.others:
+            yield item
+        else:
+            held.append(item)
+    yield from held
+
+
 class FrameSource:
     """Frames of the simulator, or that of a photon file: frame k is due k / rate_hz after the first.
 
@@ -85,6 +103,8 @@ class FrameSource:
     start_ns = 0
     describes = "sensor"
     others: tuple[str, ...] = ()
+    packets = 1
+    transforms: tuple[bytes, ...] = ()
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
@@ -125,11 +145,13 @@ class FrameSource:
 class BagSource:
     """The photons of a bag, or its sketches, and the descriptions of their sensor, as and when they were recorded.
 
-    With the photons also what was reported of the sensor's motion, if the bag has one topic of it.
+    With the photons also what was reported of the sensor's motion, if the bag has one topic of it or one is chosen.
 
     Raises:
         InvalidInput: the bag cannot be read, the topics are ambiguous, or nothing is left to play.
     """
+
+    packets = 1
 
     def __init__(self, parameters: Mapping):
         self.rate = parameters["bag_rate"]
@@ -142,7 +164,7 @@ class BagSource:
         found = find_photons(self._bag, parameters["bag_photons_topic"], parameters["bag_sensor_topic"])
         self.output = found.output
         self.describes = "sketch/sensor" if self.output == "sketch" else "sensor"
-        reports = {} if self.output == "sketch" else self._of_motion()
+        reports, self.notes = self._of_motion(parameters)
         self.others = tuple(reports.values())
         self._played_on = reports | {found.frames.name: self.output}        # by topic in the bag
         self._topics = tuple(topic for topic in self._bag.topics
@@ -153,8 +175,11 @@ class BagSource:
         require(first is not None and not self._is_late(first.time_ns), "bag_start_s", parameters["bag_start_s"],
                 f"a time after which {found.frames.name} has messages")
         self.sensor = self._sensor_in_force(found.sensor)
-        self.notes = () if self.sensor else (
-            f"no sensor is described beside {found.frames.name}: another node has to publish it",)
+        if not self.sensor:
+            self.notes += (f"no sensor is described beside {found.frames.name}: another node has to publish it",)
+        fixed = [topic for topic in self._bag.topics if topic.type == topics.TF_STATIC.type
+                 and topic.name.endswith(topics.TF_STATIC.name)]
+        self.transforms = tuple(dict.fromkeys(message.raw for message in self._bag.messages(fixed)))
 
     def items(self) -> Iterator[Item]:
         """The messages, each turn from the start; raises InvalidInput where the bag is broken."""
@@ -183,14 +208,23 @@ class BagSource:
         """Close the bag."""
         self._bag.close()
 
-    def _of_motion(self) -> dict[str, str]:
-        """The topics in the bag that report a motion, and on which they are played: where there is one of a type."""
-        found = {}
+    def _of_motion(self, parameters: Mapping) -> tuple[dict[str, str], tuple[str, ...]]:
+        """The topics in the bag that report a motion, and on which they are played; a line for each choice to make."""
+        found, notes = {}, ()
         for report in (topics.ODOM, topics.IMU):
             names = [topic.name for topic in self._bag.topics if topic.type == report.type and topic.messages]
+            key = f"bag_{report.name}_topic"
+            if given := parameters[key]:
+                require(given in names and self.output != "sketch", key, given,
+                        f"a topic of {report.type} beside photons; {self._bag.path.name} has {self._bag.content()}")
+                names = [given]
+            if self.output == "sketch":
+                continue
             if len(names) == 1:
                 found[names[0]] = report.name
-        return found
+            elif names:
+                notes += (f"nothing is played on {report.name}: {key} can be {' or '.join(names)}",)
+        return found, notes
 
     def _sensor_in_force(self, topic: BagTopic | None) -> bytes | None:
         """The last description before the start, or else the first one after it."""

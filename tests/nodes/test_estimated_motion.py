@@ -13,8 +13,7 @@ def test_a_walking_sensor_is_deskewed_by_its_own_photons(graph):
     graph.start("reconstructor", lossless=True).ready()
     graph.start("sketcher", packets_per_frame=PACKETS, motion="estimate", motion_timeout_s=10.0, gap_s=10.0,
                 lossless=True).ready()
-    player = graph.start("player", motion="walk", frames=FRAMES, rate_hz=10.0, ppp=5.0, lossless=True,
-                         in_flight=2 * PACKETS)
+    player = graph.start("player", motion="walk", frames=FRAMES, rate_hz=10.0, ppp=5.0, lossless=True)
     assert player.code() == 0
     graph.wait(lambda: len(points) == FRAMES, "the clouds")
     report = graph.reports("sketcher", "frames_out", FRAMES)

@@ -18,7 +18,7 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
 EVERYTHING = {"player": {"lossless": True},       # parameters with which a node has all its topics
               "sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"},
               "bag_recorder": {"topics": ",".join(topic.name for topic in SPECS["bag_recorder"].inputs)}}
-NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "/clock", "odom", "imu"},
+NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "/clock", "odom", "imu", "/tf_static"},
                   "sketcher": {"imu", *(set() if find_spec("tf2_msgs") else {"/tf_static"})}}
 
 

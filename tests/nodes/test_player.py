@@ -1,9 +1,11 @@
 """The player alone: what it sends, when, and how it ends."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
@@ -14,6 +16,7 @@ from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.nodes.moving_source import PACKETS, extrinsics
 
 
 def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, sensor, events, photon_file):
@@ -32,16 +35,21 @@ def test_frames_come_stamped_on_schedule_and_the_player_ends_by_itself(graph, se
     assert int(report["first_stamp_ns"]) == stamps[0] and int(report["photons_sent"]) == 5 * events.photons
 
 
+HAS_TF = find_spec("tf2_msgs") is not None
 RECORDED_NS, APART_NS = 1_600_000_000_000_000_000, 20_000_000
 
 
-def write_bag(path: Path, messages: list[bytes]) -> Path:
+def write_bag(path: Path, messages: list[bytes], transforms: tuple[bytes, ...] = ()) -> Path:
     """A bag of photons, and of descriptions of their sensor where there is JSON, recorded 20 ms after each other."""
     writer = BagWriter(path)
     writer.add_topic("/spad/raw", "sensor_msgs/msg/PointCloud2", [Offer()])
     writer.add_topic("/spad/sensor", "std_msgs/msg/String", [Offer()])
     for k, raw in enumerate(messages):
         writer.write("/spad/sensor" if raw[8:9] == b"{" else "/spad/raw", RECORDED_NS + k * APART_NS, raw)
+    if transforms:
+        writer.add_topic("/tf_static", "tf2_msgs/msg/TFMessage", [Offer()])
+    for raw in transforms:
+        writer.write("/tf_static", RECORDED_NS, raw)
     writer.close()
     return path
 
@@ -93,9 +101,32 @@ def test_a_bag_can_be_stamped_as_if_it_happened_now(graph, tmp_path, description
     assert [frame[12:len(raw)] for frame, raw in zip(frames, recorded)] == [raw[12:] for raw in recorded]
 
 
+@pytest.mark.skipif(HAS_TF, reason="tf2_msgs is installed, and /tf_static is played")
+def test_without_tf2_msgs_a_line_says_that_tf_static_is_not_played(graph, tmp_path, descriptions, recorded):
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded], (bytes(8),))
+    player = graph.start("player", input=bag, wait_for_subscribers=0)
+    assert player.code() == 0
+    assert "/tf_static in the bag is not played, for tf2_msgs is not installed" in player.text
+
+
+@pytest.mark.skipif(not HAS_TF, reason="tf2_msgs is not installed")
+def test_tf_static_of_a_bag_is_latched_whoever_published_it(graph, tmp_path, descriptions, recorded):
+    from geometry_msgs.msg import TransformStamped
+    from tf2_msgs.msg import TFMessage
+
+    messages = [TFMessage(transforms=[TransformStamped(child_frame_id=name)]) for name in ("mast", "spad")]
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded], (*map(serialize_message, messages),) * 2)
+    start_player(graph, input=bag)
+    came: list = []
+    graph.node.create_subscription(TFMessage, "/tf_static", came.append, QoSProfile(
+        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    graph.wait(lambda: len(came) > 1, "both")
+    assert came == messages
+
+
 def test_lossless_play_waits_for_answers_and_begins_again_where_it_is_activated_again(graph, tmp_path, descriptions,
                                                                                       recorded):
-    """At most in_flight frames are unanswered, and none when another sensor is described."""
+    """No frame is unanswered when another sensor is described."""
     answers = graph.publisher(PointCloud2, "points")
     bag = write_bag(tmp_path / "bag", [descriptions[0], *recorded[:3], descriptions[1], recorded[3]])
     player, described = start_player(graph, input=bag, lossless=True, bag_rate=0.0, in_flight=2)
@@ -103,11 +134,12 @@ def test_lossless_play_waits_for_answers_and_begins_again_where_it_is_activated_
     frames = graph.collect(PointCloud2, "photons", raw=True)
 
     def play_through(first: int, descriptions: int) -> None:
-        for answered, sent in ((None, 2), (0, 3), (2, 4)):
-            if answered is not None:
-                answers.publish(frames[first + answered])
-            graph.wait(lambda: (len(frames) - first, len(described)) == (sent, descriptions + (sent == 4)),
-                       f"frame {sent} and not one more")
+        graph.wait(lambda: len(frames) >= first + 2, "two frames")
+        answers.publish(frames[first])
+        graph.wait(lambda: (len(frames) - first, len(described)) == (3, descriptions), "a third, and not one more")
+        answers.publish(frames[first + 1])
+        answers.publish(frames[first + 2])
+        graph.wait(lambda: (len(frames) - first, len(described)) == (4, descriptions + 1), "the last one")
 
     play_through(0, 1)
     assert graph.change("player", "deactivate") and graph.change("player", "activate")
@@ -116,6 +148,35 @@ def test_lossless_play_waits_for_answers_and_begins_again_where_it_is_activated_
     assert frames[:4] == frames[4:] and player.running
     answers.publish(frames[-1])
     assert player.code() == 0 and graph.report("player").get("unanswered") is None
+
+
+def test_frames_of_several_messages_are_known_by_their_answers_also_the_last_and_one_without_end(
+        graph, tmp_path, descriptions, sensor):
+    """Three messages a frame, and a cloud has the stamp of the first, as the sketcher's default is."""
+    answers = graph.publisher(PointCloud2, "points")
+    stamps = [RECORDED_NS + k * APART_NS for k in range(10)]
+    packets = [photons_message.encode_cdr(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16), stamp_ns),
+                                          sensor, "spad") for stamp_ns in stamps]
+    bag = write_bag(tmp_path / "bag", [descriptions[0], *packets])
+    player, _ = start_player(graph, input=bag, lossless=True, bag_rate=0.0, in_flight=2)
+    graph.matched(answers)
+    sent = graph.collect(PointCloud2, "photons", raw=True)
+    for first in (0, 3, 6):
+        graph.wait(lambda: len(sent) >= first + 3, "a whole frame")
+        answers.publish(sent[first])
+    assert player.code() == 0 and len(sent) == 10
+    assert graph.report("player").get("unanswered") is None and "never answered" not in player.text
+
+
+def test_lossless_play_loses_nothing_to_a_sketcher_that_waits_for_odometry(graph):
+    graph.start("reconstructor", lossless=True).ready()
+    graph.start("sketcher", packets_per_frame=PACKETS, motion="odom", extrinsics=extrinsics(),
+                lossless=True).ready()
+    # Later than motion_timeout_s: a live sensor's frames would go on without.
+    player = graph.start("player", motion="walk", frames=3, ppp=2.0, lossless=True, odom_delay_s=0.15)
+    assert player.code() == 0
+    graph.reports("sketcher", "frames_deskewed", 3)
+    assert graph.report("player").get("unanswered") is None and "never answered" not in player.text
 
 
 def test_a_bag_that_breaks_off_is_one_line_and_exit_code_1(graph, tmp_path, descriptions, sensor):

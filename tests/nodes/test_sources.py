@@ -2,6 +2,7 @@
 
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
-from srt3d_ros.nodes.sources import open_source
+from srt3d_ros.nodes.sources import Item, open_source, reports_first
 
 START_NS = 1_600_000_000_000_000_000
 MS = 1_000_000
@@ -116,19 +117,44 @@ def test_a_bag_is_played_as_it_was_recorded(source, bag, described, frames):
                       for k in range(4)]
 
 
-@pytest.mark.parametrize(("names", "played"), [(["/base/odometry"], "odom"), (["/a", "/b"], None)])
-def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, frames, tmp_path, names, played):
+@pytest.fixture(scope="module")
+def report() -> bytes:
     message = Odometry(child_frame_id="base")
     message.header.stamp = Time(nanoseconds=START_NS + 5 * MS).to_msg()
-    raw = serialize_message(message)
-    write(tmp_path / "bag", TYPES | dict.fromkeys(names, "nav_msgs/msg/Odometry"), [
-        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), *((11, name, raw) for name in names)])
+    return serialize_message(message)
+
+
+def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, frames, tmp_path, report):
+    write(tmp_path / "bag", TYPES | {"/base/odometry": "nav_msgs/msg/Odometry"}, [
+        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (11, "/base/odometry", report)])
     opened = source(input=tmp_path / "bag")
+    assert (opened.others, opened.notes) == (("odom",), ())
     items = list(opened.items())
-    assert opened.others == ((played,) if played else ())
-    assert [(item.topic, item.due_ns // MS) for item in items] == [("photons", 10), *([(played, 11)] if played else [])]
-    if played:
-        assert (items[1].raw, items[1].stamp_ns, items[1].acquired_ns) == (raw, START_NS + 5 * MS, 5 * MS)
+    assert [(item.topic, item.due_ns // MS) for item in items] == [("photons", 10), ("odom", 11)]
+    assert (items[1].raw, items[1].stamp_ns, items[1].acquired_ns) == (report, START_NS + 5 * MS, 5 * MS)
+
+
+@pytest.mark.parametrize(("name", "holds"), [("odom", "nav_msgs/msg/Odometry"), ("imu", "sensor_msgs/msg/Imu")])
+def test_of_several_topics_of_motion_a_line_asks_for_one_and_the_chosen_is_played(source, described, frames, tmp_path,
+                                                                                 report, name, holds):
+    bag = write(tmp_path / "bag", TYPES | dict.fromkeys(("/raw", "/filtered"), holds), [
+        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (11, "/raw", report), (12, "/filtered", report)])
+    opened = source(input=bag)
+    assert opened.notes == (f"nothing is played on {name}: bag_{name}_topic can be /raw or /filtered",)
+    assert [item.topic for item in opened.items()] == ["photons"]
+    chosen = source(input=bag, **{f"bag_{name}_topic": "/filtered"})
+    assert (chosen.others, chosen.notes) == ((name,), ())
+    assert [(item.topic, item.due_ns // MS) for item in chosen.items()] == [("photons", 10), (name, 12)]
+    with pytest.raises(InvalidInput, match=f"bag_{name}_topic is /spad/raw: expected a topic of {holds}"):
+        source(input=bag, **{f"bag_{name}_topic": "/spad/raw"})
+
+
+def test_reports_of_the_motion_come_before_the_frames_that_wait_for_them_and_a_loop_holds_nothing_back():
+    turn = [("photons", 0), ("photons", 100), ("odom", 150), ("photons", 250), ("odom", 440)]
+    played = [Item(topic, b"", 0, time_ns=ms * MS) for topic, ms in turn * 2]
+    moving = SimpleNamespace(others=("odom",), items=lambda: iter(played))
+    once = [("odom", 150), ("photons", 0), ("photons", 100), ("odom", 440), ("photons", 250)]
+    assert [(item.topic, item.time_ns // MS) for item in reports_first(moving)] == once * 2
 
 
 def test_the_pace_of_a_bag_can_be_changed(source, bag):
