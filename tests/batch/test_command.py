@@ -1,5 +1,6 @@
 """`srt3d reconstruct --frames`: the files of --frame N, byte for byte, whoever makes them, stopped or not."""
 
+import contextlib
 import json
 import os
 import signal
@@ -180,7 +181,12 @@ def test_a_file_of_one_frame_is_refused(tmp_path, reconstruct):
 
 def children(process: subprocess.Popen) -> list[psutil.Process]:
     """The processes that reconstruct, not the one that watches over semaphores."""
-    return [child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())]
+    found = []
+    for child in psutil.Process(process.pid).children():
+        with contextlib.suppress(psutil.Error):     # it has just ended
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child)
+    return found
 
 
 def test_nothing_is_lost_with_a_process_that_is_killed_or_by_ctrl_c(tmp_path, reconstruct, monkeypatch):

@@ -23,7 +23,8 @@ SERVICES = {service for spec in SPECS.values() for service in spec.services}
 PARAMETERS = {name: {one.name for one in spec.table} for name, spec in SPECS.items()}
 ANY_PARAMETER = set().union(*PARAMETERS.values())
 OF_EVERY_NODE = ("use_sim_time", "qos_overrides.")
-FOLDERS = {path.name for parent in (ROOT, ROOT / "srt3d_ros") for path in parent.iterdir() if path.is_dir()}
+FOLDERS = {path.name for parent in (ROOT, ROOT / "srt3d_ros") for path in parent.iterdir() if path.is_dir()} - {
+    "demo-out"}      # what was made there, if anything
 SOURCES = ("srt3d_ros/**/*.py", "benchmarks/*.py", "examples/*", "msg_schemas/*.json", "launch/*", "config/*")
 PUT_TOGETHER = re.compile("^unaccounted_|_per_s$|_2$")     # by the code, with a word before or after
 OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "sched_autogroup", "ROS_STATIC_PEERS", "IMAGE",
