@@ -58,7 +58,8 @@ def avoid_ports_of_the_killed(shared_memory: Path = SHARED_MEMORY) -> None:
     one that nobody writes to, or wait for ever. Fast DDS takes the first ports whose numbers are free on UDP, too. So
     this process holds those of the killed. It removes what nobody sends to any more.
     """
-    first = FIRST_PORT + DOMAIN_PORTS * int(os.environ.get("ROS_DOMAIN_ID") or 0)
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    first = FIRST_PORT + DOMAIN_PORTS * (int(domain) if domain.isdecimal() else 0)      # what is none, rcl refuses
     names = {f"{SEGMENT}port{port}": port for port in range(first + 1, first + DOMAIN_PORTS)}
     there = names.keys() & {path.name for path in shared_memory.glob(f"{SEGMENT}port*[0-9]")}
     if not there:
@@ -78,7 +79,8 @@ def _remove(path: Path) -> None:
     """Remove a file of shared memory and the one beside it on which the process that reads there holds a lock."""
     lock = path.with_name(f"{path.name}_el")
     with contextlib.suppress(OSError):      # in use, another user's, or removed by another process just now
-        if time.time() - max(one.stat().st_mtime for one in (path, lock) if one.exists()) < LEAK_AGE_S:
+        times = [one.stat().st_mtime for one in (path, lock) if one.exists()]
+        if not times or time.time() - max(times) < LEAK_AGE_S:
             return
         with lock.open("ab") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -89,10 +91,10 @@ def _remove(path: Path) -> None:
 def _mapped(folder: Path) -> set[str]:
     """Names of the files of a folder that any process of this user has in memory."""
     found = set()
-    for maps in Path("/proc").glob("[0-9]*/maps"):
+    line = re.compile(rf" {re.escape(str(folder))}/(\S+)(?: \(deleted\))?$", re.MULTILINE)
+    for process in filter(str.isdigit, os.listdir("/proc")):
         with contextlib.suppress(OSError):      # it has ended, or is another user's
-            found.update(re.findall(rf" {re.escape(str(folder))}/(\S+)(?: \(deleted\))?$",
-                                    maps.read_text(errors="replace"), re.MULTILINE))
+            found.update(line.findall(Path("/proc", process, "maps").read_text(errors="replace")))
     return found
 
 

@@ -52,10 +52,13 @@ def test_segments_of_killed_processes_are_given_back_and_those_of_others_kept(tm
         return path
 
     segment("00000000000000aa", age_s=100)
+    gone = tmp_path / f"{transport.SEGMENT}00000000000000dd_el"     # listed, and removed by another process just now
+    gone.symlink_to(tmp_path / "absent")
     alive, new = segment("00000000000000bb", age_s=100), segment("00000000000000cc", age_s=0)
     with alive.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         transport.remove_leaked_segments(tmp_path)
+    gone.unlink()
     kept = {alive.name, new.name}
     assert {path.name for path in tmp_path.iterdir()} == kept | {name.removesuffix("_el") for name in kept}
 
