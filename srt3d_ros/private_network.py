@@ -5,7 +5,7 @@ import random
 import signal
 import socket
 
-FIRST_PORT, PORTS = 7400, 250       # of domain 0, and those that DDS reserves for each
+FIRST_PORT, PORTS = 7400, 250       # of domain 0, and those that DDS reserves for each (RTPS 2.5, 9.6.2.3)
 USED_PORT = 10                      # of these, bound by the first program in a domain
 MOST = 100                          # the highest domain whose ports no operating system hands out by itself
 

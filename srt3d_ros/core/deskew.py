@@ -90,9 +90,9 @@ class Deskewer:
         self.lost = max(came - round(float(on_host(moved[1]).sum(dtype=np.float64))), 0)
         return self.read(moved, ranges, to_ns, max((sketch.added_variance for _, sketch in parts), default=0.0))
 
-    def move(self, sketch: Sketch, motion: Pose, ranges: Any, moved: Moved | None = None) -> Moved:
-        """Photons of one instant, of all pixels, after a motion; with the others in `moved`, if there are."""
-        moved = self.nothing() if moved is None else moved
+    def move(self, sketch: Sketch, motion: Pose, ranges: Any) -> Moved:
+        """Photons of one instant, of all pixels, after a motion."""
+        moved = self.nothing()
         self._move(sketch, [motion], self._all, ranges, moved)
         return moved
 

@@ -78,23 +78,23 @@ class MovingSketcher(Sketcher):
         self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
         self._window = MovingWindow(self._deskewer)
         self._times_s = sensor.pixel_times_s
-        self._part_bytes, self._spare = self._sums.nbytes + self._photons.nbytes, [(self._sums, self._photons)]
+        self._spare = [(self._sums, self._photons)]
         self._frame_bytes = sensor.pixels * (8 * len(self.frequencies) + 4)
+        self._part_bytes = self._sums.nbytes + self._photons.nbytes + self._frame_bytes     # while open, and sketched
         self._slot_ns = 0                           # the length of a part; 0: each stamp has its own
         self._previous_ns: int | None = None        # the last stamp of the frame before
         self._distances_ns: list[int] = []
         self._begin()
-        each = self._part_bytes + self._frame_bytes
-        most = max((MAX_WINDOW_BYTES - self._frame_bytes) // each, 1)
-        require(subframes <= most, "subframes", subframes, f"1 to {most}: each takes {each / 1e6:.3g} MB")
+        most = max((MAX_WINDOW_BYTES - self._frame_bytes) // self._part_bytes, 1)
+        require(subframes <= most, "subframes", subframes, f"1 to {most}: each takes {self._part_bytes / 1e6:.3g} MB")
         self.resize(window_frames)
 
     def resize(self, window_frames: int) -> None:
         """Change W; a longer window grows frame by frame. Raises InvalidInput as above."""
-        each = self._frame_bytes
-        most = max((MAX_WINDOW_BYTES - self.subframes * (self._part_bytes + each)) // each, 1)
+        most = max((MAX_WINDOW_BYTES - self.subframes * self._part_bytes) // self._frame_bytes, 1)
         require(1 <= window_frames <= most, "window_frames", window_frames, f"1 to {most} for {self.sensor.rows} × "
-                f"{self.sensor.cols} pixels in {self.subframes} subframes, which take {each / 1e6:.3g} MB a frame")
+                f"{self.sensor.cols} pixels in {self.subframes} subframes, which take "
+                f"{self._frame_bytes / 1e6:.3g} MB a frame")
         self.window_frames = self._window.frames = window_frames
 
     def reset(self) -> None:

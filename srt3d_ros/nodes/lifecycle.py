@@ -5,7 +5,7 @@ from collections.abc import Callable
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 
@@ -63,8 +63,7 @@ class ManagedNode(LifecycleNode):
     def advertise(self, topic: str, kept: int = 1) -> Publisher:
         """A publisher of one of the spec's outputs, until `cleanup`; of a latched one, `kept` messages stay."""
         declared = self.spec.topic(topic)
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if declared.latched else DurabilityPolicy.VOLATILE
-        qos = QoSProfile(depth=kept if declared.latched else self.publish_depth, durability=durability)
+        qos = QoSProfile(depth=kept if declared.latched else self.publish_depth, durability=declared.durability)
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 
@@ -73,8 +72,7 @@ class ManagedNode(LifecycleNode):
         """A subscription to one of the spec's inputs, until `unsubscribe`."""
         declared = self.spec.topic(topic)
         # Not LATCHED: a queue of one would lose all but one of what several publishers keep for a late subscriber.
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if declared.latched else DurabilityPolicy.VOLATILE
-        qos = qos or QoSProfile(depth=depth, durability=durability)
+        qos = qos or QoSProfile(depth=depth, durability=declared.durability)
         self.subscriptions_made.append(self._make(self.create_subscription, declared, callback, qos, **options))
         return self.subscriptions_made[-1]
 

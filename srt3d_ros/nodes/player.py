@@ -15,7 +15,7 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.answers import Answers
+from srt3d_ros.nodes.answers import MORE_BYTES, Answers
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.moving_source import PACKETS, MovingSource
@@ -46,7 +46,8 @@ PARAMETERS = (
     Parameter("wait_for_subscribers", 1, "Subscribers to wait for before the first frame.", low=0, high=1000),
     LOSSLESS,
     Parameter("in_flight", 4, "With lossless: most messages without an answer on `points`; at least two frames. After "
-              "0.25 s without an answer more are sent, up to 64 MB, for a frame may lack packets.", low=1, high=1000),
+              f"{SILENCE_S:g} s without an answer more are sent, up to {MORE_BYTES >> 20} MB, for a frame may lack "
+              "packets.", low=1, high=1000),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
     Parameter("sbr", 1.0, "Simulator: signal-to-background ratio.", low=1e-6, high=10**6),
     Parameter("seed", 0, "Simulator: the same seed gives the same photons.", low=0, high=10**9),

@@ -77,16 +77,16 @@ def open_source(parameters: Mapping) -> "FrameSource | BagSource":
 
 def reports_first(source: "FrameSource | BagSource") -> Iterator[Item]:
     """The items of a source, what reports the motion before the frames of the last AHEAD_NS: they may wait for it."""
-    held: deque[Item] = deque()
+    held: deque[tuple[int, Item]] = deque()
     for item in source.items():
         now_ns = item.time_ns or item.due_ns
-        while held and not 0 <= now_ns - (held[0].time_ns or held[0].due_ns) < AHEAD_NS:
-            yield held.popleft()        # also where a bag begins again
+        while held and not 0 <= now_ns - held[0][0] < AHEAD_NS:     # also where a bag begins again
+            yield held.popleft()[1]
         if item.topic in source.others:
             yield item
         else:
-            held.append(item)
-    yield from held
+            held.append((now_ns, item))
+    yield from (item for _, item in held)
 
 
 class FrameSource:

@@ -36,6 +36,10 @@ class Topic:
     latched: bool = False
     when: str = ""
 
+    @property
+    def durability(self) -> DurabilityPolicy:
+        return DurabilityPolicy.TRANSIENT_LOCAL if self.latched else DurabilityPolicy.VOLATILE
+
     def load(self) -> type:
         """The class of its messages; ModuleNotFoundError if their package is not installed."""
         package, _, name = self.type.split("/")

@@ -15,6 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from srt3d_ros import shared_files
+from srt3d_ros.private_network import FIRST_PORT, PORTS
 
 # Jazzy has rclpy 7.1 and Fast DDS 2, Kilted rclpy 9.1 and Fast DDS 3, for which a profile of the other is an error.
 FAST_DDS_3 = int(version("rclpy").split(".")[0]) >= 9
@@ -25,7 +26,6 @@ SHARED_MEMORY = Path("/dev/shm")
 SEGMENTS_MB = (64, 32, 16, 4)
 PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
 LEAK_AGE_S = 10.0       # older than any segment whose process is still starting
-FIRST_PORT, DOMAIN_PORTS = 7400, 250    # of domain 0, and of each (RTPS 2.5, 9.6.2.3)
 
 M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -2, -3, -8     # glibc's malloc.h
 
@@ -59,8 +59,8 @@ def avoid_ports_of_the_killed(shared_memory: Path = SHARED_MEMORY) -> None:
     this process holds those of the killed. It removes what nobody sends to any more.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "")
-    first = FIRST_PORT + DOMAIN_PORTS * (int(domain) if domain.isdecimal() else 0)      # what is none, rcl refuses
-    names = {f"{SEGMENT}port{port}": port for port in range(first + 1, first + DOMAIN_PORTS)}
+    first = FIRST_PORT + PORTS * (int(domain) if domain.isdecimal() else 0)      # what is none, rcl refuses
+    names = {f"{SEGMENT}port{port}": port for port in range(first + 1, first + PORTS)}
     there = names.keys() & {path.name for path in shared_memory.glob(f"{SEGMENT}port*[0-9]")}
     if not there:
         return
