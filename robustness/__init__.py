@@ -1,1 +1,0 @@
-"""Hostile input, broken machines and long runs: what the package survives, measured."""

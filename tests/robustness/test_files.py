@@ -1,0 +1,153 @@
+"""Damaged files of every format: read, or refused in one line."""
+
+import io
+import subprocess
+import sys
+import zipfile
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.datasets import npz, open_photons, open_sensor, sketch_file
+from srt3d_ros.datasets.bag import Bag
+from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import cdr, photons, sensor
+from srt3d_ros.recording.writer import RecordingWriter
+from tests.robustness.conftest import read_or_refused
+from tests.robustness.test_messages import CODECS, SENSOR
+
+STAMP_NS = 1_700_000_000_000_000_000
+EVENTS = PhotonEvents(np.array([0, 3, 5, 5], np.uint32), np.array([49, 0, 7, 8], np.uint16), STAMP_NS)
+IRF = [1, 3, 1]
+SIDECAR = b'{"num_bins": 120, "bin_width_s": 2e-10, "irf": [1, 3.5, 1], "irf_ref": 1, "fov_deg": 2}'
+
+
+def saved(save, *values) -> bytes:
+    """What a function of NumPy, SciPy or ptufile writes to a file."""
+    file = io.BytesIO()
+    save(file, *values)
+    return file.getvalue()
+
+
+def counts() -> np.ndarray:
+    """Counts [rows, cols, bins] of a few photons."""
+    cube = np.zeros((2, 3, 20), np.uint16)
+    cube[0, 1, 5], cube[1, 2, 19] = 2, 1
+    return cube
+
+
+def photon_bytes(folder: Path) -> bytes:
+    npz.save(folder / "made.npz", SENSOR, EVENTS, np.full((3, 4), 7, np.float32))
+    return (folder / "made.npz").read_bytes()
+
+
+def sketch_bytes(folder: Path) -> bytes:
+    seen = np.arange(12, dtype=np.uint32).reshape(3, 4)
+    sums = (seen[..., None] * [1j, 0.5]).astype(np.complex64)
+    sketch_file.save(folder / "made.npz", Sketch((1, 5), sums, seen, STAMP_NS), SENSOR)
+    return (folder / "made.npz").read_bytes()
+
+
+def mat_bytes(folder: Path) -> bytes:
+    from scipy.io import savemat
+
+    cells = np.empty((1, 2), object)
+    cells[0, 0], cells[0, 1] = np.array([[12], [15]], np.uint16), np.zeros((0, 0), np.uint16)
+    return saved(savemat, {"Ts": cells})
+
+
+def hdf5_bytes(folder: Path) -> bytes:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(folder / "made.h5", "w") as file:
+        file["counts"] = counts()
+    return (folder / "made.h5").read_bytes()
+
+
+def ptu_bytes(folder: Path) -> bytes:
+    ptufile = pytest.importorskip("ptufile")
+    return saved(ptufile.imwrite, counts()[None, :, :, None], 2e-9, 1e-10)
+
+
+# Name of the file, its reader, what makes an example, and how many times slower than the others it is.
+FILES = {
+    "npz": ("a.npz", open_photons, photon_bytes, 1),
+    "sidecar": ("made.npz.json", lambda path: open_photons(path.with_suffix("")),
+                lambda folder: photon_bytes(folder) and SIDECAR, 1),
+    "irf": ("irf.npy", lambda path: open_photons(path.with_name("made.npz"), irf=path),
+            lambda folder: photon_bytes(folder) and saved(np.save, np.array([1, 3, 1.5])), 1),
+    "sketch": ("s.npz", sketch_file.read, sketch_bytes, 1),
+    "sensor_file": ("s.json", open_sensor, lambda folder: CODECS["sensor"][1][0], 1),
+    "npy_counts": ("c.npy", partial(open_photons, irf=IRF, bin_width_s=1e-10),
+                   lambda folder: saved(np.save, counts()), 1),
+    "ptu": ("b.ptu", partial(open_photons, irf=IRF), ptu_bytes, 1),
+    "mat": ("b.mat", partial(open_photons, irf=IRF), mat_bytes, 10),
+    "hdf5": ("b.h5", partial(open_photons, irf=IRF, bin_width_s=1e-10), hdf5_bytes, 1),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_damaged_file_is_read_or_refused_in_one_line(kind, rounds, tmp_path):
+    name, read, make, cost = FILES[kind]
+    example, path = make(tmp_path), tmp_path / name
+
+    def read_bytes(raw: bytes) -> None:
+        path.write_bytes(raw)
+        read(path)
+
+    read_or_refused(read_bytes, [example], rounds // cost)
+
+
+def test_a_damaged_array_in_a_photon_file_is_read_or_refused_in_one_line(rounds, tmp_path):
+    """The archive's checksum does not protect them."""
+    photon_bytes(tmp_path)
+    with zipfile.ZipFile(tmp_path / "made.npz") as archive:
+        arrays = {name: archive.read(name) for name in archive.namelist()}
+
+    def read(raw: bytes) -> None:
+        damaged = list(arrays)[(raw[0] if raw else 0) % len(arrays)]
+        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+            for name, content in arrays.items():
+                archive.writestr(name, raw[1:] if name == damaged else content)
+        open_photons(tmp_path / "a.npz")
+
+    read_or_refused(read, [bytes([k]) + content for k, content in enumerate(arrays.values())], rounds)
+
+
+@pytest.mark.parametrize(("storage", "pattern"), [("mcap", "*.mcap"), ("sqlite3", "*.db3"), ("mcap", "metadata.yaml")])
+def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, pattern, rounds, tmp_path):
+    writer = BagWriter(tmp_path / "bag", storage)
+    writer.add_topic("/sensor", "std_msgs/msg/String", [Offer(durability="transient_local", depth=1)])
+    writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
+    writer.write("/sensor", STAMP_NS, cdr.write_text(sensor.to_json(SENSOR)))
+    writer.write("/photons", STAMP_NS + 1, photons.encode_cdr(EVENTS, SENSOR, "spad"))
+    writer.close()
+    (path,) = (tmp_path / "bag").glob(pattern)
+
+    def read(raw: bytes) -> None:
+        path.write_bytes(raw)
+        with Bag(path.parent) as bag:
+            list(bag.messages(bag.topics))
+        open_photons(path.parent)
+
+    read_or_refused(read, [path.read_bytes()], rounds)
+
+
+def test_a_damaged_recording_is_reviewed_or_refused_in_one_line(rounds, tmp_path):
+    """In a process of its own, which rerun may end."""
+    with RecordingWriter(tmp_path / "a.rrd", SENSOR) as writer:
+        writer.log_cloud(STAMP_NS, 0, np.ones((3, 3)), np.ones(3))
+
+    def read(raw: bytes) -> None:
+        (tmp_path / "b.rrd").write_bytes(raw)
+        done = subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", "review", tmp_path / "b.rrd", "--no-report"],
+                              capture_output=True, text=True)
+        assert "Traceback" not in done.stderr and done.returncode in (0, 2), done.stderr
+        if done.returncode:
+            raise InvalidInput("recording", "b.rrd", done.stderr.splitlines()[-1])
+
+    read_or_refused(read, [(tmp_path / "a.rrd").read_bytes()], max(rounds // 50, 1))

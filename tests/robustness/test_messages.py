@@ -1,0 +1,123 @@
+"""Damaged messages, parameter files and command lines: read, or refused in one line."""
+
+import contextlib
+import io
+import tempfile
+from pathlib import Path
+
+import pytest
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Imu
+
+from srt3d_ros import zstd
+from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, parser
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import coded_sketch, gates, histograms, images, odometry, photons, points, sensor, sketch
+from srt3d_ros.nodes.parameters import Parameters
+from srt3d_ros.nodes.specs import SPECS
+from tests.robustness.conftest import read_or_refused
+from tools.generate_docs import generated
+
+GOLDEN = Path(__file__).resolve().parents[1] / "messages" / "golden"
+SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535),
+                     histograms=HistogramBins(5))
+FREQUENCIES = (1, 3)        # of the golden sketches
+COMMAND_LINES = [b"reconstruct a.npz -o out.ply --sketch-size 2 --device auto", b"review a.rrd --no-report --json",
+                 b"reconstruct a.npz -o out.ply --gate 5:44 --frequencies 1,3 --surfaces 2", b"evaluate a.npz --out r",
+                 b"up -p sketcher.sketch_size:=5 -r photons:=/p --config spad_32x32_gates", b"play a.npz --rate 2"]
+
+
+def golden(*names: str) -> list[bytes]:
+    return [bytes.fromhex((GOLDEN / f"{name}.hex").read_text()) for name in names]
+
+
+def frame(codec):
+    """Reads a message of photons in any form and sketches what it says."""
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+
+    def read(raw: bytes) -> None:
+        header, decoded = codec.decode_cdr(raw, SENSOR)
+        written = codec.encode_cdr(decoded, SENSOR, header.frame_id)
+        header, again = codec.decode_cdr(written, SENSOR)
+        assert codec.encode_cdr(again, SENSOR, header.frame_id) == written
+        sketcher.reset()
+        sketcher.add(decoded)
+
+    return read
+
+
+def unpacked(raw: bytes) -> None:
+    """Reads a coded sketch before zstd packs it, whose checksum would find every damage."""
+    at = coded_sketch.HEADER.size + 8 * len(FREQUENCIES)
+    coded_sketch.decode(raw[:at] + zstd.compress(raw[at:], options=coded_sketch.PACKING), FREQUENCIES, (3, 4))
+
+
+def coded_example() -> bytes:
+    packed = coded_sketch.encode(sketch.decode_cdr(*golden("sketch_float32"), FREQUENCIES)[1], 0.4)
+    at = coded_sketch.HEADER.size + 8 * len(FREQUENCIES)
+    return packed[:at] + zstd.decompress(packed[at:])
+
+
+CODECS = {
+    "photons": (frame(photons), golden("photons_uint16", "photons_float32")),
+    "gates": (frame(gates), golden("gates")),
+    "histograms": (frame(histograms), golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC")))),
+    "sketch": (lambda raw: sketch.decode_cdr(raw, FREQUENCIES, SENSOR),
+               golden("sketch_float32", "sketch_int16", "sketch_coded")),
+    "coded_sketch": (unpacked, [coded_example()]),
+    "points": (points.decode_cdr, golden("points_xyzi", "points_full", "points_xyzi_organised")),
+    "images": (images.decode_cdr, golden("image_32FC1")),
+    "sensor": (lambda raw: sensor.from_json(raw.decode(errors="replace")),
+               [(GOLDEN / f"{name}.json").read_bytes() for name in ("sensor", "sensor_lens", "sensor_histograms")]),
+    "odometry": (odometry.decode_odometry, [serialize_message(Odometry(child_frame_id="base_link"))]),
+    "imu": (odometry.decode_imu, [serialize_message(Imu())]),
+}
+
+
+@pytest.mark.parametrize("topic", CODECS)
+def test_a_damaged_message_is_read_or_refused_in_one_line(topic, rounds):
+    read_or_refused(*CODECS[topic], rounds)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_a_damaged_parameter_file_starts_a_node_or_is_refused_in_one_line(name, rounds):
+    """Broken YAML is a RuntimeError of rcl's own parser."""
+    context = Context()
+    context.init(args=[])
+
+    def read(raw: bytes) -> None:
+        with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
+            Path(file.name).write_bytes(raw)
+            with contextlib.suppress(RuntimeError):
+                node = Node(name, context=context, start_parameter_services=False, enable_rosout=False,
+                            automatically_declare_parameters_from_overrides=True,
+                            cli_args=["--ros-args", "--params-file", file.name, "--log-level", "fatal"])
+                try:
+                    Parameters(node, SPECS[name].table)
+                finally:
+                    node.destroy_node()
+
+    read_or_refused(read, [generated()["config/srt3d.yaml"].encode()], rounds // 10)
+    context.shutdown()
+
+
+def test_a_damaged_command_line_is_understood_or_refused_in_one_line(rounds):
+    def read(raw: bytes) -> None:
+        argv, said = raw.decode(errors="surrogateescape").split(" "), io.StringIO()
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+            try:
+                parser((argv[0],) if argv[0] in COMMANDS else COMMANDS).parse_args(argv)
+                return
+            except SystemExit as ended:
+                code = ended.code or 0
+        assert code in (0, BAD_INPUT) and len(said.getvalue().splitlines()) == (code == BAD_INPUT), said.getvalue()
+        if code:
+            raise InvalidInput("command line", raw, "another")
+
+    read_or_refused(read, COMMAND_LINES, rounds)

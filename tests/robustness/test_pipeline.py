@@ -1,0 +1,112 @@
+"""One fault a kind under running nodes, and a soak: right clouds come back, and nothing grows."""
+
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from srt3d_ros.messages import cdr, photons, points
+from srt3d_ros.messages import sensor as sensor_message
+
+NODES = ("sketcher", "reconstructor", "recorder")
+GROWTH = 1.1        # of a node's memory while it runs: rerun's buffers and the allocator's pools still fill up
+MB = 1e6
+
+
+class Pipeline:
+    """Three nodes, of which the test is the driver: a plane at depth bin 50 (`events`)."""
+
+    def __init__(self, graph, sensor, events, folder: Path):
+        self.graph, self.sensor, self.folder = graph, sensor, folder
+        self._raw = photons.encode_cdr(events, sensor, "spad")
+        self._range_m = np.median(sensor.range_m(np.full(1, 50.0, np.float32)))
+        self.processes: dict = {}
+        for name in NODES:
+            self.start(name)
+        self._description, self._photons = graph.latched("sensor"), graph.publisher(PointCloud2, "photons")
+        self._clouds = graph.collect(PointCloud2, "points", raw=True)
+        self.describe(sensor)
+
+    def start(self, name: str) -> None:
+        parameters = {"path": self.folder / "a.rrd"} if name == "recorder" else {}
+        self.processes[name] = self.graph.start(name, **parameters).ready()
+
+    def describe(self, sensor) -> None:
+        self._description.publish(sensor_message.encode(sensor))
+
+    def send(self, raw: bytes = b"", stamp_ns: int = 0) -> int:
+        stamp_ns = stamp_ns or time.time_ns()
+        self._photons.publish(raw or cdr.restamp(self._raw, stamp_ns))
+        return stamp_ns
+
+    def recovers(self, after_ns: int = 0) -> None:
+        """Send frames until one of them has come back as the plane, where the plane is."""
+        sent = set()
+
+        def back() -> bool:
+            sent.add(self.send(stamp_ns=after_ns and after_ns + len(sent)))
+            time.sleep(0.1)
+            headers = [points.decode_cdr(raw) for raw in self._clouds]
+            clouds = {header.stamp_ns: columns["xyz"] for header, columns in headers}
+            for xyz in clouds.values():
+                assert abs(np.median(np.linalg.norm(xyz, axis=1)) - self._range_m) < self.sensor.bin_width_m
+            return any(len(clouds[stamp]) > 0.9 * self.sensor.pixels for stamp in sent & clouds.keys())
+
+        self.graph.wait(back, "a cloud of a frame sent after the fault")
+
+
+@pytest.fixture(scope="module")
+def pipeline(shared_graph, sensor, events, tmp_path_factory):
+    pipeline = Pipeline(shared_graph, sensor, events, tmp_path_factory.mktemp("recording"))
+    pipeline.recovers()
+    return pipeline
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_clouds_come_back_after_a_node_is_killed_and_started_again(pipeline, name):
+    pipeline.processes[name].kill()
+    pipeline.start(name)
+    pipeline.recovers()
+
+
+def test_malformed_messages_stamps_that_leap_and_a_reader_that_stops_cost_no_later_frame(pipeline):
+    pipeline.send(pipeline._raw[:len(pipeline._raw) // 2])
+    pipeline.recovers()
+    assert pipeline.graph.reports("sketcher", "dropped.malformed", 1)
+    pipeline.recovers(after_ns=1_000_000_000)       # decades back
+    pipeline.processes["recorder"].halt()
+    pipeline.recovers(after_ns=time.time_ns())
+    pipeline.processes["recorder"].go_on()
+
+
+def test_a_description_that_is_refused_or_replaced_costs_no_later_frame(pipeline):
+    wider = pipeline.sensor.replace(num_bins=2 * pipeline.sensor.num_bins)
+    pipeline.describe(wider)
+    pipeline.graph.reports("sketcher", "num_bins", wider.num_bins)
+    pipeline.recovers()
+
+
+def test_nothing_that_the_nodes_hold_grows(pipeline, rounds):
+    """For as many frames as there are rounds, after twice as many to warm up.
+
+    rerun's pool of threads, each with files, may still fill up: a leak is one a frame.
+    """
+    def held() -> dict[str, tuple[float, int, int]]:
+        for _ in range(rounds):
+            pipeline.send()
+            time.sleep(0.05)
+        processes = {name: psutil.Process(process.pid) for name, process in pipeline.processes.items()}
+        return {name: (one.memory_info().rss / MB, one.num_fds(), one.num_threads()) for name, one in processes.items()}
+
+    held()
+    before, after, allowed = held(), held(), rounds / 2
+    for name in NODES:
+        (memory, files, threads), then = after[name], before[name]
+        assert memory < GROWTH * then[0], (name, before, after)
+        assert files < then[1] + allowed and threads < then[2] + allowed, (name, before, after)
+    pipeline.processes["recorder"].end(signal.SIGTERM)
+    assert (pipeline.folder / "a.rrd").stat().st_size > 0
