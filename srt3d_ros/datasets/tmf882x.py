@@ -3,23 +3,21 @@
     [{"hists": [9][128], "reference_hist": [128], "distances": [{"tick": …, …}], …}, …]
 
 as the tools around https://github.com/uwgraphics/tmf882x write it. Verified on 80 captures of a TMF8820 before a plane
-moved by a robot arm (docs/devices.md): the width of a bin, the shots, the ranges of the centre zone but for a constant.
+moved by a robot arm: the width of a bin, the shots, the ranges of the centre zone but for a constant.
 Not verified, for want of a device: where the other zones look, delays between zones, other SPAD maps, ticks of 0.2 µs.
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.devices.reading import Reading, counts, json_log
+from srt3d_ros.datasets.photons import Photons, whole_counts
 from srt3d_ros.errors import require
 
-SENSOR = "ams TMF8820, TMF8821: 3 × 3 zones of 128 bins"
-READS = "JSON logs of histograms"
+NAME = "tmf882x"
 ZONES, BINS = 9, 128
 AS_SEEN = (2, 1, 0, 5, 4, 3, 8, 7, 6)       # the zones row by row, as a camera in the sensor's place sees them
 BIN_WIDTH_S = 93.5e-12      # 14.02 mm, as measured on that plane from 30 mm on; the data sheet has 100 ps nominally
@@ -29,37 +27,31 @@ TICK_NS = 200
 MOST_SEEN = 0.999           # of the shots that reach a bin: beyond, the rate is anybody's guess
 
 
-def recognises(head: str) -> bool:
-    """Whether a log begins like one of these."""
-    return '"reference_hist"' in head
-
-
-def read(path: Path) -> Iterator[Reading]:
+def frames(log: list, name: str) -> Iterator[Photons]:
     """The captures of a log; InvalidInput where one is broken."""
-    log = json_log(path)
-    require(isinstance(log, list) and log, path.name, type(log).__name__, "a list of captures")
+    require(len(log) > 0, name, "empty", "a list of captures")
     for k, capture in enumerate(log):
-        yield reading(capture, f"{path.name} capture {k}")
+        yield of_capture(capture, f"{name} capture {k}")
 
 
-def reading(capture: dict, name: str) -> Reading:
+def of_capture(capture: dict, name: str) -> Photons:
     """One capture: counts without pile-up, and its own reference pulse as IRF, so that a drift of time zero drops out.
 
     The zones' converters keep the first photon of a shot. How many shots there were is not in the log, but in the
     background (shots_of): with the plane at 100 mm it is half as bright behind the pulse as before.
     """
     require(isinstance(capture, dict), name, type(capture).__name__, "an object with hists and reference_hist")
-    zones = counts(f"{name} hists", capture.get("hists"), (ZONES, BINS))[list(AS_SEEN)]
-    reference = counts(f"{name} reference_hist", capture.get("reference_hist"), (BINS,))
+    zones = whole_counts(f"{name} hists", capture.get("hists"), (ZONES, BINS))[list(AS_SEEN)]
+    reference = whole_counts(f"{name} reference_hist", capture.get("reference_hist"), (BINS,))
     peak = int(reference.argmax())
     require(bool((reference >= 0).all()) and LEAD < peak, f"{name} reference_hist", f"with its peak in bin {peak}",
             f"counts of a pulse behind bin {LEAD}")
     shots = shots_of(zones, peak - LEAD)
     sensor = SensorModel(
         3, 3, BINS, BIN_WIDTH_S, without_pile_up(reference, shots), peak, toa_offset_bins=-peak,
-        projection=Pinhole(*(1.5 / np.tan(np.radians(fov) / 2) for fov in FOV_DEG), 1, 1), frame_id="tmf882x")
+        projection=Pinhole(*(1.5 / np.tan(np.radians(fov) / 2) for fov in FOV_DEG), 1, 1), frame_id=NAME)
     frame = PhotonHistograms(without_pile_up(zones, shots).reshape(3, 3, BINS), _stamp_ns(capture))
-    return Reading(sensor, frame, ("ranges count from the reference pulse",))
+    return Photons(sensor, frame, None, NAME, ("ranges count from the reference pulse",))
 
 
 def _stamp_ns(capture: dict) -> int:

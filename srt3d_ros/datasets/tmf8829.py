@@ -13,18 +13,17 @@ where bins are narrower than its own (8 × 8), dual mode, of which the frames th
 
 import struct
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.devices.reading import Reading, counts, json_log
+from srt3d_ros.datasets.photons import Photons, whole_counts
 from srt3d_ros.errors import InvalidInput, require
 
-SENSOR = "ams TMF8829: 8 × 8, 16 × 16, 32 × 32 or 48 × 32 zones"
-READS = "the ZeroMQ publisher of ams' Python driver (--connect tcp://HOST:5558), its JSON logs"
+NAME = "tmf8829"
+NOTE = "ranges count from the reference pulse"
 MAGIC, CONTAINER, BEFORE, HEADER, FOOTER, REFERENCE = 0xFE5E1234, 84, 5, 16, 12, 60   # bytes
 RESULTS, HISTOGRAMS, REFERENCE_SPADS = 0x10, 0x20, 0x30
 CONVERTER_S = 200e-12       # of its time-to-digital converter; histograms sum 2^bin_shift of these
@@ -34,29 +33,23 @@ SIZES = {0: (8, 8), 1: (8, 8), 2: (16, 16), 3: (32, 32), 4: (32, 32), 5: (32, 48
 TICK_NS = 1000              # 26 frames of 33 ms are so far apart
 
 
-def recognises(head: str) -> bool:
-    """Whether a log begins like one of these."""
-    return head.lstrip().startswith("{") and ('"Result_Set"' in head or '"configuration"' in head)
-
-
-def read(path: Path) -> Iterator[Reading]:
-    """The frames of a log; InvalidInput where one is broken."""
-    log = json_log(path)
-    require(isinstance(log, dict) and isinstance(log.get("Result_Set"), list) and log["Result_Set"],
-            f"{path.name} Result_Set", type(log).__name__, "a list of frames: log with combined_results and histograms")
+def frames(log: dict, name: str) -> Iterator[Photons]:
+    """The frames of a log, stamped by the device's clock; InvalidInput where one is broken."""
+    require(isinstance(log["Result_Set"], list) and log["Result_Set"], f"{name} Result_Set", "no list or empty",
+            "a list of frames: log with combined_results and histograms")
     configuration = log.get("configuration")
     for k, frame in enumerate(log["Result_Set"]):
         try:
-            yield _of_log(frame, configuration if isinstance(configuration, dict) else {}, f"{path.name} frame {k}")
+            yield _of_log(frame, configuration if isinstance(configuration, dict) else {}, f"{name} frame {k}")
         except InvalidInput:
             raise
         except (LookupError, TypeError, AttributeError, ArithmeticError, ValueError) as error:
-            raise InvalidInput(f"{path.name} frame {k}", f"without {error}", "mp_histo and ref_histo") from None
+            raise InvalidInput(f"{name} frame {k}", f"without {error}", "mp_histo and ref_histo") from None
 
 
-def _of_log(frame: dict, configuration: dict, name: str) -> Reading:
-    zones = counts(f"{name} mp_histo", [[zone["bin"] for zone in row] for row in frame["mp_histo"]], (-1, -1, -1))
-    references = counts(f"{name} ref_histo", [one["bin"] for one in frame["ref_histo"]], (-1, REFERENCE_BINS))
+def _of_log(frame: dict, configuration: dict, name: str) -> Photons:
+    zones = whole_counts(f"{name} mp_histo", [[zone["bin"] for zone in row] for row in frame["mp_histo"]], (-1, -1, -1))
+    references = whole_counts(f"{name} ref_histo", [one["bin"] for one in frame["ref_histo"]], (-1, REFERENCE_BINS))
     require(zones.shape[:2] in SIZES.values(), f"{name} mp_histo", zones.shape[:2], "8 × 8 to 32 × 48 zones")
     mode = next(mode for mode, size in SIZES.items() if size == zones.shape[:2])
     require(len(references) == 4 * _parts(mode), f"{name} ref_histo", len(references), f"{4 * _parts(mode)} histograms")
@@ -64,16 +57,16 @@ def _of_log(frame: dict, configuration: dict, name: str) -> Reading:
     stamp_ns = min(int(info.get("systick_t0", 0)), int(info.get("systick_t1", 0))) * TICK_NS
     steps, shift = int(configuration.get("histogram_bins", MEASURED)), configuration.get("bin_shift", _shift(mode))
     require(shift in range(3), f"{name} bin_shift", shift, "0, 1 or 2")
-    reading = _reading(zones, references.reshape(-1, 4, REFERENCE_BINS).sum(axis=1), mode, stamp_ns, shift, steps)
+    photons = _photons(zones, references.reshape(-1, 4, REFERENCE_BINS).sum(axis=1), mode, stamp_ns, shift, steps)
     if mode != 2 or not zones.any() or (zones != zones[:, :1]).any():
-        return reading
+        return photons
     # Seen in a log of the logger's version 4: all histograms of its row y are that of zone y of row 0.
-    sensor = reading.sensor.replace(rows=1, irf=reading.sensor.irf[:zones.shape[1]])
-    row = PhotonHistograms(reading.frame.counts[None, :, 0].copy(), stamp_ns)
-    return Reading(sensor, row, (*reading.notes, "a fault of the logger: the log has the histograms of row 0 only"))
+    sensor = photons.sensor.replace(rows=1, irf=photons.sensor.irf[:zones.shape[1]])
+    row = PhotonHistograms(photons.frame.counts[None, :, 0].copy(), stamp_ns)
+    return Photons(sensor, row, None, NAME, (NOTE, "a fault of the logger: the log has the histograms of row 0 only"))
 
 
-def decode(message: bytes, stamp_ns: int) -> Reading | None:
+def decode(message: bytes, stamp_ns: int) -> Photons | None:
     """The histograms in a message of the publisher, stamped so; None if it has results only.
 
     Raises:
@@ -98,7 +91,7 @@ def decode(message: bytes, stamp_ns: int) -> Reading | None:
     return _assembled(found, mode, stamp_ns)
 
 
-def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Reading:
+def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Photons:
     zones = np.zeros((*SIZES[mode], 256 >> _shift(mode)), np.int32)
     references = np.zeros((len(found), REFERENCE_BINS), np.int32)
     for part, data in found.items():
@@ -108,10 +101,10 @@ def _assembled(found: dict[int, bytes], mode: int, stamp_ns: int) -> Reading:
         values = np.frombuffer(data, np.uint8).reshape(-1, 3) @ np.array([1, 1 << 8, 1 << 16], np.int32)
         references[part] = values[:4 * REFERENCE_BINS].reshape(4, -1).sum(axis=0)
         into[:] = values[4 * REFERENCE_BINS:].reshape(into.shape)
-    return _reading(zones, references, mode, stamp_ns, _shift(mode), MEASURED)
+    return _photons(zones, references, mode, stamp_ns, _shift(mode), MEASURED)
 
 
-def _reading(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int, shift: int, steps: int) -> Reading:
+def _photons(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int, shift: int, steps: int) -> Photons:
     """Zones [rows, cols, bins], each bin 2^shift steps wide, and the references [parts, 64] of their parts."""
     rows, cols, bins = zones.shape
     bins = min(steps >> shift, bins)        # the last whole one
@@ -122,9 +115,9 @@ def _reading(zones: np.ndarray, references: np.ndarray, mode: int, stamp_ns: int
     peak = int(pulses.sum(axis=0).argmax())
     projection = Pinhole(0.75 * cols, rows, (cols - 1) / 2, (rows - 1) / 2)
     sensor = SensorModel(rows, cols, bins, CONVERTER_S * 2**shift, pulses[of_part.ravel()], peak,
-                         toa_offset_bins=-peak, projection=projection, frame_id="tmf8829")
+                         toa_offset_bins=-peak, projection=projection, frame_id=NAME)
     frame = PhotonHistograms(np.ascontiguousarray(zones[..., :bins]), stamp_ns)
-    return Reading(sensor, frame, ("ranges count from the reference pulse",))
+    return Photons(sensor, frame, None, NAME, (NOTE,))
 
 
 def _shift(mode: int) -> int:

@@ -1,4 +1,4 @@
-"""Logs and messages of devices, made here: pulses at known ranges, in the layouts of the vendors' sources."""
+"""Logs and messages of ams sensors, made here: pulses at known ranges, in the layouts of the vendor's sources."""
 
 import json
 import struct
@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.devices import as_dt1
+from srt3d_ros.core.pooled import Pooled
+from srt3d_ros.core.sketch_design import design_for
+from srt3d_ros.datasets import Photons
 
 BIN_M = 299_792_458.0 / 2 * 0.8e-9      # of a TMF8829
 REFERENCE_AT = 3.2                      # where its reference pulse lies, bins
@@ -20,9 +22,6 @@ PARTS = {       # rows and columns of the zones of each histogram frame
     3: [(range(first, 32, 2), columns) for first in (0, 1) for columns in COLUMNS_32],
     5: [(range(first, 32, 2), columns) for first in (0, 1) for columns in COLUMNS_48],
 }
-DT1_BIN_M, DT1_ZERO_M = 0.25, 0.4
-FULL_RINGS = (0, 12, 4, 16, 8, 20, 1, 13, 5, 17, 9, 21)       # bank_to_ring_full of the driver, and _half
-HALF_RINGS = (0, 6, 2, 8, 4, 10)
 SIZES = {0: (8, 8, 256), 2: (16, 16, 64), 3: (32, 32, 64), 5: (32, 48, 64)}
 
 
@@ -89,22 +88,15 @@ def tmf882x_log(path: Path, depths_bins: list[float], shots: float = 4e6) -> Pat
     return path
 
 
-def as_dt1_log(path: Path, banks: int, frames: int = 2) -> tuple[Path, np.ndarray]:
-    """A slanted wall in front of an AS-DT1; the path, and ranges [rows, 24]."""
-    rows = 2 * min(banks, 12)
-    row, col = np.mgrid[:rows, :24]
-    distance = 3 + 0.5 * col + 0.2 * row
-    counts = np.round(20 + 4000 * pulse(144, (distance - DT1_ZERO_M) / DT1_BIN_M, 1.5)).astype(int)
-    across, down = (col - 11.5) / 45, (row - (rows - 1) / 2) / 50
-    z = distance / np.sqrt(1 + across**2 + down**2)
-    data = np.zeros((frames, banks), as_dt1.BANK)
-    for bank in range(banks):
-        ring, second = (HALF_RINGS[bank], 1) if banks == 6 else (FULL_RINGS[bank % 12], 2)
-        data["bank"][:, bank], data["cpu_ms"][:, bank] = bank, 40 * np.arange(frames)
-        for dot in range(48):
-            at = ring + second * (dot // 24), dot % 24
-            data["dots"]["bins"][:, bank, dot] = counts[at]
-            for axis, metres in {"radial": distance, "x": down * z, "y": -across * z, "z": z}.items():
-                data["dots"]["first"][axis][:, bank, dot] = round(metres[at] * 4000) & 0x3FFFFF
-    path.write_bytes(data.tobytes())
-    return path, distance
+def zones_mm(photons: Photons, frequencies: tuple[int, ...]) -> np.ndarray:
+    """Reconstructed ranges of the zones, float [rows, cols], NaN without a surface."""
+    sensor = photons.sensor
+    cloud = Pooled(sensor, frequencies, device="cpu")(photons.sketch(frequencies))
+    ranges = np.full((sensor.rows, sensor.cols), np.nan)
+    ranges[cloud.row, cloud.col] = sensor.range_m(cloud.depth_bins) * 1e3
+    return ranges
+
+
+def zones_by_design_mm(photons: Photons) -> np.ndarray:
+    """The same with the frequencies that are designed for these photons."""
+    return zones_mm(photons, design_for(photons.frame, photons.sensor).frequencies)

@@ -1,19 +1,17 @@
 """TMF8829: messages and logs become histograms in their places, and these ranges; what is broken is refused."""
 
+import gzip
+import json
+
 import numpy as np
 import pytest
 
-from benchmarks import devices as benchmark
-from srt3d_ros.core.sketch_design import design_for
-from srt3d_ros.devices import tmf8829
+from srt3d_ros.datasets import histogram_logs, tmf8829
 from srt3d_ros.errors import InvalidInput
-from tests.devices import made
+from tests.datasets import made_logs as made
+from tests.datasets.made_logs import zones_by_design_mm
 
 SLANTED = np.linspace(1.0, 2.0, 16)
-
-
-def ranges_mm(reading) -> np.ndarray:
-    return benchmark.found_mm(reading, design_for(reading.frame, reading.sensor).frequencies)
 
 
 @pytest.mark.parametrize("mode", made.SIZES)
@@ -21,7 +19,8 @@ def test_every_zone_of_a_message_comes_to_its_place(mode):
     rows, cols, bins = made.SIZES[mode]
     zones = np.zeros((rows, cols, bins), int)
     zones[..., 20] = 70_000 + np.arange(rows * cols).reshape(rows, cols)       # more than 16 bits
-    sensor, frame, _ = tmf8829.decode(made.message(zones, mode), stamp_ns=5)
+    photons = tmf8829.decode(made.message(zones, mode), stamp_ns=5)
+    sensor, frame = photons.sensor, photons.frame
     assert (sensor.rows, sensor.cols, frame.stamp_ns) == (rows, cols, 5)
     assert (frame.counts == zones[..., :frame.counts.shape[-1]]).all()
     assert frame.counts.shape[-1] == sensor.num_bins == {256: 218, 64: 54}[bins]
@@ -31,7 +30,7 @@ def test_every_zone_of_a_message_comes_to_its_place(mode):
 def test_ranges_and_rays_of_a_message():
     truth = np.linspace(0.6, 3.5, 16)[:, None] + np.linspace(0, 0.3, 16)
     reading = tmf8829.decode(made.message(made.zones_16(truth)), 0)
-    found, (x, y, z) = ranges_mm(reading), reading.sensor.rays[0, 0] * 1018.0
+    found, (x, y, z) = zones_by_design_mm(reading), reading.sensor.rays[0, 0] * 1018.0
     assert (x, y, z) == pytest.approx((-501.4, -376.0, 802.2), abs=0.1)     # of the vendor's log: distance 1018 mm
     assert np.nanmax(np.abs(found - truth * 1e3)) < 15 and not np.isnan(found).any()
     assert tmf8829.decode(made.message(made.zones_16(truth), parts=()), 0) is None      # without histograms
@@ -53,8 +52,8 @@ def test_broken_messages_are_refused(broken):
 
 def test_a_log(tmp_path):
     path = made.tmf8829_log(tmp_path / "log.json", [made.zones_16(SLANTED), made.zones_16(SLANTED + 1)])
-    readings = list(tmf8829.read(path))
-    assert [np.nanmedian(ranges_mm(one)) for one in readings] == pytest.approx([1500, 2500], abs=5)
+    readings = list(histogram_logs.frames(path, {}))
+    assert [np.nanmedian(zones_by_design_mm(one)) for one in readings] == pytest.approx([1500, 2500], abs=5)
     assert [one.frame.stamp_ns for one in readings] == [53_283_768_000, 53_316_768_000]
 
 
@@ -62,9 +61,10 @@ def test_a_log_with_the_loggers_fault_is_read_as_row_0(tmp_path):
     """Histogram [y][…] is that of zone y of row 0: seen in the vendor's log, whose results say so."""
     truth = np.linspace(1.0, 3.0, 16)
     faulty = made.zones_16(truth[:, None])
-    sensor, frame, notes = reading = next(tmf8829.read(made.tmf8829_log(tmp_path / "log.json", [faulty])))
+    photons = next(histogram_logs.frames(made.tmf8829_log(tmp_path / "log.json", [faulty]), {}))
+    sensor, notes = photons.sensor, photons.notes
     assert (sensor.rows, sensor.cols) == (1, 16) and any("row 0" in note for note in notes)
-    assert ranges_mm(reading)[0] == pytest.approx(truth * 1e3, abs=15)
+    assert zones_by_design_mm(photons)[0] == pytest.approx(truth * 1e3, abs=15)
     assert sensor.rays[0, 0, 1] < -0.3              # the top row still looks up
 
 
@@ -75,13 +75,17 @@ def test_broken_logs_are_refused(tmp_path, content):
     path = tmp_path / "log.json"
     path.write_text(content)
     with pytest.raises(InvalidInput, match="log.json"):
-        list(tmf8829.read(path))
+        list(histogram_logs.frames(path, {}))
 
 
 def test_the_vendors_log_agrees_with_its_own_results(shared_data):
     path = shared_data / "histograms" / "tmf8829_log.json.gz"
     if not path.is_file():
         pytest.skip(f"no {path}")
-    figures = benchmark.tmf8829_errors(path)
-    assert (figures["zones"], figures["missing"]) == (375, 0)
-    assert figures["median_abs_mm"] <= 20
+    with gzip.open(path) as stream:
+        results = [frame["results"][0] for frame in json.load(stream)["Result_Set"]]      # of row 0, all that it has
+    own, snr = (np.array([[zone["peaks"][0][key] for zone in row] for row in results], float)
+                for key in ("distance", "snr"))
+    found = np.concatenate([zones_by_design_mm(photons) for photons in histogram_logs.frames(path, {})])
+    off = (found - own)[snr >= 20]
+    assert (off.size, np.isnan(off).sum()) == (375, 0) and np.median(np.abs(off)) <= 20

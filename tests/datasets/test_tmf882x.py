@@ -5,17 +5,23 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import devices as benchmark
-from srt3d_ros.devices import tmf882x
+from srt3d_ros.core.frequency_design import highest_passed
+from srt3d_ros.datasets import Photons, histogram_logs, tmf882x
 from srt3d_ros.errors import InvalidInput
-from tests.devices import made
+from tests.datasets import made_logs as made
 
 SHOTS = 4e6
+CENTRE = 4
+
+
+def centre_mm(photons: Photons) -> float:
+    """Range of the centre zone, with all frequencies that the pulse passes."""
+    return float(made.zones_mm(photons, tuple(range(1, highest_passed(photons.sensor) + 1)))[1, 1])
 
 
 def test_ranges_count_from_the_reference_pulse(tmp_path):
-    readings = list(tmf882x.read(made.tmf882x_log(tmp_path / "log.json", [5.0, 12.3, 40.0])))
-    depths = [benchmark.centre_mm(one, benchmark.passed(one.sensor)) / one.sensor.bin_width_m / 1e3 for one in readings]
+    readings = list(histogram_logs.frames(made.tmf882x_log(tmp_path / "log.json", [5.0, 12.3, 40.0]), {}))
+    depths = [centre_mm(one) / one.sensor.bin_width_m / 1e3 for one in readings]
     assert depths == pytest.approx([5.0, 12.3, 40.0], abs=0.02)
     assert [one.frame.stamp_ns for one in readings] == [0, 10**9, 2 * 10**9]
 
@@ -23,7 +29,7 @@ def test_ranges_count_from_the_reference_pulse(tmp_path):
 def test_zones_lie_as_seen(tmp_path):
     capture = json.loads(made.tmf882x_log(tmp_path / "log.json", [10.0]).read_text())[0]
     capture["hists"] = [[0] * 40 + [zone] + [0] * 87 for zone in range(9)]
-    counts = tmf882x.reading(capture, "capture").frame.counts[..., 40]
+    counts = tmf882x.of_capture(capture, "capture").frame.counts[..., 40]
     assert counts.tolist() == [[2, 1, 0], [5, 4, 3], [8, 7, 6]]
 
 
@@ -34,7 +40,7 @@ def test_broken_logs_are_refused(tmp_path, content):
     path = tmp_path / "log.json"
     path.write_text(content)
     with pytest.raises(InvalidInput, match="log.json"):
-        list(tmf882x.read(path))
+        list(histogram_logs.frames(path, {}))
 
 
 @pytest.mark.parametrize("photons", [1e4, 6e6])
@@ -62,11 +68,21 @@ def test_a_background_that_tells_nothing(ambient, photons):
 
 
 def test_a_plane_moved_by_a_robot(shared_data):
-    """The figures of docs/devices.md, and their goals: either half of the captures fits the line, the other tests."""
+    """docs/photon-file.md has the figures. Either half of the captures fits distance = a · range + b for the other."""
     path = shared_data / "histograms" / "tmf8820_plane_distances.json"
     if not path.is_file():
         pytest.skip(f"no {path}")
-    for half in benchmark.tmf882x_errors(path):
-        median, p95, worst = half["errors_mm"]
-        assert median <= 1.0 and p95 <= 2.0 and worst <= 6.0
-        assert half["valid_errors_mm"][1] < half["vendor_valid_mm"][1]
+    captures = json.loads(path.read_text())
+    truth = np.array([capture["dist_to_plane"] for capture in captures]) * 1e3
+    vendor = np.array([capture["distances"][0]["depths_1"][CENTRE] for capture in captures], float)
+    ranged = np.flatnonzero([capture["distances"][0]["confs_1"][CENTRE] > 0 for capture in captures])
+    found = np.array([centre_mm(photons) for photons in histogram_logs.frames(path, {})])
+
+    def errors(ranges_mm: np.ndarray, used: np.ndarray, half: int) -> np.ndarray:
+        fitted, tested = used[half::2], used[1 - half::2]
+        return np.abs(np.polyval(np.polyfit(ranges_mm[fitted], truth[fitted], 1), ranges_mm[tested]) - truth[tested])
+
+    for half in (0, 1):
+        off = errors(found, np.arange(len(truth)), half)
+        assert np.median(off) <= 1.0 and np.percentile(off, 95) <= 2.0 and off.max() <= 6.0
+        assert np.percentile(errors(found, ranged, half), 95) < np.percentile(errors(vendor, ranged, half), 95)

@@ -1,0 +1,59 @@
+"""A driver of the ams TMF8829: from the ZeroMQ publisher of ams' Python driver to `sensor` and `histograms`.
+
+    python tmf8829_driver.py tcp://169.254.0.2:5558         # set `histograms` to 1 in the device's configuration
+"""
+import contextlib
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+
+from srt3d_ros.datasets import tmf8829
+from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import histograms as histograms_message
+from srt3d_ros.messages import sensor as sensor_message
+
+try:
+    import zmq
+except ModuleNotFoundError:
+    sys.exit("tmf8829_driver: zmq is not installed: pip install pyzmq")
+MOVED = 0.02        # Σ |h − h'| of two reference pulses of sum 1: the pulse has moved by 0.04 bins; noise makes 0.01
+
+
+def publish() -> None:
+    global described
+    if not socket.poll(0):
+        return
+    stamp_ns = node.get_clock().now().nanoseconds
+    try:
+        photons = tmf8829.decode(b"".join(socket.recv_multipart()), stamp_ns)
+    except InvalidInput as error:
+        node.get_logger().warning(str(error), throttle_duration_sec=5.0)
+        return
+    if photons is None:
+        node.get_logger().warning("results only: set histograms to 1 in the configuration", throttle_duration_sec=5.0)
+        return
+    newest = photons.sensor
+    if (described is None or described.irf.shape != newest.irf.shape
+            or abs(described.irf - newest.irf).sum(axis=-1).max() > MOVED):
+        described = newest
+        sensor.publish(sensor_message.encode_cdr(described))
+    histograms.publish(histograms_message.encode_cdr(photons.frame, described, described.frame_id))
+
+
+rclpy.init()
+node = rclpy.create_node("tmf8829_driver")
+address, described = rclpy.utilities.remove_ros_args(sys.argv)[-1], None
+sensor = node.create_publisher(String, "sensor", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+histograms = node.create_publisher(Image, "histograms", QoSProfile(depth=5))
+socket = zmq.Context().socket(zmq.SUB)          # reconnects by itself when the device comes back
+socket.setsockopt(zmq.SUBSCRIBE, b"")
+socket.setsockopt(zmq.RCVHWM, 4)                # older measurements are of no use
+socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)      # ms; a device without power closes no connection
+socket.connect(address)
+node.create_timer(0.005, publish)
+with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+    rclpy.spin(node)

@@ -1,0 +1,59 @@
+"""Logs of histograms are bounded, recognised by what is in them, and opened frame by frame like photon files."""
+
+import gzip
+import json
+
+import numpy as np
+import pytest
+
+from srt3d_ros import datasets
+from srt3d_ros.datasets import histogram_logs
+from srt3d_ros.errors import InvalidInput
+from tests.datasets import made_logs
+
+SLANTED = np.linspace(1.0, 2.0, 16)
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A log of two frames."""
+    return made_logs.tmf8829_log(tmp_path / "log.json", [made_logs.zones_16(SLANTED), made_logs.zones_16(SLANTED + 1)])
+
+
+def test_each_log_is_read_as_its_sensors(tmp_path, log):
+    packed = tmp_path / "c.json.gz"
+    packed.write_bytes(gzip.compress(log.read_bytes()))
+    other = made_logs.tmf882x_log(tmp_path / "b.json", [9.0])
+    frame_ids = [datasets.open_stream(path).sensor.frame_id for path in (log, packed, other)]
+    assert frame_ids == ["tmf8829", "tmf8829", "tmf882x"]
+
+
+def test_a_log_opens_as_a_photon_file_does(tmp_path, log):
+    (tmp_path / "log.json.json").write_text(json.dumps({"range_offset_m": 0.25}))
+    second = datasets.open_photons(log, frame=1, fov_deg=20)
+    assert (second.name, second.sensor.range_offset_m) == ("log", 0.25)
+    assert (second.frame.counts == made_logs.zones_16(SLANTED + 1)[..., :54]).all() and second.notes
+    for frame in (2, -1):
+        with pytest.raises(InvalidInput, match="frame"):
+            datasets.open_photons(log, frame=frame)
+
+
+CUT_OFF = gzip.compress(b"[" * 1000, mtime=0)[:30]
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\0\0", CUT_OFF, b"\x1f\x8b\x08nonsense", gzip.compress(b"[" * 10**5),
+                                     gzip.compress(b'{"rows": 3}')],
+                         ids=["binary", "cut off", "no gzip", "deep", "another file"])
+def test_damaged_logs_are_refused(tmp_path, content):
+    path = tmp_path / "log.json.gz"
+    path.write_bytes(content)
+    with pytest.raises(InvalidInput, match="log.json.gz"):
+        datasets.open_stream(path)
+
+
+def test_logs_are_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(histogram_logs, "MAX_LOG_BYTES", 100)
+    path = tmp_path / "log.json.gz"
+    path.write_bytes(gzip.compress(bytes(10**6)))
+    with pytest.raises(InvalidInput, match="more than 100 bytes"):
+        datasets.open_stream(path)
