@@ -13,10 +13,11 @@ from srt3d_ros.versions import machine
 
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
-    "deskew": "time to move the parts of a frame to one instant, and a window of frames",
-    "devices": "ranges of devices' logs against what is known of them",
+    "deskew": "time to move the parts of a frame to one instant",
+    "figure1": "time of a frame against its photons, by method: Figure 1 of the paper",
     "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
-    "motion_slam": "drift of KISS-ICP on the clouds of a moving sensor",
+    "ros": "latency and losses of frames through ROS 2 nodes, by rate",
+    "table1": "time and memory of a frame by size: Table 1 of the paper",
     "two_machines": "sketches over links that are slow, lose packets or change: what passes, how late (root)",
 }
 

@@ -1,6 +1,4 @@
-"""Time to move the parts of a frame to one instant, and to add up a window of moved frames; every pixel has photons.
-
-Beside it the time to read the parts' sums, which a sketcher that does not move does once a frame. """
+"""Time to move the parts of a frame to one instant; every pixel has photons."""
 
 import argparse
 from collections.abc import Iterator
@@ -11,21 +9,19 @@ import numpy as np
 from srt3d_ros.core.deskew import Deskewer
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.motion import Pose, Trajectory
-from srt3d_ros.core.moving_window import MovingWindow
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.datasets.scene import default_sensor
 
 FRAME_NS = 100_000_000
+WARM_UP = 10            # frames that are not timed
 TURN_RAD_S, SPEED_M_S = np.radians(30), 1.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, default=141, help="rows and columns (%(default)d)")
     parser.add_argument("--parts", type=int, default=10, help="of a frame (%(default)d)")
-    parser.add_argument("--window", type=int, default=10, help="frames of the window (%(default)d)")
     parser.add_argument("--frames", type=int, default=100, help="that are timed (%(default)d)")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
@@ -33,27 +29,21 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     sensor = default_sensor().replace(rows=side, cols=side, projection=Pinhole.from_fov(side, side, 55.0))
     frequencies = choose("auto", sensor)
     trajectory = Trajectory()
-    for k in range((args.frames + args.window + 2) * 10):
+    for k in range((args.frames + WARM_UP + 2) * 10):
         seconds = k / 100
         trajectory.add(k * FRAME_NS // 10, Pose(Pose.turned([0, TURN_RAD_S * np.sin(seconds), 0]).rotation,
                                                 np.array([SPEED_M_S * np.sin(seconds), 0, 0])))
     sketches = [_sketch(rng, side, frequencies) for _ in range(args.parts)]
     range_m = np.broadcast_to(np.linspace(2, 3, side, dtype=np.float32), (side, side))
-    deskewer = Deskewer(sensor, frequencies, args.device)
-    window = MovingWindow(deskewer)
-    window.frames = args.window
-    moved_ms, window_ms = [], []
-    for frame in range(args.window + args.frames):
+    deskewer = Deskewer(sensor, frequencies)
+    moved_ms = []
+    for frame in range(WARM_UP + args.frames):
         first = frame * FRAME_NS
         parts = [(first + (2 * k + 1) * FRAME_NS // (2 * args.parts), part) for k, part in enumerate(sketches)]
         begin = perf_counter()
-        sketch = deskewer(parts, trajectory, first + FRAME_NS // 2, range_m)
-        between = perf_counter()
-        window.add(sketch, trajectory, deskewer.filled(range_m))
-        moved_ms.append(1e3 * (between - begin))
-        window_ms.append(1e3 * (perf_counter() - between))
-    yield {"size": f"{side}x{side}", "m": len(frequencies), "parts": args.parts, "window": args.window,
-           "move_ms": _times(moved_ms[args.window:]), "window_ms": _times(window_ms[args.window:])}
+        deskewer(parts, trajectory, first + FRAME_NS // 2, range_m)
+        moved_ms.append(1e3 * (perf_counter() - begin))
+    yield {"size": f"{side}x{side}", "m": len(frequencies), "parts": args.parts, "move_ms": _times(moved_ms[WARM_UP:])}
 
 
 def _sketch(rng: np.random.Generator, side: int, frequencies: tuple[int, ...]) -> Sketch:

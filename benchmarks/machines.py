@@ -8,14 +8,17 @@ them, and Watch holds what is seen of these there.
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from srt3d_ros.nodes.pipeline_probe import Arrival
-from srt3d_ros.nodes.transport import PROFILE_VARIABLE, PROFILES
-from srt3d_ros.processes import Process, Processes, node_command, wait
+from srt3d_ros.nodes.transport import PROFILE_VARIABLE
+from srt3d_ros.processes import node_command
+from tests.processes import Process, wait
 
 SENSOR, ROBOT = "sensor", "robot"           # the machine beside the camera, and the one that reconstructs
 ADDRESSES = {SENSOR: "10.77.0.1", ROBOT: "10.77.0.2"}
@@ -25,7 +28,7 @@ PREFIX = "srt3d_"
 SHARED_MEMORY = Path("/dev/shm")
 TIMEOUT_S = 10
 RANDOM = 2**32 - 0x1000 + 56                # where a packet filter reads a random 32-bit number (SKF_AD_RANDOM)
-NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / PROFILES / "fastdds_network.xml")
+NETWORK_PROFILE = str(Path(__file__).resolve().parents[1] / "config" / "fastdds_network.xml")
 WAIT_S = 180.0          # generous: nodes compile, and the machine may be busy
 
 
@@ -147,16 +150,28 @@ def _run(*command: str, check: bool = True) -> str:
     return done.stdout
 
 
-class Machines(Processes):
+class Machines(dict[str, Process]):
     """A context manager that ends all that it has started on the machines of a link; NAME.log of each in `folder`."""
 
     def __init__(self, link: Link, folder: Path):
-        super().__init__(folder=folder)
+        super().__init__()
         self.link, self._folder = link, folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> "Machines":
+        return self
+
+    def __exit__(self, *exc) -> None:
+        for process in self.values():
+            process.send(signal.SIGINT)
+        for process in self.values():
+            process.stop(signal.SIGINT)
 
     def start_on(self, machine: str, name: str, profile: str | None = None, **parameters) -> Process:
         """Start a node there, with the Fast DDS profile that it chooses itself or with this one."""
-        return self.run(name, self._command(machine, profile, node_command(name, **parameters)))
+        log = partial(print, file=(self._folder / f"{name}.log").open("w"), flush=True)
+        self[name] = Process(self._command(machine, profile, node_command(name, **parameters)), log)
+        return self[name]
 
     def watch(self, topic: str, profile: str | None = None) -> "Watch":
         """See at the robot what arrives on a topic, and all diagnostics."""

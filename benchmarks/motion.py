@@ -1,17 +1,13 @@
 """What a sensor's own motion costs, and what is left of it after sketches have been moved to one instant.
 
 A room, and depth maps of --scenes if there are any, seen at 1 m/s and 30°/s; frames of 100 ms in ten parts; SBR 1. Each
-part is drawn from several exact views. Clouds are judged against the exact depths from the pose at the instant that the
-frame promises. Lines: true detections (TD) within 10 bins, %, and depth error (DAE), bins, means over the frames:
+part is drawn from several exact views. Clouds are judged against the exact depths from the pose in the middle of the
+frame. Lines: true detections (TD) within 10 bins, %, and depth error (DAE), bins, means over the frames:
 
     at_rest         the sensor stands at that pose
     not_moved       the photons of the frame are simply added
     moved           its parts are moved by the exact trajectory, guided by the range of the last cloud
     moved_unguided  without that
-    moved_late      by odometry at 100 Hz whose stamps are off by up to 20 ms, with 5 % noise of the velocity
-    estimated       its parts are moved by the motion that the photons themselves show
-    window          ten moved frames
-    at_rest_window  the sensor stands, with the photons of ten frames
 """
 
 import argparse
@@ -30,7 +26,6 @@ from srt3d_ros.core.deskew import range_image
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.motion import Trajectory
-from srt3d_ros.core.motion_estimate import MotionEstimator, Surfaces
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.pooled import Pooled
@@ -47,11 +42,9 @@ from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 
 FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part
 SBR, TOLERANCE_BINS = 1.0, 10.0
-WINDOW = 10
+WARM_UP = 9             # frames before those that are judged
 HEADINGS = {"at_rest": "at rest", "not_moved": "moving, photons added", "moved": "moving, parts moved first"}
 NEAR_M, ERROR_CM = 2.3, 10          # of the picture
-NOISE, JITTER_S = 0.05, 0.02
-FAULTY = {"noise": NOISE, "jitter_s": JITTER_S, "seed": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,15 +115,11 @@ class Method:
     pooled: Pooled
     known: Trajectory | None
     guided: bool = True
-    estimator: MotionEstimator | None = None
     last: PointCloud | None = None
 
     def cloud(self, frame: MovingFrame) -> PointCloud:
         """The cloud of the next frame."""
         guide, known, sensor = None, self.known, self.sketcher.sensor
-        if self.estimator and self.last is not None:
-            surfaces = Surfaces.of_ranges(self.last.stamp_ns, self.last.range_image(), sensor)
-            known = self.estimator.follow(surfaces, frame)
         if self.guided and known is not None and self.last is not None:
             guide = range_image(sensor, known.motion(self.last.stamp_ns, frame.to_ns)(self.last.xyz))
         self.last = self.pooled(self.sketcher.finish(frame, known, guide))
@@ -147,68 +136,45 @@ class Shot:
     metrics: dict[str, Metrics]
 
 
-def methods(sensor: SensorModel, frequencies, deskew_to: str, exact: Trajectory, faulty: Trajectory
-            ) -> dict[str, Method]:
+def methods(sensor: SensorModel, frequencies, exact: Trajectory) -> dict[str, Method]:
     """The methods by the names of their lines."""
-    def method(known: Trajectory | None, guided: bool = True, window_frames: int = 1, estimator=None) -> Method:
-        return Method(MovingSketcher(sensor, frequencies, window_frames, PARTS, deskew_to),
-                      Pooled(sensor, frequencies), known, guided, estimator)
+    def method(known: Trajectory | None, guided: bool = True) -> Method:
+        return Method(MovingSketcher(sensor, frequencies), Pooled(sensor, frequencies), known, guided)
 
-    return {"not_moved": method(None), "moved": method(exact), "moved_unguided": method(exact, guided=False),
-            "moved_late": method(faulty), "estimated": method(None, estimator=MotionEstimator(sensor, frequencies)),
-            "window": method(exact, window_frames=WINDOW)}
+    return {"not_moved": method(None), "moved": method(exact), "moved_unguided": method(exact, guided=False)}
 
 
-def along(view: MovingView, frames: int, ppp: float, names: tuple[str, ...]
-          ) -> Iterator[tuple[int, dict[str, PointCloud]]]:
-    """Frames from 0 s on: the instant of each, ns, and its clouds by some methods, with exact odometry."""
-    frequencies = choose("auto", view.sensor)
-    ways = methods(view.sensor, frequencies, "middle", Trajectory(), Trajectory())
-    for k in tqdm(range(frames), unit="frame"):
-        first_s = k * FRAME_S
-        parts = part_sketches(Views(view, first_s), view.sensor, frequencies, first_s, ppp, k)
-        known = trajectory(view.sensor_pose, first_s - FRAME_S, first_s + FRAME_S)
-        first_ns, middle_ns, last_ns = (round((first_s + share * FRAME_S) * 1e9) for share in (0, 0.5, 1))
-        frame, clouds = MovingFrame(parts, first_ns, last_ns, middle_ns), {}
-        for name in names:
-            ways[name].known = None if ways[name].known is None else known
-            clouds[name] = ways[name].cloud(frame)
-        yield middle_ns, clouds
-
-
-def judge(drive: Drive, ppps: list[float], frames: int, deskew_to: str, shots: list[Shot]) -> Iterator[dict]:
-    """A line for each number of photons and each method: means over the last frames, when the window is full.
+def judge(drive: Drive, ppps: list[float], frames: int, shots: list[Shot]) -> Iterator[dict]:
+    """A line for each number of photons and each method: means over the last frames.
 
     Adds to `shots` the last clouds of the last number of photons.
     """
     sensor = moving_sensor()
     view, frequencies = MovingView(drive.world, drive.path, sensor), choose("auto", sensor)
-    last_s = drive.first_s + (WINDOW + frames) * FRAME_S
-    tracks = [trajectory(view.sensor_pose, drive.first_s, last_s, **errors) for errors in ({}, FAULTY)]
-    ways = {ppp: methods(sensor, frequencies, deskew_to, *tracks) for ppp in ppps}
-    still = {ppp: {"at_rest": (1, Pooled(sensor, frequencies)), "at_rest_window": (WINDOW, Pooled(sensor, frequencies))}
-             for ppp in ppps}
+    last_s = drive.first_s + (WARM_UP + 1 + frames) * FRAME_S
+    exact = trajectory(view.sensor_pose, drive.first_s, last_s)
+    ways = {ppp: methods(sensor, frequencies, exact) for ppp in ppps}
+    still = {ppp: Pooled(sensor, frequencies) for ppp in ppps}
     found: dict[tuple[float, str], list] = defaultdict(list)
-    for k in tqdm(range(WINDOW - 1 + frames), desc=drive.name, unit="frame", leave=False):
+    for k in tqdm(range(WARM_UP + frames), desc=drive.name, unit="frame", leave=False):
         first_s = drive.first_s + k * FRAME_S
         views = Views(view, first_s)
-        to_s = first_s + FRAME_S * {"start": 0, "middle": 0.5, "end": 1}[deskew_to]
+        to_s = first_s + FRAME_S / 2
         range_m, reflectivity = view.at(to_s)
         truth = sensor.depth_bins(range_m)
         for ppp in ppps:
-            clouds = {name: way(at_rest(range_m, reflectivity, sensor, frequencies, frames_each * ppp, k))
-                      for name, (frames_each, way) in still[ppp].items()}
+            clouds = {"at_rest": still[ppp](at_rest(range_m, reflectivity, sensor, frequencies, ppp, k))}
             parts = part_sketches(views, sensor, frequencies, first_s, ppp, k)
             frame = MovingFrame(parts, round(first_s * 1e9), round((first_s + FRAME_S) * 1e9), round(to_s * 1e9))
             clouds |= {name: way.cloud(frame) for name, way in ways[ppp].items()}
-            if k >= WINDOW - 1:
+            if k >= WARM_UP:
                 for name, cloud in clouds.items():
                     found[ppp, name].append(evaluate(cloud, truth, TOLERANCE_BINS, sensor.num_bins))
     shots.append(Shot(sensor, range_m, clouds, {name: last for (of, name), (*_, last) in found.items() if of == ppp}))
     for (ppp, name), metrics in found.items():
         means = {key: float(np.mean([getattr(one, key) for one in metrics]))
                  for key in ("true_detections", "false_detections", "dae_bins")}
-        yield {"scene": drive.name, "ppp": ppp, "method": name, "deskew_to": deskew_to,
+        yield {"scene": drive.name, "ppp": ppp, "method": name,
                "td_percent": round(100 * means["true_detections"], 2),
                "fd_percent": round(100 * means["false_detections"], 2), "dae_bins": round(means["dae_bins"], 3),
                "frames": len(metrics)}
@@ -239,13 +205,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ppp", type=float, nargs="+", default=[3.0, 10.0], help="photons a pixel and frame")
     parser.add_argument("--frames", type=int, default=10, help="that are judged (%(default)s)")
     parser.add_argument("--picture", type=FilePath, metavar="FILE", help="draw the last clouds of the room")
-    parser.add_argument("--deskew-to", choices=("start", "middle", "end"), default="middle", help="(%(default)s)")
 
 
 def run(args: argparse.Namespace) -> Iterator[dict]:
     """A line for each scene, number of photons and method."""
     shots: list[Shot] = []
     for drive in drives(args.scenes):
-        yield from judge(drive, args.ppp, args.frames, args.deskew_to, shots)
+        yield from judge(drive, args.ppp, args.frames, shots)
     if args.picture:
         draw(args.picture, shots[0])

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
-from srt3d_ros.benchmark import frames
+from srt3d_ros.benchmark import photons_of, sensor_of
 from srt3d_ros.datasets import npz
 from srt3d_ros.nodes.pipeline_probe import Arrival
 
@@ -119,8 +119,8 @@ def photon_file(folder: Path, side: int) -> str:
     """A file with a frame of the simulated head."""
     path = folder / f"{side}.npz"
     if not path.exists():
-        sensor = frames.sensor_of(side)
-        npz.save(path, sensor, frames.photons_of(sensor, 10))
+        sensor = sensor_of(side)
+        npz.save(path, sensor, photons_of(sensor, 10))
     return str(path)
 
 

@@ -1,0 +1,48 @@
+"""Frames through ROS 2, player, sketcher and reconstructor in processes of their own: from the stamp to the cloud.
+
+Each rate is played for some seconds; the nodes take the newest frame and drop what they cannot keep up with, as they do
+for a sensor. A subscriber in this process, which shares the cores with them, notes when each cloud comes.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.benchmark import PPP, photons_of, sensor_of
+from srt3d_ros.datasets import npz
+from srt3d_ros.private_network import join_private_network
+from srt3d_ros.processes import LoggedNodes
+
+LAST_CLOUD_S = 2.0      # after the player's end: no more will come
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rates", type=float, nargs="+", default=(10, 20, 30, 40), help="frames a second")
+    parser.add_argument("--seconds", type=float, default=5.0, help="to play for, each (%(default)g)")
+    parser.add_argument("--side", type=int, default=141, help="rows and columns (%(default)d)")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each rate."""
+    join_private_network()
+    from srt3d_ros.nodes.pipeline_probe import PipelineProbe  # after the network's variables are set: it imports rclpy
+
+    with tempfile.TemporaryDirectory(prefix="srt3d-ros-") as folder, PipelineProbe(keep_every=10**9) as probe, \
+            LoggedNodes(Path(folder) / "logs") as processes:
+        sensor, photons = sensor_of(args.side), Path(folder) / "frame.npz"
+        npz.save(photons, sensor, photons_of(sensor, PPP))
+        for name in ("reconstructor", "sketcher"):
+            processes.start(name)
+            probe.spin_until(lambda: name in probe.statuses, args.seconds + 60)
+        for rate_hz in (args.rates[0], *args.rates):        # the first time the nodes learn of the sensor, and compile
+            first, sent = len(probe.arrivals), round(rate_hz * args.seconds)
+            processes.start("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)
+            probe.spin_until(lambda: processes.ended("player"), 2 * args.seconds + 60)
+            probe.spin_until(lambda: False, LAST_CLOUD_S)
+            latencies = probe.latencies_ms()[first:]
+            if first and len(latencies):
+                yield {"side": args.side, "ppp": PPP, "rate_hz": rate_hz, "frames": sent, "clouds": len(latencies),
+                       "latency_ms": np.round(np.percentile(latencies, [50, 95, 100]), 1).tolist()}

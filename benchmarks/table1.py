@@ -1,0 +1,34 @@
+"""Table 1 of the SRT3D paper: the time of a frame against the size of image and sketch, and the memory it takes."""
+
+import argparse
+from collections.abc import Iterator
+
+from srt3d_ros.benchmark import PPP, photons_of, sensor_of, timed
+from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching import sketch_photons
+
+PAPER_MS = {(141, 5): 6, (282, 5): 12, (423, 5): 28, (564, 5): 55, (705, 5): 68,
+            (141, 10): 7, (282, 10): 18, (423, 10): 35, (564, 10): 60, (705, 10): 88}       # RTX 3070 laptop
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (%(default)s)")
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each (%(default)d)")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    """A line for each size, sketch size and method."""
+    for side, m in PAPER_MS:
+        sensor = sensor_of(side)
+        photons = photons_of(sensor, PPP)
+        for name in ("pooled", "srt3d"):
+            frequencies = choose(METHODS[name].frequencies, sensor, m)
+            sketch = sketch_photons(photons, sensor, frequencies)
+            device = args.device if name == "pooled" else "cpu"
+            reconstructor = METHODS[name].build(sensor, frequencies, device=device)
+            reconstructor.warm_up()         # its memory would count as the frame's
+            timing = timed(lambda: reconstructor(sketch), args.repeats)
+            yield {"pixels": f"{side}x{side}", "m": m, "method": name, "device": device, "paper_ms": PAPER_MS[side, m],
+                   "median_ms": round(timing.median_ms, 1), "min_ms": round(min(timing.ms), 1),
+                   "max_ms": round(max(timing.ms), 1), "growth_bytes": timing.growth_bytes}
