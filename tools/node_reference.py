@@ -8,7 +8,7 @@ from srt3d_ros.nodes.parameters import Parameter, Value
 from srt3d_ros.nodes.topics import DIAGNOSTICS, FRAMES, MOTION, Topic
 from tools.schema_tables import table
 
-OUTSIDE = dict.fromkeys(("sensor", "sensor/camera_info", *(topic.name for topic in FRAMES)), "your driver") | {
+OUTSIDE = dict.fromkeys(("sensor", *(topic.name for topic in FRAMES)), "your driver") | {
     topic.name: "your robot" for topic in MOTION}
 EVERY_NODE = "every node"
 

@@ -25,7 +25,7 @@ def tables(name: str) -> str:
     schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
     make = {"sensor_msgs/msg/PointCloud2": cloud_tables, "sensor_msgs/msg/Image": image_tables,
             "std_msgs/msg/String": json_tables}[schema["type"]]
-    return f"{schema['purpose']}\n\n`{schema['type']}`, schema version {schema['schema_version']}; {make(schema)}"
+    return f"{schema['purpose']}\n`{schema['type']}`, schema version {schema['schema_version']}; {make(schema)}"
 
 
 def cloud_tables(schema: dict) -> str:
@@ -73,7 +73,7 @@ def json_tables(schema: dict) -> str:
     for kind, projection in schema.get("projection", {}).items():
         rows += _keys(projection["fields"], "projection.", f" ({kind})")
         notes.append(f"* `projection` of the kind `{kind}`: {projection['purpose']}\n")
-    for name, prefix in (("distortion", "projection."), ("gates", ""), ("histograms", ""), ("scan", "")):
+    for name, prefix in (("distortion", "projection."), ("gates", ""), ("histograms", "")):
         if name in schema:
             rows += _keys(schema[name]["fields"], f"{prefix}{name}.")
         if "purpose" in schema.get(name, {}):

@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 
-CODE = ("srt3d_ros", "launch", "examples", "scripts", "robustness", "tools", "benchmarks", "setup.py")
+CODE = ("srt3d_ros", "launch", "examples", "scripts", "tools", "benchmarks", "setup.py")
 PLANTED = """\
 import marshal, os, pickle, shelve, subprocess, tempfile, yaml
 pickle.load(file)

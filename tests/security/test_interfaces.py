@@ -4,7 +4,7 @@ import pytest
 
 from srt3d_ros.nodes.specs import SPECS
 
-WORDS = {"frequencies", "frame_id", "gate", "tile"}     # live texts without choices; none is ever a path
+WORDS = {"frequencies", "frame_id", "gate"}     # live texts without choices; none is ever a path
 
 
 @pytest.mark.parametrize("name", SPECS)
