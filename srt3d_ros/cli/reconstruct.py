@@ -1,6 +1,7 @@
 """`srt3d reconstruct`: a photon file, a frame of a bag, or all its frames, to point cloud files, without ROS."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,14 +11,12 @@ from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.gate import AUTO, OFF
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
-from srt3d_ros.core.weighting import WEIGHTINGS
 from srt3d_ros.errors import require
 
 if TYPE_CHECKING:
-    from srt3d_ros.batch.request import Request
+    from srt3d_ros.request import Request
 
-METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background",
-                  "weighting", "upsampling")
+METHOD_OPTIONS = ("method", "sketch_size", "frequencies", "surfaces", "device", "false_alarm_rate", "background")
 MANY_OPTIONS = ("format", "jobs", "dask")
 
 
@@ -45,13 +44,9 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--false-alarm-rate", type=float, metavar="P",
                         help="probability that a pixel with background alone shows a point (pooled: 1e-4; smle and "
                              "xcorr: show a point wherever there are photons)")
-    parser.add_argument("--weighting", choices=WEIGHTINGS,
-                        help="W of the data term (smle: precision; srt3d: identity; others have none)")
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins (pooled): as the frame itself shows, if that is "
                              "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
-    parser.add_argument("--upsampling", type=int, metavar="U",
-                        help="finer pixels of the cloud along the side of each pixel, at most 4 (pooled: 1)")
     parser.add_argument("--gate", default=OFF, metavar="FIRST:LAST|auto|off",
                         help="keep the photons of bins FIRST to LAST only, or of those in which the histogram of all "
                              "photons shows a scene (auto); T becomes their number (off)")
@@ -70,8 +65,8 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.batch.request import Request
     from srt3d_ros.new_files import check_not_input
+    from srt3d_ros.request import Request
 
     check_not_input(args.output, args.input, args.dark, args.irf)
     options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
@@ -104,13 +99,16 @@ def _one(request: "Request", args: argparse.Namespace) -> int:
 
 
 def _many(request: "Request", args: argparse.Namespace) -> int:
-    from srt3d_ros.batch.command import reconstruct_frames
+    from srt3d_ros.batch import reconstruct_frames
 
-    found = reconstruct_frames(request, args)
-    common.print_notes(found.notes)
-    if found.failed:
-        common.print_notes([f"{found.failed} of {found.frames} frames failed; the same command tries them again"])
-    common.print_facts(args, vars(found) | {"output": str(args.output)},
+    if request.dark is not None:
+        request = replace(request, dark=str(Path(request.dark).absolute()))
+    found = reconstruct_frames(request, args.frames, Path(args.output).absolute(), args.format or "npz", args.jobs or 1,
+                               args.dask)
+    common.print_notes(found["notes"])
+    if found["failed"]:
+        common.print_notes([f"{found['failed']} of {found['frames']} frames failed; the same command tries them again"])
+    common.print_facts(args, found | {"output": str(args.output)},
                        "{done} of {frames} frames reconstructed, {points:,} points; {earlier} were there, {failed} "
                        "failed\n{output}")
-    return 1 if found.failed else 0
+    return 1 if found["failed"] else 0
