@@ -4,24 +4,15 @@ from functools import cache
 
 import numpy as np
 
-from srt3d_ros.errors import require
-
 # Perceptually even, readable with any colour vision. Every 15th colour of the 256 of the maps of these names by
-# van der Walt, Smith and Firing (viridis, inferno, magma, plasma) and Nuñez, Anderton and Renslow (cividis), CC0.
+# van der Walt, Smith and Firing, CC0.
 _ANCHORS = {
     "viridis": "440154 481769 472a7a 433d84 3d4e8a 355e8d 2e6d8e 297b8e 23898e "
                "1f978b 21a585 2eb37c 46c06f 65cb5e 89d548 b0dd2f d8e219 fde725",
-    "cividis": "00224e 002d68 163770 2e416d 3f4c6c 4e566c 5c616e 696b71 767676 "
-               "838179 928c78 a09875 afa471 bfb06b cfbd62 dfca57 f0d846 fee838",
     "inferno": "000004 0a0722 1e0c45 380962 510e6c 69166e 801f6c 982766 b0315b "
                "c63d4d d94d3d e9612b f47918 fa9407 fcb014 f8cd37 f2ea69 fcffa4",
-    "magma": "000004 090720 1a1042 311165 4a1079 621980 792282 912b81 aa337d "
-             "c23b75 d9466b ec5860 f7725c fc8e64 feaa74 fec68a fde2a3 fcfdbf",
-    "plasma": "0d0887 2f0596 4903a0 6100a7 7801a8 8e0ca4 a21d9a b42e8d c43e7f "
-              "d24f71 de6164 e97257 f3854b f99a3e fdaf31 fdc627 f8df25 f0f921",
 }
-COLOUR_MAPS = tuple(_ANCHORS)
-RANGE_MAP, PHOTON_MAP = "viridis", "inferno"
+RANGE_MAP, PHOTON_MAP = "viridis", "inferno"      # one for each quantity, wherever it is shown
 BACKGROUND = (13, 16, 21)       # of pictures and views, and where there is nothing: as good as black
 _LEAST_BRIGHT = 132     # of 255: the brightest channel of the darkest colour that is visible on a dark background
 _RANGE_SAMPLES = 4096
@@ -30,8 +21,7 @@ _RANGE_RATE = 0.1       # share of the way towards a frame's own range that Adap
 
 @cache
 def colour_table(name: str) -> np.ndarray:
-    """A colour map as uint8 [256, 3], read-only; InvalidInput for a name that is not one of COLOUR_MAPS."""
-    require(name in _ANCHORS, "colour map", name, f"one of {', '.join(COLOUR_MAPS)}")
+    """One of the colour maps as uint8 [256, 3], read-only."""
     anchors = np.array([list(bytes.fromhex(colour)) for colour in _ANCHORS[name].split()], dtype=float)
     position = np.linspace(0, 255, len(anchors))
     table = np.stack([np.interp(np.arange(256), position, anchors[:, c]) for c in range(3)], axis=1)
@@ -41,18 +31,17 @@ def colour_table(name: str) -> np.ndarray:
 
 
 @cache
-def visible_table(name: str, steps: int = 256) -> np.ndarray:
-    """A map's colours that are visible on a dark background, in so many steps; uint8 [256, 3]."""
+def visible_table(name: str) -> np.ndarray:
+    """A map's colours that are visible on a dark background, uint8 [256, 3]."""
     table = colour_table(name)
     first = int(np.argmax(table.max(axis=1) >= _LEAST_BRIGHT))
-    step = np.arange(256) * steps // 256
-    return table[np.rint(first + step * (255 - first) / (steps - 1)).astype(int)]
+    return table[np.rint(np.linspace(first, 255, 256)).astype(int)]
 
 
 @cache
-def range_table(name: str = RANGE_MAP, steps: int = 256) -> np.ndarray:
+def range_table() -> np.ndarray:
     """The colours of ranges, the same wherever a cloud or its depth map is shown: near is bright. uint8 [256, 3]."""
-    return visible_table(name, steps)[::-1]
+    return visible_table(RANGE_MAP)[::-1]
 
 
 def packed(colours: np.ndarray) -> np.ndarray:
@@ -86,18 +75,14 @@ def percentile_range(values: np.ndarray, low: float = 2, high: float = 98) -> tu
 
 
 class AdaptiveRange:
-    """The range a colour map is spread over: follows the data slowly, so that a film does not flicker.
+    """The range a colour map is spread over: follows the data slowly, so that a film does not flicker."""
 
-    Args:
-        fixed: (low, high) to keep whatever the data.
-    """
-
-    def __init__(self, fixed: tuple[float, float] | None = None):
-        self._fixed, self._range = fixed, fixed
+    def __init__(self):
+        self._range: tuple[float, float] | None = None
 
     def update(self, values: np.ndarray) -> tuple[float, float]:
         """Take a frame's values in; the (low, high) to use for it. (0, 1) until a finite value was seen."""
-        seen = None if self._fixed else percentile_range(values)
+        seen = percentile_range(values)
         if seen is not None:
             old = self._range or seen
             self._range = tuple(a + _RANGE_RATE * (b - a) for a, b in zip(old, seen))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.colours import (
-    COLOUR_MAPS,
+    PHOTON_MAP,
+    RANGE_MAP,
     AdaptiveRange,
     colour_table,
     levels,
@@ -17,7 +18,7 @@ from srt3d_ros.colours import (
 
 def test_tables_are_the_published_maps():
     matplotlib = pytest.importorskip("matplotlib")
-    for name in COLOUR_MAPS:
+    for name in (RANGE_MAP, PHOTON_MAP):
         published = np.round(np.asarray(matplotlib.colormaps[name](np.arange(256)))[:, :3] * 255)
         table = colour_table(name).astype(int)
         assert np.abs(table - published).max() <= 11 and np.array_equal(table[::15], published[::15])
@@ -40,7 +41,6 @@ def test_levels_span_the_range_clip_outside_and_take_nan_and_flat_data():
 def test_no_visible_colour_is_too_dark_to_be_seen():
     table = visible_table("inferno")
     assert table.max(axis=1).min() >= 132 and np.array_equal(table[255], colour_table("inferno")[255])
-    assert len(np.unique(visible_table("inferno", steps=16), axis=0)) == 16
 
 
 def test_the_colours_of_ranges_are_yellow_when_near_and_blue_when_far():
@@ -62,4 +62,3 @@ def test_adaptive_range_starts_at_the_data_and_follows_slowly():
     assert first == pytest.approx((0.2, 9.8), abs=0.02)
     assert adaptive.update(np.linspace(0, 110, 1000))[1] == pytest.approx(9.8 * 0.9 + 107.8 * 0.1, abs=0.1)
     assert adaptive.update(np.empty(0)) == adaptive.update(np.full(3, np.nan))
-    assert AdaptiveRange(fixed=(1, 2)).update(np.array([50.0])) == (1, 2)

@@ -35,9 +35,9 @@ def run(args: argparse.Namespace) -> int:
             "much beside --connect", "one or more .rrd files, or --connect HOST:PORT")
     import rerun  # noqa: F401  (says how to get it if it is not there)
 
-    from srt3d_ros.recording.repair import examine
+    from srt3d_ros.recording.rrd_file import is_finished
     for path in args.recording:
-        examine(path)       # rerun would show any file as text, and serve it
+        is_finished(path)       # rerun would show any file as text, and serve it
     if args.connect is None:
         return _open(*map(str, args.recording)) if has_screen() else _serve(args.recording)
     host, port = _checked_address(args.connect)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from std_msgs.msg import String
 
@@ -20,30 +19,25 @@ from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.frame_index import STAMPS_KEPT, FrameIndex, RecordedFrame
-from srt3d_ros.nodes.graph_watch import Drops, ParameterWatch, own_name, reports
+from srt3d_ros.nodes.frame_index import FrameIndex, RecordedFrame
 from srt3d_ros.nodes.node_spec import NodeSpec
-from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.worker import Dropped, Refused
-from srt3d_ros.parent import started_again
 from srt3d_ros.recording import live, schema
-from srt3d_ros.recording.parts import PartNames
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.versions import versions
 
 QUEUE = 64              # messages that may wait; the writer has its own queue of clouds and images
 QUEUE_DEPTH = 32        # messages of each topic in the middleware: sketches of 2 MB, half a dozen topics
 COUNTS_KEPT = 16        # frames whose clouds may still come
-QUEUE_MB, LOSSLESS_QUEUE_MB = 32.0, 512.0
+QUEUE_MB = 32.0
 LINES_KEPT = 1000       # log lines from before the first frame
 NEAR_NS = 60 * 10**9    # log lines farther from the frames, as in a replay, get the stamp of the newest frame
 
 SPEC = NodeSpec(
     "recorder",
-    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.DIAGNOSTICS, topics.ROSOUT,
-            topics.PARAMETER_EVENTS),
+    inputs=(topics.SKETCH_SENSOR, topics.POINTS, *topics.IMAGES, topics.SKETCH, topics.ROSOUT),
     services=("start_recording", "stop_recording"),
     parameters=PARAMETERS,
 )
@@ -66,10 +60,8 @@ class RecorderNode(PipelineNode):
     def configure(self) -> None:
         """Check the parameters and collect the facts that every recording has."""
         self._settings = Settings(self.parameters)
-        path = free(self._settings.path) if started_again() else self._settings.path
-        self._names = PartNames(path, numbered=bool(self._settings.split))
-        if self._settings.live:
-            live.check_free(self._settings.live[0])
+        if self._settings.live_port:
+            live.check_free(self._settings.live_port)
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
         self.serve("start_recording", self._start)
         self.serve("stop_recording", self._stop)
@@ -83,13 +75,11 @@ class RecorderNode(PipelineNode):
     def _start(self) -> str:
         if self._path is not None:
             raise Refused(f"already recording to {self._path}: call ~/stop_recording first")
-        self._path = self._names.next()
+        self._path = free(self._settings.path)
         self._sensor: SensorModel | None = None
-        self._frames = FrameIndex(self.parameters["max_rate_hz"])
+        self._frames = FrameIndex()
         self._counted: deque[RecordedFrame] = deque()       # frames whose photon counts wait for their cloud
-        self._drops, self._lines = Drops(), deque(maxlen=LINES_KEPT)
-        self._watched: dict[str, Value] = {}
-        self._watch = ParameterWatch(self, lambda values: self.worker.call(self._on_parameters, values))
+        self._lines = deque(maxlen=LINES_KEPT)
         self.hold_frames_for("the sketch's description on sketch/sensor")
         self.follow("sketch/sensor", self._on_sensor)
         self.subscribe("sketch", self._on_sketch)       # before points: of what has come meanwhile it is taken first
@@ -98,9 +88,7 @@ class RecorderNode(PipelineNode):
         for topic in topics.IMAGES:
             if f"/{topic.name}" in self._settings.images:
                 self.subscribe(topic.name, lambda raw, path=f"/{topic.name}": self._on_image(path, raw))
-        self.follow("/diagnostics", self._on_diagnostics)
         self.follow("/rosout", self._on_line)
-        self.follow("/parameter_events", self._watch.on_event)
         self.diagnostics.show(path=self._path)
         return f"recording to {self._path}"
 
@@ -130,7 +118,7 @@ class RecorderNode(PipelineNode):
             return
         if self._writer is not None:        # another sensor: the recording's facts are no longer true
             self._writer.close()
-            self._path = self._names.next()
+            self._path = free(self._settings.path)
         self._sensor = sensor
         self._writer = self._new_writer(facts)
         self.release_frames()
@@ -140,17 +128,16 @@ class RecorderNode(PipelineNode):
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         run_facts = {"namespace": self.get_namespace(), "started": started, "machine": platform.node(),
                      "cpus": os.cpu_count(), **facts}
-        properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions, schema.PARAMETERS: self._watched}
+        properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
         return RecordingWriter(
-            self._path, self._sensor, properties=properties, names=self._names, images=self._settings.images,
-            style=self._settings.style, split=self._settings.split, live=self._settings.live,
-            queue_mb=LOSSLESS_QUEUE_MB if self.lossless else QUEUE_MB,
-            on_error=self._on_writer_error,
-            on_recovery=lambda path: self.get_logger().info(f"recording goes on in {path}"))
+            self._path, self._sensor, properties, images=self._settings.images, colour_by=self._settings.colour_by,
+            split_size_mb=self._settings.split_size_mb, live_port=self._settings.live_port,
+            queue_mb=QUEUE_MB, on_error=self._on_writer_error)
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)
         self.diagnostics.error(text)
+        self.worker.call(lambda: self._path and self._stop())
 
     # ---- Frames
 
@@ -163,11 +150,8 @@ class RecorderNode(PipelineNode):
                   "latency_reconstruct_ms": None if sketch_ns is None else (received_ns - sketch_ns) * 1e-6,
                   "frame_rate_hz": self._frames.cloud_came(frame)}
         self._writer.log_scalars(frame.stamp_ns, series, frame.number)
-        if frame.kept:
-            every = self._settings.every(number_of_points)
-            kept = {name: columns[name][::every] for name in ("xyz", "intensity", *schema.OF_FULL_CLOUDS)
-                    if name in columns}
-            self._writer.log_cloud(frame.stamp_ns, frame.number, **kept)
+        recorded = {name: columns[name] for name in ("xyz", "intensity", *schema.OF_FULL_CLOUDS) if name in columns}
+        self._writer.log_cloud(frame.stamp_ns, frame.number, **recorded)
         frame.has_cloud = True
         self._log_counts(frame)
         self.diagnostics.count(clouds=1, points=number_of_points)
@@ -196,7 +180,7 @@ class RecorderNode(PipelineNode):
         """Log a frame's photon counts with its cloud, or now if there will be none."""
         frame.counts = np.array(counts)
         self._counted.append(frame)
-        if len(self._counted) > (STAMPS_KEPT if self.lossless else COUNTS_KEPT):
+        if len(self._counted) > COUNTS_KEPT:
             self._counted.popleft().counts = None
         if frame.has_cloud or not self.count_publishers(self._points_topic):
             self._log_counts(frame)
@@ -207,9 +191,9 @@ class RecorderNode(PipelineNode):
             frame.counts = None
 
     def _log_image(self, path: str, frame: RecordedFrame, image: np.ndarray) -> None:
-        if frame.kept and path == schema.DEPTH:
+        if path == schema.DEPTH:
             self._writer.log_depth(frame.stamp_ns, frame.number, image)
-        elif frame.kept:
+        else:
             self._writer.log_image(path, frame.stamp_ns, frame.number, image)
 
     def _frame(self, stamp_ns: int) -> RecordedFrame:
@@ -219,26 +203,17 @@ class RecorderNode(PipelineNode):
         return self._frames[stamp_ns]
 
     def _logged(self, frame: RecordedFrame) -> None:
-        if self._writer.error is None:
-            self.sent(frame.stamp_ns)
-        else:
-            self.diagnostics.drop("not_recorded")
+        self.sent(frame.stamp_ns)
         self.diagnostics.show(path=self._writer.path, recording_dropped=self._writer.dropped)
         if self._lines:
             self._write_lines()
 
-    # ---- What the other nodes report
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        namespace = self.get_namespace()
-        self._drops.add(message, namespace)
-        for status in reports(message, namespace):
-            self._watch.ask(f"/{status.name}")
-        if self._writer is not None and (newest := self._frames.newest):
-            self._writer.log_scalars(newest.stamp_ns, {"drops": self._drops.total}, newest.number)
+    # ---- The log
 
     def _on_line(self, line: Log) -> None:
-        if (name := own_name(line, self.get_namespace())) is not None:
+        """Record a line of a node in this namespace."""
+        namespace, _, name = line.name.rpartition(".")
+        if namespace == self.get_namespace().strip("/").replace("/", "."):
             self._lines.append((line.stamp.sec * 10**9 + line.stamp.nanosec, f"{name}: {line.msg}", int(line.level)))
             if self._writer is not None and self._frames.newest:
                 self._write_lines()
@@ -250,11 +225,6 @@ class RecorderNode(PipelineNode):
             if newest is not None and abs(stamp_ns - newest.stamp_ns) > NEAR_NS:
                 stamp_ns = newest.stamp_ns
             self._writer.log_line(stamp_ns, text, level, newest.number if newest else None)
-
-    def _on_parameters(self, values: dict[str, Value]) -> None:
-        self._watched |= values
-        if self._writer is not None:
-            self._writer.set_properties(schema.PARAMETERS, values)
 
 
 main = partial(run, RecorderNode)

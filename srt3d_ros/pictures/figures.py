@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from srt3d_ros.new_files import writing
+from srt3d_ros.new_files import file_errors
 
 DPI = 100
 _COLOURS = 128
@@ -29,5 +29,5 @@ def as_image(figure: Figure) -> Image.Image:
 
 def save_png(figure: Figure, path: Path) -> None:
     """Write a figure with few colours: a fourth of the bytes, and hardly a difference to see; or InvalidInput."""
-    with writing("picture", path):
+    with file_errors("picture", path):
         as_image(figure).quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)

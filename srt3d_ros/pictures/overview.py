@@ -12,7 +12,7 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
-from srt3d_ros.new_files import writing
+from srt3d_ros.new_files import file_errors
 from srt3d_ros.pictures import annotations
 from srt3d_ros.pictures.annotations import DIM, TEXT
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_fog
@@ -59,7 +59,7 @@ def draw_overview(path, cloud: PointCloud, sensor: SensorModel, photons: PhotonE
     else:
         annotations.scale_bar(axes, eye)
     _depth_map(figure, 0.71, 0.235, cloud.range_image(), style)
-    with writing("picture", path):
+    with file_errors("picture", path):
         as_image(figure).save(Path(path), "png")
 
 

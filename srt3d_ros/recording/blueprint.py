@@ -18,14 +18,13 @@ SERIES = {
     "photons": ("photons", (0, 158, 115)),
     "ppp": ("photons per pixel", (0, 158, 115)),
     "frame_rate_hz": ("clouds/s", (230, 159, 0)),
-    "drops": ("drops", (213, 94, 0)),
 }
 # The plots, in the order shown, and their metrics.
 PLOTS = {
     "Latency [ms]": ("latency_ms", "latency_sketch_ms", "latency_reconstruct_ms"),
     "Points": ("points",),
     "Photons per pixel": ("ppp",),
-    "Rate [Hz] and drops": ("frame_rate_hz", "drops"),
+    "Rate [Hz]": ("frame_rate_hz",),
 }
 IMAGE_TITLES = {schema.DEPTH: "Depth", schema.INTENSITY_IMAGE: "Intensity", schema.BACKGROUND: "Background",
                 schema.PHOTONS: "Photons"}

@@ -10,7 +10,7 @@ from srt3d_ros.colours import levels, percentile_range, range_table
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import printable, require
-from srt3d_ros.new_files import appearing_whole, check_place, writing
+from srt3d_ros.new_files import atomic_write, check_place, file_errors
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _JPEG_QUALITY = 90
@@ -33,7 +33,7 @@ def save(cloud: PointCloud, path, *, frequencies: tuple[int, ...], sensor: Senso
         InvalidInput: if the suffix is another or the file cannot be written there.
     """
     path = check(path)
-    with writing("output", path), appearing_whole(path) as part:
+    with file_errors("output", path), atomic_write(path) as part:
         _WRITERS[path.suffix.lower()](cloud, part, frequencies, sensor)
 
 

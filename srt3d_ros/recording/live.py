@@ -7,9 +7,10 @@ import rerun as rr
 from srt3d_ros.errors import require
 
 ADDRESS = "127.0.0.1"       # loopback only: there is no password
+MEMORY = "256MB"            # of the newest frames, for viewers that connect later: a quarter of a minute at 16 MB/s
 
 
-def serve(port: int, memory_mb: int, application_id: str, recording_id: str) -> rr.RecordingStream:
+def serve(port: int, application_id: str, recording_id: str) -> rr.RecordingStream:
     """A stream to viewers, ids as in the files; those that connect later get the past as far as the memory keeps it.
 
     Raises:
@@ -17,7 +18,7 @@ def serve(port: int, memory_mb: int, application_id: str, recording_id: str) -> 
     """
     check_free(port)
     stream = rr.RecordingStream(application_id, recording_id=recording_id)
-    stream.set_sinks(rr.GrpcServerSink(ADDRESS, port, server_memory_limit=f"{memory_mb}MB"))
+    stream.set_sinks(rr.GrpcServerSink(ADDRESS, port, server_memory_limit=MEMORY))
     return stream
 
 

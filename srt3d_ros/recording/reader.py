@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.recording import schema
-from srt3d_ros.recording.repair import examine
+from srt3d_ros.recording.rrd_file import is_finished
 
 _ROW_ID = "rerun.controls.RowId"
 
@@ -74,7 +74,7 @@ class RecordingReader:
 
     def __init__(self, path):
         self.path = Path(path)
-        self.is_finished = examine(path)    # it was closed, and has its footer
+        self.is_finished = is_finished(path)
         try:
             with warnings.catch_warnings():     # rerun warns of a missing footer
                 warnings.simplefilter("ignore")
@@ -103,29 +103,23 @@ class RecordingReader:
             optional = [self._optional(chunk, name) for name in schema.OF_FULL_CLOUDS]
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
-                    std, *pixel = (None if column is None or not column[k].is_valid else _array(column[k])
-                                   for column in optional)
+                    more = (None if column is None or not column[k].is_valid else _array(column[k])
+                            for column in optional)
                     yield RecordedCloud(int(stamps[k]), int(frames[k]), _array(xyz[k]).reshape(-1, 3),
-                                        _array(intensity[k]).astype(np.float32), _array(colour[k]),
-                                        None if std is None else std.astype(np.float32), *pixel)
+                                        _array(intensity[k]), _array(colour[k]), *more)
 
     def images(self, path: str, only: Container[int] | None = None) -> Iterator[tuple[int, int, np.ndarray]]:
         """(stamp_ns, frame_index, image [rows, cols]) of an entity path, NaN = none, in the order they were logged.
 
-        Depth images in metres, float32; images in photons as recorded: integers, float16 or float32.
+        Depth images in metres, float32; images in photons as recorded: integers or float32.
         """
         for chunk, stamps, frames, buffers, formats in self._rows(
                 path, schema.STAMP, schema.FRAME, "DepthImage:buffer", "DepthImage:format"):
-            meters = self._optional(chunk, "DepthImage:meter")
             for k in range(len(stamps)):
                 if only is None or int(frames[k]) in only:
                     buffer, image_format = _array(buffers[k]), formats[k].as_py()[0]
-                    shape = image_format["height"], image_format["width"]
-                    if meters is None:
-                        dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
-                        image = buffer.view(dtype).reshape(shape)
-                    else:
-                        image = schema.depth_in_metres(buffer, shape, _array(meters[k])[0])
+                    dtype = ChannelDatatype(image_format["channel_datatype"]).to_np_dtype()
+                    image = buffer.view(dtype).reshape(image_format["height"], image_format["width"])
                     yield int(stamps[k]), int(frames[k]), image
 
     def series(self) -> dict[str, Series]:
@@ -197,7 +191,7 @@ class RecordingReader:
         if isinstance(error, InvalidInput):
             return error
         why = " ".join(str(error).removeprefix(f"Failed to read RRD file at {self.path}: ").split())
-        cut_off = "" if self.is_finished else "; it is cut off, and `srt3d review` repairs it into a copy"
+        cut_off = "" if self.is_finished else "; it is cut off, and `srt3d review` shows what can be read"
         return InvalidInput("recording", str(self.path), f"an .rrd file that can be read ({why}){cut_off}")
 
 

@@ -8,8 +8,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun import bindings
 
-abandoned: set = set()      # files whose streams may never end, as their disks hang
-
 
 def send_blueprint(stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
     """Like rerun's function of this name, which does not release the stream that it logs the blueprint to."""
@@ -23,5 +21,4 @@ def send_blueprint(stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None
 
 def free_ended() -> None:
     """Free the streams that have ended and are not referred to."""
-    if not abandoned:       # rerun waits for all streams first
-        bindings.flush_and_cleanup_orphaned_recordings()
+    bindings.flush_and_cleanup_orphaned_recordings()

@@ -33,7 +33,7 @@ class WriteQueue:
         """Append a write; after `close` it is dropped."""
         with self._changed:
             if self._closed or len(self._writes) >= _MOST_WAITING:
-                self.dropped += write.size > 0 or not self._closed
+                self.dropped += write.size > 0
                 return
             while write.size and self._bytes and self._bytes + write.size > self._most_bytes:
                 oldest = next(k for k, waiting in enumerate(self._writes) if waiting.size)
@@ -54,15 +54,13 @@ class WriteQueue:
             self._bytes -= write.size
             return write
 
-    def count_dropped(self, write: Write) -> None:
-        """Count a write that was taken and failed."""
-        with self._changed:
-            self.dropped += write.size > 0
-
-    def close(self) -> None:
-        """Drop all further writes; those that wait can still be taken."""
+    def close(self, drop: bool = False) -> None:
+        """Accept no further writes; those that wait can still be taken, unless they are to be dropped, too."""
         with self._changed:
             self._closed = True
+            if drop:
+                self.dropped += sum(write.size > 0 for write in self._writes)
+                self._writes.clear()
             self._changed.notify()
 
     @property

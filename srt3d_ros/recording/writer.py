@@ -2,6 +2,8 @@
 
 import atexit
 import os
+import shutil
+import sys
 import threading
 import time
 import uuid
@@ -12,16 +14,15 @@ import numpy as np
 import rerun as rr
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.recording import live as live_server
-from srt3d_ros.recording import rerun_streams, schema
-from srt3d_ros.recording.frame_log import FrameLog, Style
-from srt3d_ros.recording.parts import PartNames, Split
-from srt3d_ros.recording.rrd_file import TICK_S, RrdFile
+from srt3d_ros.new_files import free
+from srt3d_ros.recording import live, rerun_streams, schema
+from srt3d_ros.recording.frame_log import COLOUR_BY, FrameLog
 from srt3d_ros.recording.write_queue import Write, WriteQueue
 
-FLUSH_PERIOD_S = TICK_S     # without a flush, large clouds keep small scalars from being written at all
-RETRY_S, MOST_RETRY_S = 1.0, 30.0       # after a file could not be written; doubled each time
-ROOM_BYTES = 16_000_000     # free space on a disk that was full, before a new file is begun on it
+FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars from being written at all
+FLUSH_TIMEOUT_S = 20.0      # after which a disk is taken to hang
+END_TIMEOUT_S = 2.0         # for a file that could not be written
+LEAST_FREE_BYTES = 500_000_000      # of the disk, below which a recording ends: its end, and other programs, need room
 _NO_WRITE = Write(lambda: None)
 _LEVELS = {10: "DEBUG", 20: "INFO", 30: "WARN", 40: "ERROR", 50: "CRITICAL"}      # of rcl_interfaces/Log
 _TYPES = {"row": np.uint16, "col": np.uint16, "surface": np.uint8}      # of columns that are not float32
@@ -33,47 +34,38 @@ class RecordingWriter:
     The log_… methods copy their arrays, queue them and return; any thread may call them. When the disk is too slow,
     the oldest waiting clouds and images are dropped and counted in `dropped`; scalars and lines are kept.
 
-    When a file cannot be opened or written, `error` becomes a line of text (it is None otherwise) and `on_error` is
-    called once. Until a new file can be written, everything is dropped, and clouds and images are counted. Then
-    `error` is None again and `on_recovery` is called.
+    When a file cannot be written, or the disk has less than 500 MB left, the recording ends: `error` becomes a line of
+    text (it is None otherwise), `on_error` is called once, and what is logged afterwards is dropped.
 
     Args:
-        path: the .rrd file, replaced if it exists; with a split and without `names`, what PartNames makes of it.
-        sensor: sets the axes, the size of the points and the precision of the depth image.
+        path: the .rrd file; where there is one already, and for the parts that follow, NAME_2.rrd, NAME_3.rrd, ….
+        sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
-        names: of the files after the first.
         images: entity paths of the images that will be logged, for the blueprint.
-        style: how clouds and images are recorded.
-        split: when the next file begins.
-        live: (port, memory in MB) for viewers, or None; InvalidInput if the port is taken.
+        colour_by: what the colours of the points show, one of frame_log.COLOUR_BY.
+        split_size_mb: size of a file (10⁶ bytes) after which the next begins; 0 = never.
+        live_port: for viewers, 0 = none; InvalidInput if it is taken.
         queue_mb: of clouds and images that may wait.
-        on_error, on_recovery: called with the line in `error`, and with the new file's path; from the writing thread,
-            or from here if the first file does not open.
+        on_error: called with the line in `error`, from the writing thread, or from here if the file does not open.
     """
 
     def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
-                 names: PartNames | None = None, images: tuple[str, ...] = (schema.DEPTH,), style: Style = Style(),
-                 split: Split = Split(), live: tuple[int, int] | None = None, queue_mb: float = 32.0,
-                 on_error: Callable[[str], None] = lambda line: None,
-                 on_recovery: Callable[[Path], None] = lambda path: None):
+                 images: tuple[str, ...] = (schema.DEPTH,), colour_by: str = COLOUR_BY[0], split_size_mb: float = 0.0,
+                 live_port: int = 0, queue_mb: float = 32.0, on_error: Callable[[str], None] = lambda line: None):
         self.error: str | None = None
         self.parts = 0                      # files begun
-        self._on_error, self._on_recovery = on_error, on_recovery
-        self._ids = schema.APPLICATION_ID, str(uuid.uuid4())
-        self._live = live_server.serve(*live, *self._ids) if live else None
-        self._log = FrameLog(sensor, properties or {}, images, style)
-        if self._live is not None:
-            self._log.begin(self._live)
-        self._split = split
-        self._names = names or PartNames(Path(path), numbered=bool(split))
-        self.path = Path(path) if names else self._names.next()     # of the newest file
-        self._file: RrdFile | None = None
-        self._retry_s, self._retry_at_s = RETRY_S, 0.0
+        self.path = self._first_path = Path(path)       # `path` is that of the newest file
+        self._on_error, self._split_bytes = on_error, split_size_mb * 1e6
+        ids = schema.APPLICATION_ID, str(uuid.uuid4())
+        self._streams = [live.serve(live_port, *ids)] if live_port else []
+        self._file = rr.RecordingStream(ids[0], recording_id=ids[1])
+        self._streams.append(self._file)
+        self._log = FrameLog(self._streams, sensor, properties or {}, images, colour_by)
         self._queue = WriteQueue(round(queue_mb * 1e6))
         try:
-            self._begin_file()
-        except OSError as e:
-            self._fail(e)
+            self._create_file()
+        except Exception as error:
+            self._fail(error)
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
         # Before rerun's own exit handler, which can deadlock with a thread that still logs.
@@ -92,7 +84,7 @@ class RecordingWriter:
         self._put(lambda: self._log.cloud(stamp_ns, frame_index, columns), *columns.values())
 
     def log_depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
-        """Log a depth image [rows, cols] in metres, NaN = none; rounded to millimetres if the sensor sees < 65 m."""
+        """Log a depth image [rows, cols] in metres, NaN = none."""
         depth_m = np.array(depth_m, np.float32, order="C")
         self._put(lambda: self._log.depth(stamp_ns, frame_index, depth_m), depth_m)
 
@@ -119,21 +111,25 @@ class RecordingWriter:
         self._put(lambda: self._log.set_properties(name, facts))
 
     def flush(self, timeout_s: float = 10.0) -> bool:
-        """Wait until everything logged before is in the file; False after `timeout_s` seconds."""
+        """Wait until everything logged before is in the file; False after `timeout_s` seconds, or after an error."""
         done = threading.Event()
-        self._put(lambda: self._flush() and done.set())
+        self._put(lambda: (self._flush(), done.set()))
         deadline_s = time.monotonic() + timeout_s
-        while not done.wait(0.02) and self.error is None and self._thread.is_alive() and time.monotonic() < deadline_s:
+        while not done.wait(0.02) and self.error is None and time.monotonic() < deadline_s:
             pass
         return done.is_set()
 
     def close(self, timeout_s: float = 30.0) -> None:
-        """Write what waits and finish the file; `error` is set if that takes over `timeout_s` seconds. Idempotent."""
+        """Write what waits and finish the file; `error` is set if that takes over `timeout_s` seconds. Idempotent.
+
+        If the disk hangs, this process ends with exit code 1 when it ends: rerun would wait for the disk for ever.
+        """
         self._queue.close()
-        self._thread.join(timeout_s)
+        self._thread.join(timeout_s if self.error is None else END_TIMEOUT_S)
         atexit.unregister(self.close)
         if self._thread.is_alive():
             self._fail(TimeoutError(f"not finished within {timeout_s:g} s"))
+            atexit.register(_end_process)       # what is registered last is called first, before rerun's handler
 
     def __enter__(self) -> "RecordingWriter":
         return self
@@ -147,96 +143,72 @@ class RecordingWriter:
     # ---- In the writing thread
 
     def _run(self) -> None:
-        flushed_s = time.monotonic()
-        while not self._queue.at_end:
-            write = self._queue.take(FLUSH_PERIOD_S) or _NO_WRITE
-            try:
-                self._switch_files()
+        try:
+            if self.error is None:
+                self._begin_logs()
+            flushed_s = time.monotonic()
+            while not self._queue.at_end:
+                write = self._queue.take(FLUSH_PERIOD_S) or _NO_WRITE
                 write.run()
-                if self._file is None:
-                    self._queue.count_dropped(write)
-                else:
-                    self._file.check()
                 if time.monotonic() - flushed_s > FLUSH_PERIOD_S:
                     self._flush()
                     flushed_s = time.monotonic()
-            except Exception as e:      # the caller must go on without a recording, whatever failed
-                self._queue.count_dropped(write)
-                self._fail(e)
-        self._finish()
+                    if 0 < self._split_bytes <= self.path.stat().st_size:
+                        self._create_file()
+                        self._direct_to_file()
+            if self.error is None:
+                self._log.end()
+                self._file.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except Exception as error:      # the caller must go on without a recording, whatever failed
+            self._fail(error)
+        for stream in self._streams:
+            stream.disconnect()         # the file gets its footer
+        self._streams.clear()
+        self._file = None
+        rerun_streams.free_ended()
 
-    def _flush(self) -> bool:
-        """Put everything logged so far into the file; False without a file."""
-        if self._file is not None:
-            self._file.flush()
-        return self._file is not None
+    def _create_file(self) -> None:
+        """Create the next file: where that fails, rerun would wait for ever. Its header is written over the byte."""
+        self.path = free(self._first_path)
+        self._check_disk()
+        with self.path.open("xb") as file:
+            file.write(b"R")
 
-    def _switch_files(self) -> None:
-        """Begin the next file when the split is due, or when a failed one is due for another try."""
-        now_s = time.monotonic()
-        if self._file is None:
-            if now_s >= self._retry_at_s:
-                self._try_new_file()
-        elif self._split.due(self._file.bytes_written, now_s - self._begun_s):
-            self._end_file()
-            self.path = self._names.next()
-            self._begin_file()
+    def _begin_logs(self) -> None:
+        for stream in self._streams[:-1]:       # live
+            self._log.begin(stream)
+        self._direct_to_file()
 
-    def _begin_file(self) -> None:
-        file = RrdFile(self.path, *self._ids)
-        self._file, self._begun_s = file, time.monotonic()
+    def _direct_to_file(self) -> None:
+        """Direct the stream to the file that was created; rerun finishes the one before."""
+        self._file.save(self.path)
         self.parts += 1
         self._log.set_properties(schema.RUN, {"part": self.parts})
-        self._log.begin(file.stream)
+        self._log.begin(self._file)
 
-    def _end_file(self) -> None:
-        if self._file is not None:
-            self._log.end(self._file.stream)
-            file, self._file = self._file, None
-            file.close()
+    def _flush(self) -> None:
+        """Put everything logged so far into the file, and see whether the disk has room for more."""
+        self._file.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        self._check_disk()
 
-    def _finish(self) -> None:
-        try:
-            self._end_file()
-        except Exception as e:
-            self._fail(e)
-        if self._live is not None:
-            self._log.end(self._live)
-            self._live.disconnect()
-            self._live = None
-            rerun_streams.free_ended()
-
-    # ---- Files that cannot be written
+    def _check_disk(self) -> None:
+        left = shutil.disk_usage(self.path.parent).free
+        if left < LEAST_FREE_BYTES:
+            raise OSError(f"stopped, as the disk has only {left / 1e6:.0f} MB left")
 
     def _fail(self, error: Exception) -> None:
-        """Abandon the file, report the error once, and schedule another try."""
-        if self._file is not None:
-            self._log.end(self._file.stream)
-            # In a thread: a disk that hangs would block this one, and with it the live server.
-            threading.Thread(target=self._file.abandon, daemon=True).start()
-            self._file = None
-        self._retry_at_s = time.monotonic() + self._retry_s
-        self._retry_s = min(2 * self._retry_s, MOST_RETRY_S)
+        """Report the first error, drop what waits, and accept nothing more."""
+        self._queue.close(drop=True)
         if self.error is None:
             self.error = f"recording {self.path}: {one_line(error)}"
             self._on_error(self.error)
 
-    def _try_new_file(self) -> None:
-        """Begin a new file if the disk has room for more than its beginning."""
-        room = os.statvfs(self.path.parent)
-        if room.f_bavail * room.f_frsize < ROOM_BYTES:
-            raise OSError("the disk is still full")
-        if self.path.exists():
-            self.path = self._names.next()
-        self._begin_file()
-        try:
-            self._file.flush()
-        except OSError:
-            self.path.unlink(missing_ok=True)
-            self.parts -= 1
-            raise
-        self.error, self._retry_s = None, RETRY_S
-        self._on_recovery(self.path)
+
+def _end_process() -> None:
+    """End this process without the exit handlers that were registered before."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(1)
 
 
 def one_line(error: Exception) -> str:

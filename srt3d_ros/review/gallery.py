@@ -1,24 +1,17 @@
-"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame.
-
-The rerun viewer draws the clouds where it can run, else our own renderer.
-"""
+"""The pictures of a report: notable clouds, a strip over time, and the images of the typical frame."""
 
 import base64
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
 
 from srt3d_ros.colours import BACKGROUND, PHOTON_MAP, colour_table, levels, percentile_range, range_table
-from srt3d_ros.core.projection import Projection
-from srt3d_ros.core.viewpoint import Viewpoint, look_at
-from srt3d_ros.errors import require
+from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.pictures.annotations import annotated, length_text
 from srt3d_ros.pictures.cloud_renderer import CloudStyle
-from srt3d_ros.recording import schema, screenshot
-from srt3d_ros.recording.reader import RecordedCloud
+from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
 from srt3d_ros.review.summary import iso_time, notable_frames
 
@@ -27,35 +20,6 @@ _STRIP = 12
 _JPEG = {"quality": 88, "subsampling": 0}
 _IMAGES = {schema.DEPTH: ("depth", "m"), schema.INTENSITY_IMAGE: ("intensity", "photons"),
            schema.BACKGROUND: ("background", "photons"), schema.PHOTONS: ("photons as they came", "photons")}
-
-
-def draw(clouds: Sequence[RecordedCloud], framed: RecordedCloud, style: CloudStyle, projection: Projection | None,
-         size_px: tuple[int, int], by: str = "own") -> tuple[list[np.ndarray], Viewpoint, bool]:
-    """Draw clouds from one viewpoint.
-
-    Args:
-        framed: the cloud that fills the pictures.
-        projection: the sensor's, which says where up is; or None.
-        size_px: width and height.
-        by: "viewer", "own", or "auto": the viewer if possible, else own.
-
-    Returns:
-        The pictures, uint8 [height, width, 3] each; their viewpoint; and whether the viewer has drawn them.
-
-    Raises:
-        InvalidInput: `by` is "viewer", which cannot run here or failed.
-    """
-    width, height = size_px
-    if by != "own" and screenshot.is_possible():
-        eye = look_at(framed.xyz, projection, fov_deg=screenshot.FOV_DEG, aspect=width / height)
-        coloured = [(cloud.xyz, style.shaded(cloud)) for cloud in clouds]
-        try:
-            return screenshot.screenshots(coloured, style.radius_m, eye, width, height), eye, True
-        except screenshot.ScreenshotError as error:
-            require(by == "auto", "pictures", by, f"a viewer that draws ({error})")
-    require(by != "viewer", "pictures", by, f"Vulkan, which the viewer needs: {screenshot.INSTALL}")
-    eye = look_at(framed.xyz, projection, aspect=width / height)
-    return [style.draw(cloud, eye, width, height) for cloud in clouds], eye, False
 
 
 @dataclass(frozen=True)
@@ -67,12 +31,12 @@ class Picture:
     uri: str
 
 
-def make_gallery(recorded: Recorded, pictures: str) -> dict:
-    """Choose, read and draw the clouds; `pictures` says who draws, as `by` of `draw`.
+def make_gallery(recorded: Recorded) -> dict:
+    """Choose, read and draw the clouds, all from one viewpoint.
 
     Returns:
         typical, a Picture of a typical cloud; ends, of the clouds with the fewest and the most points; strip, of clouds
-        evenly spaced over the recording; images, those recorded with the typical cloud; by, who drew the large ones.
+        evenly spaced over the recording; images, those recorded with the typical cloud.
     """
     index = recorded.index
     typical, fewest, most = notable_frames(recorded)
@@ -82,20 +46,20 @@ def make_gallery(recorded: Recorded, pictures: str) -> dict:
     clouds = {position: by_frame[frame] for position, frame in frames.items()}
     framed, style = clouds[typical], CloudStyle.of(clouds[typical], recorded.sensor)
     titles = {fewest: "Fewest points", most: "Most points", typical: "A typical cloud"}
-    images, eye, by_viewer = draw([clouds[position] for position in titles], framed, style, recorded.projection,
-                                  _LARGE_PX, pictures)
-    large = {position: _cloud_picture(recorded, position, title, annotated(image, style, eye))
-             for (position, title), image in zip(titles.items(), images)}
-    small, _, _ = draw([clouds[position] for position in strip], framed, style, recorded.projection, _SMALL_PX)
+    near, far = (look_at(framed.xyz, recorded.projection, aspect=width / height)
+                 for width, height in (_LARGE_PX, _SMALL_PX))
+    large = {position: _cloud_picture(recorded, position, title,
+                                      annotated(style.draw(clouds[position], near, *_LARGE_PX), style, near))
+             for position, title in titles.items()}
     return {
         "typical": large.pop(typical), "ends": list(large.values()),
-        "strip": [_thumbnail(recorded, position, image) for position, image in zip(strip, small)],
+        "strip": [_thumbnail(recorded, position, style.draw(clouds[position], far, *_SMALL_PX))
+                  for position in strip],
         "images": _images(recorded, frames[typical]),
-        "by": "the rerun viewer" if by_viewer else "srt3d_ros",
     }
 
 
-def figures_of(recorded: Recorded, position: int) -> dict:
+def _figures(recorded: Recorded, position: int) -> dict:
     """The figures in the caption of a cloud."""
     figures = {"points": int(recorded.points[position])}
     photons, latency_ms = (recorded.at_clouds(name)[position] for name in ("photons", "latency_ms"))
@@ -106,7 +70,7 @@ def figures_of(recorded: Recorded, position: int) -> dict:
     return figures
 
 
-def title_of(recorded: Recorded, position: int) -> str:
+def _title(recorded: Recorded, position: int) -> str:
     """Frame index and stamp of a cloud."""
     stamp = iso_time(recorded.index.stamp_ns[position]).replace("T", " ").replace("Z", " UTC")
     return f"Frame {recorded.index.frame_index[position]}, {stamp}"
@@ -114,8 +78,8 @@ def title_of(recorded: Recorded, position: int) -> str:
 
 def _cloud_picture(recorded: Recorded, position: int, title: str, image: Image.Image) -> Picture:
     figures = ", ".join(f"{value:,} {name}" if isinstance(value, int) else f"{name} {value}"
-                        for name, value in figures_of(recorded, position).items())
-    return Picture(title, f"{title_of(recorded, position)}: {figures}", _uri(image, "jpeg", **_JPEG))
+                        for name, value in _figures(recorded, position).items())
+    return Picture(title, f"{_title(recorded, position)}: {figures}", _uri(image, "jpeg", **_JPEG))
 
 
 def _thumbnail(recorded: Recorded, position: int, image: np.ndarray) -> Picture:

@@ -33,8 +33,7 @@ def draw_plots(recorded: Recorded) -> list[tuple[str, str]]:
     plots = [("Latency", "latency, ms", latencies),
              ("Points a frame", "points", {"points": Series(recorded.index.stamp_ns, recorded.at_clouds("points"))}),
              ("Photons a frame", "photons", _chosen(recorded, "photons")),
-             ("Frame rate", "frames a second", {"rate": _rate(recorded)}),
-             ("Drops so far, all nodes", "frames or messages", _chosen(recorded, "drops"))]
+             ("Frame rate", "frames a second", {"rate": _rate(recorded)})]
     gaps = [(gap["at_s"], gap["at_s"] + gap["seconds"]) for gap in find_gaps(recorded)[0]]
     drawn = [(title, _draw_lines({name: (recorded.since_first(s.stamp_ns), s.values) for name, s in lines.items()},
                                  label, gaps)) for title, label, lines in plots if lines]

@@ -46,7 +46,7 @@ class Recorded:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Points of each reconstructed cloud, int64 [N]: more than recorded where clouds were thinned."""
+        """Points of each reconstructed cloud, int64 [N]."""
         return np.nan_to_num(self.at_clouds("points"), nan=-1).astype(np.int64)
 
     def at_clouds(self, name: str) -> np.ndarray:
@@ -76,11 +76,3 @@ class Recorded:
     def projection(self) -> Projection | None:
         """The sensor's projection, if the sensor is known."""
         return self.sensor.projection if self.sensor else None
-
-    def frame_at(self, frame: int) -> int:
-        """The position in the index of the cloud with a frame index; negative ones count from the end."""
-        frames = self.index.frame_index
-        wanted = frames[frame] if -len(frames) <= frame < 0 else frame
-        (found,) = np.nonzero(frames == wanted)
-        require(len(found) > 0, "frame", frame, f"a frame of the recording, {frames.min()} … {frames.max()}")
-        return int(found[0])

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from srt3d_ros import __version__
 from srt3d_ros.errors import require
-from srt3d_ros.new_files import appearing_whole, writing
+from srt3d_ros.new_files import atomic_write, file_errors
 from srt3d_ros.review.gallery import make_gallery
 from srt3d_ros.review.plots import draw_plots
 from srt3d_ros.review.recorded import Recorded
@@ -17,31 +17,29 @@ _MOST_LOG_LINES = 500
 _LONGEST_LIST = 24          # values; of a longer list (an IRF), only the length is shown
 
 
-def write_report(recorded: Recorded, summary: dict, path: Path, pictures: str = "auto", notes: tuple[str, ...] = ()
-                 ) -> None:
+def write_report(recorded: Recorded, summary: dict, path: Path, note: str = "") -> None:
     """Write the report as an .html file, whole or not at all.
 
     Args:
         summary: from `summarise`.
-        pictures: who draws the clouds, as `by` of gallery.draw.
-        notes: for the top of the page, such as that the recording was repaired.
+        note: for the top of the page, such as that the recording was cut off.
 
     Raises:
         InvalidInput: if the file cannot be written there.
     """
     require(not path.is_dir(), "report", str(path), "a file, not a directory")     # before the pictures are drawn
-    html = _page(recorded, summary, pictures, notes)
-    with writing("report", path), appearing_whole(path) as part:
+    html = _page(recorded, summary, note)
+    with file_errors("report", path), atomic_write(path) as part:
         part.write_text(html, encoding="utf-8")
 
 
-def _page(recorded: Recorded, summary: dict, pictures: str, notes: tuple[str, ...]) -> str:
+def _page(recorded: Recorded, summary: dict, note: str) -> str:
     templates = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=templates, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template("report.html").render(
         version=__version__, title=f"{recorded.path.name}: recording", name=recorded.path.name,
-        subtitle=subtitle(summary), notes=notes, headlines=headlines(summary),
-        gallery=make_gallery(recorded, pictures),
+        subtitle=subtitle(summary), note=note, headlines=headlines(summary),
+        gallery=make_gallery(recorded),
         plots=[(title, Markup(svg)) for title, svg in draw_plots(recorded)],
         gaps=summary["gaps"], gap_count=summary["gap_count"], log=_log(recorded),
         log_summary=log_counts(summary), rows=rows(summary), tables=_tables(summary))
@@ -54,11 +52,8 @@ def _log(recorded: Recorded) -> list[dict]:
 
 
 def _tables(summary: dict) -> list[tuple[str, list[tuple[str, str]]]]:
-    """The recording's properties as (title, rows), the parameters by node."""
+    """The recording's properties as (title, rows)."""
     tables = {name.capitalize(): dict(summary.get(name, {})) for name in ("sensor", "run", "versions")}
-    for name, value in summary.get("parameters", {}).items():
-        node, _, parameter = name.rpartition(".")
-        tables.setdefault(f"Parameters of {node}" if node else "Parameters", {})[parameter] = value
     return [(title, [(key, _text(value)) for key, value in sorted(facts.items())])
             for title, facts in tables.items() if facts]
 

@@ -17,7 +17,7 @@ def summarise(recorded: Recorded) -> dict:
     """All figures of a recording; None for those without data.
 
     frames, duration_s, frame_rate_hz (mean), period_ms (median), gaps (after_frame, at_s, seconds, missing frames),
-    missing_frames, clouds_not_recorded, drops, latency_ms (p50, p95, max for each stage), points, photons, ppp and
+    missing_frames, clouds_not_recorded, latency_ms (p50, p95, max for each stage), points, photons, ppp and
     depth_std_mm where recorded (median, min, max), bytes and bytes_per_point, incomplete_series, log (lines of each
     level), typical_frame, fewest_points_frame, most_points_frame, and the properties.
     """
@@ -32,7 +32,7 @@ def summarise(recorded: Recorded) -> dict:
         "frame_rate_hz": _rounded((frames - 1) / duration) if duration > 0 else None,
         "period_ms": _rounded(period * 1e3) if period else None,
         "gaps": gaps[:_MOST_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
-        "clouds_not_recorded": _clouds_not_recorded(recorded), "drops": _last(recorded, "drops"),
+        "clouds_not_recorded": _clouds_not_recorded(recorded),
         "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
         "points": spread(recorded.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
@@ -74,7 +74,7 @@ def incomplete_series(recorded: Recorded) -> dict[str, int]:
         return int(np.isnan(recorded.at_clouds(name)).sum())
 
     expected = {"frame_rate_hz": 1}     # the first cloud has none
-    per_frame = [name for name in recorded.series if name not in ("drops", "points") and missing(name) < len(
+    per_frame = [name for name in recorded.series if name != "points" and missing(name) < len(
         recorded.index)]
     found = {name: missing(name) - expected.get(name, 0) for name in per_frame}
     return {name: count for name, count in found.items() if count > 0}
@@ -119,9 +119,7 @@ def rows(summary: dict) -> list[tuple[str, str]]:
     found = [("recorded", f"{s['started'].replace('T', ' ')}, {_duration(s['duration_s'])}, {_size(s['bytes'])}"),
              ("frames", f"{s['frames']:,}{rate}"), ("gaps", _gaps(s))]
     if s["clouds_not_recorded"]:
-        found.append(("clouds not recorded", f"{s['clouds_not_recorded']:,}: thinned out, or the disk was slow"))
-    if s["drops"] is not None:
-        found.append(("drops", f"{s['drops']:,.0f} frames or messages, in all nodes"))
+        found.append(("clouds not recorded", f"{s['clouds_not_recorded']:,}: the disk was slow"))
     found += [("latency" if stage == "total" else f"latency, {stage}",
                f"median {v['p50']:,.1f} ms, 95 % {v['p95']:,.1f} ms, worst {v['max']:,.1f} ms")
               for stage, v in s["latency_ms"].items()]
@@ -156,8 +154,6 @@ def headlines(summary: dict) -> list[dict]:
         found += [("median latency", _milliseconds(latency["p50"]), False),
                   ("95 % are faster than", _milliseconds(latency["p95"]), False)]
     found += [(_SPREADS[name], _number(s[name]["median"]), False) for name in ("points", "photons") if s[name]]
-    if s["drops"] is not None:
-        found.append(("drops", f"{s['drops']:,.0f}", s["drops"] > 0))
     found.append(("gaps", f"{s['gap_count']:,}", s["gap_count"] > 0))
     return [{"what": what, "figure": figure, "bad": bad} for what, figure, bad in found]
 
@@ -170,11 +166,6 @@ def log_counts(summary: dict) -> str:
 def _clouds_not_recorded(recorded: Recorded) -> int:
     series = recorded.series.get("points")
     return 0 if series is None else int(np.isin(series.stamp_ns, recorded.index.stamp_ns, invert=True).sum())
-
-
-def _last(recorded: Recorded, name: str) -> float | None:
-    series = recorded.series.get(name)
-    return float(series.values[-1]) if series is not None and len(series.values) else None
 
 
 def _spread(recorded: Recorded, name: str) -> dict | None:

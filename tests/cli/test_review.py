@@ -1,10 +1,9 @@
-"""`srt3d review`: what it prints and writes; a broken file is repaired into a copy, a foreign one is one line."""
+"""`srt3d review`: what it prints and writes; a file that was cut off is read, a foreign one is one line."""
 
 import json
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from srt3d_ros.recording.writer import RecordingWriter
@@ -24,7 +23,7 @@ def recording(tmp_path_factory, ball):
 
 
 def test_it_prints_the_figures_and_writes_the_report_beside_the_recording(srt3d, recording):
-    code, out, err = srt3d("review", recording, "--pictures", "own")
+    code, out, err = srt3d("review", recording)
     assert code == 0 and err == ""
     assert "6, 10 Hz" in out and "median 32.5 ms" in out and out.endswith(f"{recording.with_suffix('.html')}\n")
     assert "A typical cloud" in recording.with_suffix(".html").read_text()
@@ -33,20 +32,19 @@ def test_it_prints_the_figures_and_writes_the_report_beside_the_recording(srt3d,
 def test_json_is_one_line(srt3d, recording):
     code, out, _ = srt3d("review", recording, "--json", "--no-report")
     facts = json.loads(out)
-    assert code == 0 and out.count("\n") == 1 and facts["report"] is None and facts["notes"] == []
+    assert code == 0 and out.count("\n") == 1 and facts["report"] is None and facts["note"] == ""
     assert facts["frames"] == 6 and facts["latency_ms"]["total"]["max"] == 35 and facts["sensor"]["rows"] == 40
 
 
-def test_a_recording_that_was_cut_off_is_repaired_into_a_copy_and_said_so(srt3d, recording, tmp_path):
+def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes_and_said_so(srt3d, recording, tmp_path):
     cut, data = tmp_path / "cut.rrd", recording.read_bytes()
     cut.write_bytes(data[:len(data) // 2])
     before = cut.read_bytes()
     code, out, err = srt3d("review", cut, "--json", "--no-report")
     facts = json.loads(out)
-    assert code == 0 and cut.read_bytes() == before
-    assert err.startswith(f"srt3d: {cut} was not finished: repaired into {tmp_path / 'cut_repaired.rrd'}, ")
-    assert err.count("\n") == 1
-    assert 2 <= facts["frames"] < 6 and facts["notes"] == [err.strip().removeprefix("srt3d: ")]
+    assert code == 0 and cut.read_bytes() == before and list(tmp_path.iterdir()) == [cut]
+    assert err == f"srt3d: {cut} was cut off: this is what can be read\n"
+    assert 2 <= facts["frames"] < 6 and facts["note"] == err.strip().removeprefix("srt3d: ")
 
 
 @pytest.mark.parametrize("content, expected", [
@@ -59,27 +57,8 @@ def test_empty_foreign_and_newer_files_are_one_line_each(refusal, tmp_path, cont
     assert said.startswith("recording is ") and expected in said
 
 
-def test_a_frame_becomes_a_cloud_file(srt3d, recording, ball, tmp_path):
-    code, out, _ = srt3d("review", recording, "--frame", -1, "-o", tmp_path / "a.npz", "--json")
-    assert code == 0 and json.loads(out)["frame"] == 5
-    with np.load(tmp_path / "a.npz") as file:
-        assert len(file["row"]) == len(ball[0]) and set(np.unique(file["row"])) == set(range(40))
-
-
-def test_compare_and_bag(srt3d, refusal, recording, tmp_path):
-    code, out, _ = srt3d("review", recording, "--compare", recording)
-    assert code == 0 and "6 of 6" in out and "by stamp" in out
-    code, out, _ = srt3d("review", recording, "--to-bag", tmp_path / "bag")
-    assert code == 0 and out == f"6 clouds on /points\n{tmp_path / 'bag'}\n"
-    assert refusal("review", recording, "--to-bag", tmp_path / "bag").startswith("bag is ")
-
-
 @pytest.mark.parametrize("arguments, expected", [
-    (["--frame", "0"], "-o is missing: expected a file for the cloud"),
-    (["--frame", "0", "-o", "a.xyz"], "ends in .npz, .ply, .pcd, .rrd, .png"),
-    (["--frame", "9", "-o", "a.ply"], "a frame of the recording, 0 … 5"),
-    (["-o", "a.pdf"], "ends in .html"), (["--no-report", "-o", "a.html"], "a report or a cloud to be asked for"),
-    (["--turntable", "a.avi"], "ends in .gif, .mp4"), (["--compare", "no.rrd"], "an .rrd file that exists")])
+    (["-o", "a.pdf"], "ends in .html"), (["--no-report", "-o", "a.html"], "a report, without --no-report")])
 def test_mistakes_are_one_line(refusal, recording, tmp_path, monkeypatch, arguments, expected):
     monkeypatch.chdir(tmp_path)
     assert expected in refusal("review", recording, *arguments) and list(tmp_path.iterdir()) == []
@@ -99,4 +78,4 @@ def test_a_chunk_at_which_rerun_would_end_the_process_is_one_line(repository):
                           capture_output=True, text=True)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert "damaged.rrd: expected an .rrd file whose chunks can be read: " in line and line.endswith("SIGABRT")
+    assert "damaged.rrd: expected an .rrd file whose chunks can be read" in line

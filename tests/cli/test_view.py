@@ -111,7 +111,7 @@ def test_a_file_that_is_no_recording_is_refused(refusal, opened, tmp_path):
 
 def test_where_there_is_a_screen_the_viewer_opens(srt3d, monkeypatch, tmp_path, opened, port):
     monkeypatch.setenv("DISPLAY", ":0")
-    with record(tmp_path / "a.rrd", live=(port, 16)):
+    with record(tmp_path / "a.rrd", live_port=port):
         srt3d("view", tmp_path / "a.rrd")
         assert Path(opened[0]).name == "rerun" and opened[1:] == [*HERE, str(tmp_path / "a.rrd")]
         srt3d("view", "--connect", f"127.0.0.1:{port}")
@@ -128,7 +128,7 @@ def test_without_a_screen_the_line_for_ssh_is_printed(srt3d, monkeypatch, tmp_pa
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(os, "getuid", lambda: 54321)        # as docker run --user has it
-    with record(tmp_path / "a.rrd", live=(port, 16)):
+    with record(tmp_path / "a.rrd", live_port=port):
         code, out, _ = srt3d("view", "--connect", f"127.0.0.1:{port}")
     assert code == 0 and f"  ssh -L {port}:127.0.0.1:{port} {address}\n" in out
 
@@ -153,7 +153,7 @@ def test_without_a_screen_recordings_are_served_on_the_loopback_interface(tmp_pa
 
 def test_who_connects_late_gets_what_came_before_also_over_the_next_file(tmp_path, port):
     for number in range(2):         # the port is free again after the first
-        with record(tmp_path / f"{number}.rrd", live=(port, 16)) as writer:
+        with record(tmp_path / f"{number}.rrd", live_port=port) as writer:
             fetch(port, tmp_path / f"seen{number}.rrd", lambda path: frames_in(path) == 20)
             assert listening_at(port) == {"127.0.0.1"}
         assert writer.error is None and frames_in(tmp_path / f"{number}.rrd") == 20
@@ -165,4 +165,4 @@ def test_a_port_that_is_taken_gives_one_line(tmp_path):
         other.listen()
         taken = other.getsockname()[1]
         with pytest.raises(InvalidInput, match=f"live_port is {taken}: expected a port that is free"):
-            RecordingWriter(tmp_path / "a.rrd", None, live=(taken, 16))
+            RecordingWriter(tmp_path / "a.rrd", None, live_port=taken)

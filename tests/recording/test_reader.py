@@ -43,7 +43,7 @@ def with_version(data, minor):
 
 @pytest.mark.parametrize("damage, expected", [
     (lambda data: data[:7], "more than its header"),
-    (lambda data: data[:-1000], "`srt3d review` repairs it"),
+    (lambda data: data[:-1000], "`srt3d review` shows what can be read"),
     (lambda data: with_version(data, 250), "a file of rerun 0.23 to 0.41.*; it is of 0.250.0"),
     (lambda data: b"RRF3" + data[4:], "pip install -U rerun-sdk, or `rerun rrd migrate`"),
     (lambda data: data[:500] + bytes(len(data) - 600) + data[-100:], "can be read"),
@@ -61,12 +61,12 @@ def test_optional_components_images_logs_and_properties_are_read_where_they_are(
     stream.save(tmp_path / "a.rrd")
     stream.set_time("stamp", timestamp=np.datetime64(7, "ns"))
     stream.set_time("frame", sequence=3)
-    half = pa.array(np.float16([0.5, 2]))
+    half = pa.array(np.float32([0.5, 2]))
     stream.log("/points", rr.Points3D(np.ones((2, 3), np.float32), colors=np.zeros(2, np.uint32)),
                rr.AnyValues(intensity=half, depth_std=half, row=pa.array(np.uint16([7, 8]))))
     counts = np.arange(6).reshape(2, 3)
     stream.log("/photons", rr.DepthImage(counts.astype(np.uint8)))
-    stream.log("/intensity", rr.DepthImage(counts.astype(np.float16)))
+    stream.log("/intensity", rr.DepthImage(counts.astype(np.float32)))
     stream.log("/background", rr.DepthImage(counts.astype(np.uint32)))
     stream.log("/log/sketcher", rr.TextLog("a line", level="WARN"))
     stream.send_property("versions", rr.AnyValues(numpy="2.4"))

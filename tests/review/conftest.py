@@ -61,7 +61,6 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
     schema.log_properties(stream, "sensor", schema.sensor_properties(sensor))
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
     stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
-    stream.send_property("parameters", rr.AnyValues(**{"sketcher.sketch_size": 10}))
     frame = 0
     for k in range(frames):
         if k in missing:
@@ -74,10 +73,9 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
         stream.log("/points", rr.Points3D(xyz, colors=np.full(n, 0xFF8000FF, np.uint32), radii=0.01),
                    rr.AnyValues(intensity=pa.array(cloud.intensity[:n]),
                                 depth_std=pa.array(cloud.depth_std_bins[:n] * np.float32(sensor.bin_width_m))))
-        stream.log("/depth", schema.depth_image(cloud.depth_image(sensor.projection), 0, 1, True))
+        stream.log("/depth", schema.depth_image(cloud.depth_image(sensor.projection), 0, 1))
         stream.log("/background", rr.DepthImage(cloud.background.astype(np.float16)))
-        series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5,
-                  "drops": 2 * (frame > 15)}
+        series = {"latency_ms": 30 + frame, "latency_sketch_ms": 5, "points": n, "photons": 9000 + k, "ppp": 4.5}
         for name, value in series.items():
             if (name, frame) != ("photons", 7):
                 stream.log(f"/metrics/{name}", rr.Scalars(float(value)))
