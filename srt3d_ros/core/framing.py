@@ -5,15 +5,24 @@ A frame ends when it is complete, by number (`packets` messages), or by stamp: f
 with its last packet if all come, and with the next frame's first if not.
 
 Within the open frame packets may come in any order: sketches add. What is older than the last frame is late.
+
+How long packets may stay away follows from the usual step between their stamps. That is the second longest of the
+newest steps, of about two frames: a sensor may send the packets of a frame at once and then pause, and one leap alone
+is not usual.
 """
 
 from collections import deque
 from dataclasses import dataclass
+from heapq import nlargest
 from typing import NamedTuple
 
 HELD_BYTES = 2**25      # newest packets that are kept to be compared with: more than a network delays a packet's double
 SAMPLE_BYTES = 32       # of a packet, to look it up by
 AS_MANY_AS_COME = 1     # with a period, a number of packets that says nothing
+STEPS_KEPT = 1000       # bounds the cost where frames have very many packets
+USUAL_STEPS = 10        # that may be missing at a stretch, before more is taken for an end or a new beginning
+LEAP_NS = 10**9         # less is no leap: drivers, networks and busy machines pause for so long, and go on
+SILENCE_NS = 5 * 10**8  # less is no silence, for the same reason; longer, the last frame of a driver would be late
 
 
 class OpenFrame(NamedTuple):
@@ -50,13 +59,13 @@ class Framing:
     Args:
         packets: that complete a frame; with a period 1 stands for as many as come.
         period_ns: P; 0 = frames end by number only, and one packet a frame is never taken for a double.
-        gap_ns: stamps that fall back or leap ahead by more say that the driver, the bag or the clock began again: the
-            open frame ends if it has a period, and is given up if it would wait for its number.
     """
 
-    def __init__(self, packets: int = 1, period_ns: int = 0, gap_ns: int = 10**9):
-        self.settings = packets, period_ns, gap_ns
-        self._period_ns, self._gap_ns = period_ns, gap_ns
+    def __init__(self, packets: int = 1, period_ns: int = 0):
+        self.settings = packets, period_ns
+        self._period_ns = period_ns
+        self._steps_ns: deque[int] = deque(maxlen=min(2 * packets + 2, STEPS_KEPT))     # between successive packets
+        self._last_ns: int | None = None
         self._packets = 0 if period_ns and packets == AS_MANY_AS_COME else packets
         self.open = OpenFrame()
         self.clear()
@@ -73,9 +82,17 @@ class Framing:
         return frame if frame.packets else None
 
     def place(self, stamp_ns: int, content: bytes) -> Placed:
-        """What a packet means for the frames; see Placed."""
+        """What a packet means for the frames; see Placed.
+
+        Stamps that fall back or leap ahead by more than USUAL_STEPS, or periods, and LEAP_NS say that the driver, the
+        bag or the clock began again: the open frame ends if it has a period, and is given up if it would wait for its
+        number.
+        """
         ended = forgotten = None
-        began_again = self._newest_ns is not None and abs(stamp_ns - self._newest_ns) > self._gap_ns
+        began_again = self._newest_ns is not None and self._is_leap(abs(stamp_ns - self._newest_ns))
+        if self._last_ns is not None:
+            self._steps_ns.append(abs(stamp_ns - self._last_ns))
+        self._last_ns = stamp_ns
         if began_again:
             frame = self.clear()
             ended, forgotten = (frame, None) if self._period_ns else (None, frame)
@@ -95,6 +112,23 @@ class Framing:
         self._start_ns = stamp_ns if self._start_ns is None else min(self._start_ns, stamp_ns)
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
         return self._end() if self.open.packets == self._packets else None
+
+    @property
+    def silence_ns(self) -> int:
+        """Without a packet for so long, the open frame has got all that it gets; may be called from any thread."""
+        usual_ns = self._usual_step_ns()
+        return max(SILENCE_NS, self._period_ns if usual_ns is None else USUAL_STEPS * usual_ns)
+
+    def _is_leap(self, step_ns: int) -> bool:
+        if step_ns <= LEAP_NS:
+            return False
+        usual_ns = self._usual_step_ns()
+        return usual_ns is not None and step_ns > USUAL_STEPS * max(usual_ns, self._period_ns)
+
+    def _usual_step_ns(self) -> int | None:
+        """The second longest of the newest steps; None while there are not two."""
+        longest = nlargest(2, tuple(self._steps_ns))
+        return longest[1] if len(longest) == 2 else None
 
     def end_after_silence(self) -> OpenFrame | None:
         """The open frame, which ends if it has a period; else None."""

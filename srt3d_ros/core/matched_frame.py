@@ -45,7 +45,6 @@ class MatchedFrame:
         curvature: Σ ω_l² |ĥ_l|², bins⁻²: times r², the curvature of the data term in depth.
         clutter: float32 [T], standard deviation of matched filters at each bin over that in an even background, 1 or
             more; None if the background is even.
-        origin: row and column of the first pixel in the array of which the frame is a part.
         size: rows, cols if the maps are padded (`kernels.maps`): float32 [rows', 2m, cols'] and [rows', cols'].
     """
 
@@ -63,7 +62,6 @@ class MatchedFrame:
     total_energy: float
     curvature: float
     clutter: np.ndarray | None = None
-    origin: tuple[int, int] = (0, 0)
     size: tuple[int, int] | None = None
 
     @property
@@ -95,7 +93,7 @@ class Matcher:
     """
 
     def __init__(self, sensor: SensorModel, frequencies):
-        self.sensor, self.origin = sensor, (0, 0)
+        self.sensor = sensor
         self.frequencies = frequencies = check_frequencies(frequencies, sensor.num_bins)
         omega = angular_frequencies(frequencies, sensor.num_bins)
         spectrum = np.atleast_2d(irf_spectrum(sensor, frequencies))                    # [1 or pixels, m]
@@ -133,8 +131,7 @@ class Matcher:
         """Function from padded `matched` and `counts`, and `clutter`, to a MatchedFrame on the kernels' device."""
         exposure = self.sensor.exposure
         constants = on_device({**self._constants, "exposure": maps.pad(exposure), "size": exposure.shape}, kernels)
-        return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, origin=self.origin,
-                                                                  **constants)
+        return lambda matched, counts, clutter=None: MatchedFrame(matched, counts, clutter=clutter, **constants)
 
     def check(self, sketch: Sketch) -> None:
         """Raise InvalidInput unless the sketch was taken with this sensor and these frequencies, and is of numbers."""

@@ -52,11 +52,11 @@ class Method:
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, regularised by sharing photons (each pixel's data term is pooled along the "
            "surface) instead of smoothing depths with APSS afterwards", "sketch", "srt3d_ros.core.pooled:Pooled",
-           options=("false_alarm_rate", "background", "warm_start", "upsampling")),
+           options=("false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
-           "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive", ("weighting",)),
+           "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive"),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",
-           "consecutive", ("false_alarm_rate", "weighting")),
+           "consecutive", ("false_alarm_rate",)),
     Method("xcorr", "matched filter on each pixel's histogram", "photons", "srt3d_ros.core.baselines.xcorr:XCORR",
            options=("false_alarm_rate",)),
     Method("rt3d", "RT3D as published, gradient steps on every time of arrival and an APSS denoiser", "photons",

@@ -60,23 +60,14 @@ class Pose:
     def rotation_vector(self) -> np.ndarray:
         """Axis times angle in radians, 0 to π; float64 [3]: the inverse of `turned`."""
         r = self.rotation
-        axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2      # times sin(angle)
-        sine, cosine = float(np.linalg.norm(axis)), (np.trace(r) - 1) / 2
-        angle = float(np.arctan2(sine, cosine))
-        if sine > SMALL_RAD:
-            return axis * (angle / sine)
-        if cosine > 0:
-            return axis
+        if np.trace(r) > -1 + SMALL_RAD**2:
+            return _vectors(r[None])[0]
         column = (r + np.eye(3))[:, np.argmax(np.diag(r))]      # half a turn: R = 2 a aᵀ − 1
-        return column / np.linalg.norm(column) * angle
+        return column / np.linalg.norm(column) * np.pi
 
     def inverse(self) -> Self:
         """The motion back."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
-
-    def same_as(self, other: Self) -> bool:
-        """Whether both are the same, to the bit."""
-        return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.translation, other.translation)
 
     def __matmul__(self, other: Self) -> Self:
         """First `other`, then this."""

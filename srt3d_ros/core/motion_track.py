@@ -20,14 +20,12 @@ class MotionReport:
 
     Args:
         stamp_ns: when.
-        frame_id: the body's frame: an Odometry's child_frame_id, an Imu's frame_id.
         pose: from the body's frame to a fixed one; None of an IMU.
         speed_m_s: 0 where it is not known.
         rate_rad_s: float64 [3], of the turn, in the body's frame.
     """
 
     stamp_ns: int
-    frame_id: str = ""
     pose: Pose | None = None
     speed_m_s: float = 0.0
     rate_rad_s: np.ndarray = field(default_factory=lambda: np.zeros(3))

@@ -9,11 +9,10 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 
 CHUNK = 2**16           # photons compared together, so that they stay in the cache
-TOA_DTYPES = (np.uint16, np.uint32, np.float32)
+TOA_DTYPES = (np.uint16, np.float32)
 MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
 MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
 COUNTS_A_PHOTON = 8     # of a histogram that are added up in the time of a photon
-MAX_T_NS = 4_000_000_000    # instants before the stamp, by up to 0.29 s, wrap around to more
 COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
 
 
@@ -23,25 +22,19 @@ class PhotonEvents:
 
     Args:
         pixel: uint32 [N], row · cols + col.
-        toa: uint16, uint32 or float32 [N], time of arrival in bins, 0 ≤ toa < T. What 5 and 5.0 mean: SensorModel.
+        toa: uint16 or float32 [N], time of arrival in bins, 0 ≤ toa < T. What 5 and 5.0 mean: SensorModel.
         stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
-        t: uint32 [N], nanoseconds after stamp_ns at which each photon came, at most 4·10⁹: of its laser pulse, not of
-            its ToA. None where they are not told. Only a sketcher that follows a moving sensor looks at it.
     """
 
     pixel: np.ndarray
     toa: np.ndarray
     stamp_ns: int = 0
-    t: np.ndarray | None = None
 
     def __post_init__(self):
-        require(self.toa.dtype in TOA_DTYPES, "toa dtype", str(self.toa.dtype), "uint16, uint32 or float32")
+        require(self.toa.dtype in TOA_DTYPES, "toa dtype", str(self.toa.dtype), "uint16 or float32")
         require(self.pixel.dtype == np.uint32, "pixel dtype", str(self.pixel.dtype), "uint32")
         require(self.pixel.shape == self.toa.shape and self.pixel.ndim == 1, "pixel and toa shapes",
                 f"{self.pixel.shape} and {self.toa.shape}", "the same [N]")
-        if self.t is not None:
-            require(self.t.dtype == np.uint32 and self.t.shape == self.toa.shape, "t", f"{self.t.dtype} {self.t.shape}",
-                    f"uint32 {self.toa.shape}, nanoseconds")
 
     @property
     def photons(self) -> int:
@@ -56,10 +49,10 @@ class PhotonEvents:
 
     def part(self, which: np.ndarray) -> "PhotonEvents":
         """The photons that an index or a mask [N] chooses."""
-        return replace(self, pixel=self.pixel[which], toa=self.toa[which], t=None if self.t is None else self.t[which])
+        return replace(self, pixel=self.pixel[which], toa=self.toa[which])
 
     def check(self, sensor: SensorModel) -> None:
-        """Raise InvalidInput if a photon lies outside the sensor's pixels or bins, or came too long after the stamp."""
+        """Raise InvalidInput if a photon lies outside the sensor's pixels or bins."""
         if self.photons == 0:
             return
         worst = int(self.pixel[-1] if self.is_sorted else self.pixel.max())
@@ -69,8 +62,6 @@ class PhotonEvents:
         high = self.toa.max()                           # a NaN makes both NaN
         require(bool(low >= 0 and high < sensor.num_bins), "toa", (low if high < sensor.num_bins else high).item(),
                 f"bins in [0, {sensor.num_bins})")
-        if self.t is not None:
-            require(self.t.max() <= MAX_T_NS, "t", int(self.t.max()), f"nanoseconds after the stamp, 0 to {MAX_T_NS}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,12 @@ plenty the depths are known so well that the weights end at the finest relief; w
 the whole window.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from srt3d_ros.core.background import PASSES, WINDOW, Background, Belief
-from srt3d_ros.core.cloud import PointCloud, refine
+from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.sensor import SensorModel
@@ -56,8 +55,6 @@ class Pooled:
             unexplained, if that is significant.
         warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
             the others: less depth error while the scene goes on. For frames that follow each other.
-        upsampling: u, 1 … 4: the cloud has u × u finer pixels in the place of each, see `refine`; they are those of
-            `self.sensor`.
 
     Raises:
         InvalidInput: for a parameter that cannot be used.
@@ -65,12 +62,10 @@ class Pooled:
 
     def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
-                 background: str = "auto", warm_start: bool = False, upsampling: int = 1):
+                 background: str = "auto", warm_start: bool = False):
         check_options(surfaces, false_alarm_rate)
         self.device, self.kernels = kernels_for(device)
-        self.sensor, self.upsampling = sensor.upsampled(upsampling), upsampling
-        self.surfaces = surfaces
-        self.false_alarm_rate = false_alarm_rate
+        self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)
         array = self.kernels.array
@@ -80,52 +75,48 @@ class Pooled:
         self._square = np.ones(WINDOW, np.float32)
         self._near = self._used / self._sums_near(self._used + 1e-6)
         self._scratch = self.kernels.Scratch()
-        self._begin_streams()
         self._warm_start, self._next_is_warm, self._is_first = warm_start, False, True
         self._added_variance = 0.0
 
     def __call__(self, sketch: Sketch) -> PointCloud:
-        """The point cloud of one frame's sketch; of a first one, as often as its background takes to settle."""
-        passes = PASSES if self._is_first else 1
-        cloud = self.submit(sketch)()
+        """The point cloud of one frame's sketch.
+
+        A first frame is reconstructed as often as its background takes to settle, at most PASSES times. Each frame
+        takes a step towards its background, for the next ones; one that begins to take an uneven background out is
+        reconstructed from two starts, and the better is kept.
+        """
+        self._matcher.check(sketch)
+        self._added_variance = sketch.added_variance
+        passes, warm = PASSES if self._is_first else 1, self._next_is_warm
+        self._is_first, self._next_is_warm = False, self._warm_start
+        cloud = self._pass(sketch, warm)
         while passes > 1 and not self._background.belief.settled:
-            self._next_is_warm, passes = False, passes - 1
-            cloud = self.submit(sketch)()
+            passes -= 1
+            cloud = self._pass(sketch, warm=False)
             if self._background.belief.mean is None:        # no start is a background
                 break
         return cloud
 
-    def submit(self, sketch: Sketch) -> Callable[[], PointCloud]:
-        """Begin a frame; the function returned waits for its cloud.
-
-        On a GPU the next frame's sketch is copied there, and the last one's cloud back, while a frame is computed: ask
-        for a cloud after the next frame has been submitted. A sketch on the GPU is not copied. On a CPU the cloud is
-        ready at once. Each frame takes a step towards its background, for the next frames; one that begins to take an
-        uneven background out is reconstructed from two starts, and the better is kept.
-        """
-        self._matcher.check(sketch)
-        if sketch.added_variance != self._added_variance:
-            self._added_variance = sketch.added_variance
-            self._begin_streams()
-        self._is_first, warm, self._next_is_warm = False, self._next_is_warm, self._warm_start
+    def _pass(self, sketch: Sketch, warm: bool) -> PointCloud:
+        """A cloud with the background in force, which learns from it."""
         starts = self._background.starts(sketch)
         if not starts:
-            wait = self._begin(sketch, self._background.belief, warm)
-
-            def finish() -> PointCloud:
-                cloud, before, after, _ = wait()
-                if (before.mean is None) == (self._background.belief.mean is None):     # not overtaken
-                    self._background.belief = after
-                return cloud
-            return finish
-
+            cloud, self._background.belief, _ = self._reconstruct(sketch, self._background.belief, warm)
+            return cloud
         if self.surfaces > 1:           # further surfaces would take the background for themselves
-            single = Pooled(self._matcher.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
+            single = Pooled(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
             single(sketch)
             starts = starts[:1] if single.uneven_background == 0 else (single._background.belief,)
-        passes = [self._begin(sketch, start, warm=False)() for start in starts]
-        cloud, _, self._background.belief, _ = min(passes, key=lambda found: found[-1])
-        return lambda: cloud
+        cloud, self._background.belief, _ = min((self._reconstruct(sketch, start, warm=False) for start in starts),
+                                                key=lambda found: found[-1])
+        return cloud
+
+    def _reconstruct(self, sketch: Sketch, belief: Belief, warm: bool) -> tuple[PointCloud, Belief, float]:
+        """Cloud, the belief after it, and its misfit."""
+        found, *points = self.kernels.run_frame(partial(self._points, warm), sketch.photons, sketch.sums,
+                                                *self._background.taken(belief, sketch))
+        after = belief if self._background.is_even else self._background.learn(belief, found, points[0])
+        return self._cloud(sketch.stamp_ns, *points), after, found[-1]
 
     @property
     def uneven_background(self) -> float:
@@ -138,27 +129,6 @@ class Pooled:
         self._next_is_warm, self._is_first = False, True
         self._background.forget()
 
-    def begin_at(self, row: int, col: int) -> None:
-        """Where the sensor's first pixel lies in an array of which it is a part: slanted windows count from (0, 0)."""
-        self._matcher.origin = row, col
-
-    def _begin_streams(self) -> None:
-        """Frames by kernels, which a GPU records with their thresholds."""
-        self._cold_frames, self._warm_frames = (self.kernels.FrameStream(partial(self._points, warm))
-                                                for warm in (False, True))
-
-    def _begin(self, sketch: Sketch, belief: Belief, warm: bool) -> Callable[[], tuple]:
-        """Begin a frame; the function returned waits for cloud, the belief before and after it, and its misfit."""
-        frames = self._warm_frames if warm else self._cold_frames
-        wait = frames.submit(sketch.photons, sketch.sums, *self._background.taken(belief, sketch))
-
-        def finish() -> tuple:
-            found, *results = wait()
-            cloud = self._cloud(sketch.stamp_ns, *results)
-            after = belief if self._background.is_even else self._background.learn(belief, found, results[0])
-            return cloud, belief, after, found[-1]
-        return finish
-
     def _sums_near(self, values):
         """Sums over the square around each pixel, of an array [rows, cols] on the device."""
         return self.kernels.blur(values[:, None], self._square, 1)[:, 0]
@@ -170,7 +140,7 @@ class Pooled:
             background, mean: photons that are taken out of the frame, and β̂; None for none.
             clutter: `MatchedFrame.clutter`.
         """
-        kernels, scratch, sensor = self.kernels, self._scratch, self._matcher.sensor
+        kernels, scratch, sensor = self.kernels, self._scratch, self.sensor
         wider = (1 + self._added_variance)**0.5         # scores spread by as much
         found = wider * score_threshold(self.false_alarm_rate, max(self._matcher.frequencies), REST_SCALES[-1])
         continued = wider * continuation_threshold(self.false_alarm_rate)
@@ -256,11 +226,10 @@ class Pooled:
         return state
 
     def _cloud(self, stamp_ns: int, background, row, col, rank, values, xyz) -> PointCloud:
-        depth, intensity, std, *slopes = values
+        depth, intensity, std = values[:3]
         if self._added_variance:
             std = std * self._widening(intensity, background[row, col])
-        cloud = PointCloud(row, col, depth, intensity, std, xyz, rank, background, stamp_ns)
-        return cloud if self.upsampling == 1 else refine(cloud, self.upsampling, self.sensor, *slopes)
+        return PointCloud(row, col, depth, intensity, std, xyz, rank, background, stamp_ns)
 
     def _widening(self, intensity, background) -> np.ndarray:
         """By how much the added variance widens standard deviations of depth: that of photons is in them."""
@@ -269,23 +238,10 @@ class Pooled:
         return np.sqrt(1 + self._added_variance * even / (share * signal + (1 - share) * even)).astype(np.float32)
 
     def warm_up(self) -> None:
-        """Compile the kernels, or load them from the disk, so that the first frame is as fast as the others.
-
-        On a GPU, frames of this size are run, which also allocates their memory and records what is computed.
-        """
-        if self.kernels.WARM_FRAMES:
-            for _ in range(self.kernels.WARM_FRAMES + self._warm_start):
-                self(noise_sketch(self._matcher.sensor, self._matcher.frequencies))
-            if not self._background.is_even:
-                even = np.zeros(len(self._matcher.frequencies), complex)
-                for _ in range(self.kernels.WARM_FRAMES):
-                    self._begin(noise_sketch(self._matcher.sensor, self._matcher.frequencies), Belief(even),
-                                self._warm_start)()
-            self.forget()
-        else:
-            small = self._matcher.sensor.cropped(slice(8), slice(8))
-            Pooled(small, self._matcher.frequencies, self.surfaces, device=self.device)(
-                noise_sketch(small, self._matcher.frequencies))
+        """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one."""
+        sensor = self.sensor.cropped(slice(8), slice(8)) if self.kernels.ON_HOST else self.sensor
+        Pooled(sensor, self._matcher.frequencies, self.surfaces, device=self.device)(
+            noise_sketch(sensor, self._matcher.frequencies))
 
 
 def check_options(surfaces: int, false_alarm_rate: float | None) -> None:

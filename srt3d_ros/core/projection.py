@@ -74,12 +74,6 @@ class Pinhole:
             return tuple(np.where(seen, at, np.nan).astype(np.float32)
                          for at in (self.fy * y + self.cy, self.fx * x + self.cx))
 
-    def upsampled(self, factor: int) -> "Pinhole":
-        """The same camera with `factor` × `factor` finer pixels in the place of each."""
-        first = _first_centre(factor)
-        return replace(self, fx=self.fx * factor, fy=self.fy * factor, cx=(self.cx - first) * factor,
-                       cy=(self.cy - first) * factor)
-
     def cropped(self, first_row: int, first_col: int) -> "Pinhole":
         """The same camera whose pixel (0, 0) is (first_row, first_col) of this one."""
         return replace(self, cx=self.cx - first_col, cy=self.cy - first_row)
@@ -139,13 +133,6 @@ class AngularScan:
         azimuth, elevation = self.azimuth_step_rad, self.elevation_step_rad
         return azimuth or abs(elevation) or 1.0, elevation or abs(azimuth) or 1.0
 
-    def upsampled(self, factor: int) -> "AngularScan":
-        """The same scan in steps `factor` times finer."""
-        first = _first_centre(factor)
-        return AngularScan(self.azimuth_start_rad + first * self.azimuth_step_rad, self.azimuth_step_rad / factor,
-                           self.elevation_start_rad + first * self.elevation_step_rad,
-                           self.elevation_step_rad / factor)
-
     def cropped(self, first_row: int, first_col: int) -> "AngularScan":
         """The same scan whose pixel (0, 0) is (first_row, first_col) of this one."""
         return replace(self, azimuth_start_rad=self.azimuth_start_rad + first_col * self.azimuth_step_rad,
@@ -153,11 +140,6 @@ class AngularScan:
 
 
 Projection = Pinhole | AngularScan
-
-
-def _first_centre(factor: int) -> float:
-    """Where the centre of pixel 0 of a grid `factor` times finer lies on the coarse one; pixel i lies i / factor on."""
-    return 0.5 / factor - 0.5
 
 
 def _unit(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

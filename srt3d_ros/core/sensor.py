@@ -10,14 +10,12 @@ from numpy.typing import ArrayLike
 
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import Pinhole, Projection
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 SPEED_OF_LIGHT = 299_792_458.0
 MAX_SIDE = 65_536
 MAX_PIXELS = 2**24
 MAX_BINS = 65_535
-MAX_UPSAMPLING = 4
 BIN_WIDTHS_S = 1e-18, 1.0
 MAX_RANGE_M = 1e12          # float32 holds its square
 GAINS = 1e-4, 1e4
@@ -67,7 +65,6 @@ class SensorModel:
         histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
         frame_id: the sensor's frame in tf.
         toa_reference: "bin_center" or "bin_edge".
-        scan: when each pixel looks; all at the frame's stamp if absent, or if sketches were moved to it.
 
     Raises:
         InvalidInput: naming the field that cannot be used.
@@ -90,7 +87,6 @@ class SensorModel:
     histograms: HistogramBins | None = None
     frame_id: str = "lidar"
     toa_reference: str = "bin_center"
-    scan: ScanRate | None = None
 
     def __post_init__(self) -> None:
         for name, least, most in (("rows", 1, MAX_SIDE), ("cols", 1, MAX_SIDE), ("num_bins", 2, MAX_BINS)):
@@ -112,8 +108,6 @@ class SensorModel:
         self._check_maps()
         if self.histograms is not None:
             self.histograms.check(self.rows, self.cols, self.num_bins)
-        if self.scan is not None:
-            self.scan.check(self.rows, self.cols)
         if self.projection is None:
             self._set("projection", Pinhole.from_fov(self.rows, self.cols))
         if isinstance(self.projection, Pinhole):
@@ -165,11 +159,6 @@ class SensorModel:
         gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
         return gain if self.mask is None else gain * self.mask
 
-    @cached_property
-    def pixel_times_s(self) -> np.ndarray | None:
-        """Seconds after the frame's stamp at which each pixel looks, float64 [rows, cols]; None if all look at once."""
-        return None if self.scan is None else self.scan.times_s(self.rows, self.cols)
-
     @property
     def bin_width_m(self) -> float:
         """Metres of range in one bin, c/2 · bin_width_s."""
@@ -207,20 +196,6 @@ class SensorModel:
         """A copy with some fields changed and checked."""
         return replace(self, **changes)
 
-    def upsampled(self, factor: int) -> "SensorModel":
-        """A sensor that sees the same with `factor` × `factor` finer pixels, factor 1 … 4, in the place of each."""
-        require(type(factor) is int and 1 <= factor <= MAX_UPSAMPLING, "upsampling", factor,
-                f"an integer from 1 to {MAX_UPSAMPLING}")
-        if factor == 1:
-            return self
-
-        def finer(values: np.ndarray) -> np.ndarray:
-            return values.repeat(factor, axis=0).repeat(factor, axis=1)
-
-        return self.replace(rows=self.rows * factor, cols=self.cols * factor, **self._of_pixels(finer), histograms=None,
-                            projection=self.projection.upsampled(factor),
-                            scan=self.scan and self.scan.upsampled(factor))
-
     def cropped(self, rows: slice, cols: slice = slice(None)) -> "SensorModel":
         """The sensor of some pixels alone, which see the same: those of the rows and columns, such as slice(10, 40).
 
@@ -231,8 +206,7 @@ class SensorModel:
         (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
         return self.replace(rows=row_count, cols=col_count, **self._of_pixels(lambda values: values[rows, cols]),
                             histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
-                            projection=self.projection.cropped(first_row, first_col),
-                            scan=self.scan and self.scan.cropped(first_row, first_col))
+                            projection=self.projection.cropped(first_row, first_col))
 
     def _of_pixels(self, taken: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
         """The calibration of each pixel, through a function of maps [rows, cols, …]."""

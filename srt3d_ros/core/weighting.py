@@ -12,9 +12,7 @@ import numpy as np
 
 from srt3d_ros.core.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.errors import require
 
-WEIGHTINGS = ("identity", "precision")
 LEVELS = 65             # shares α from 0 to 1
 RIDGE = 1e-3            # of the mean variance: for IRFs so short that all photons of a surface have one sketch
 
@@ -42,18 +40,14 @@ class WeightedSteps:
         return np.sqrt(photons * self.variance[np.rint(level).astype(np.int32)]) / signal
 
 
-def weighted_steps(sensor: SensorModel, frequencies, weighting: str) -> WeightedSteps:
-    """The steps for one sensor and weighting, "identity" or "precision"."""
-    require(weighting in WEIGHTINGS, "weighting", weighting, " or ".join(WEIGHTINGS))
+def weighted_steps(sensor: SensorModel, frequencies, precise: bool) -> WeightedSteps:
+    """The steps for one sensor, with W the inverse covariance if `precise`, else the identity."""
     energy = (np.abs(np.atleast_2d(irf_spectrum(sensor, frequencies)))**2).mean(axis=0)
     zero = np.zeros_like(energy)
     derivatives = np.stack([np.concatenate([zero, angular_frequencies(frequencies, sensor.num_bins) * energy]),
                             np.concatenate([energy, zero])], axis=1)                             # U, [2m, 2]
     covariance = _covariances(sensor, frequencies)
-    if weighting == "identity":
-        weights = np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
-    else:
-        weights = np.linalg.inv(covariance)
+    weights = np.linalg.inv(covariance) if precise else np.diag(1 / np.tile(np.maximum(energy, 1e-12), 2))[None]
     scores = derivatives.T @ weights                                                             # Uᵀ W
     steps = np.linalg.solve(scores @ derivatives, scores)                                        # A, [levels, 2, 2m]
     variance = (steps @ covariance @ steps.swapaxes(1, 2))[:, 0, 0]

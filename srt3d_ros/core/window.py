@@ -11,17 +11,13 @@ from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import require
 
 MAX_WINDOW_BYTES = 2**31
-# The stamp of a window, from the starts of acquisition of its frames.
-WINDOW_STAMPS = {
-    "oldest": min,
-    "middle": lambda stamps_ns: (min(stamps_ns) + max(stamps_ns)) // 2,
-    "newest": max,
-}
 Sums = tuple[np.ndarray, np.ndarray]
 
 
 class WindowSketcher(Sketcher):
     """Photons add up without end; a window is what has been added since its first frame began.
+
+    Its stamp is that of its newest frame: with it, tf is right for the newest photons.
 
     The sums are integers that wrap around, so the difference is exact: bit for bit the sketch of the window's photons,
     however they were cut into frames and however long this runs. Memory: one set of sums a frame of the window.
@@ -29,18 +25,14 @@ class WindowSketcher(Sketcher):
     Args:
         sensor, frequencies: as for a Sketcher, on the CPU.
         window_frames: W, 1 or more.
-        window_stamp: a key of WINDOW_STAMPS. For W = 1 all are the start of the frame.
         gate: as for a Sketcher.
 
     Raises:
         InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, window_stamp: str = "newest",
-                 gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies, window_frames: int = 1, gate: Gate | None = None):
         super().__init__(sensor, frequencies, gate=gate)
-        require(window_stamp in WINDOW_STAMPS, "window_stamp", window_stamp, ", ".join(WINDOW_STAMPS))
-        self._stamp_of = WINDOW_STAMPS[window_stamp]
         # Of the window's frames, the open one last: what had been added before each (None: nothing), its first stamp.
         self._before: deque[Sums | None] = deque([None])
         self._stamps_ns: deque[int] = deque()
@@ -75,7 +67,7 @@ class WindowSketcher(Sketcher):
     def end_frame(self) -> Sketch:
         """End the open frame; the sketch of the window of which it is the last."""
         self._stamps_ns.append(self._stamp_ns or 0)
-        self._stamp_ns = self._stamp_of(self._stamps_ns)
+        self._stamp_ns = max(self._stamps_ns)
         sketch = self._sketch_since(self._before[0])
         if self.window_frames == 1:             # cheaper than keeping what was added before
             self.reset()

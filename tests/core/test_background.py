@@ -114,29 +114,25 @@ def test_surfaces_that_fill_the_view_are_no_background(surfaces):
 def test_a_stream_takes_one_step_a_frame_and_begins_and_ceases_with_the_fog():
     clear, foggy = make_sensor(), make_sensor(background_shape=SHAPES["fog"])
     pooled = Pooled(clear, choose("auto", clear))
-    first = [judged(pooled.submit(sketch)()) for sketch in sketches(clear, sbr=1, frames=2)]
+    first = [judged(pooled(sketch)) for sketch in sketches(clear, sbr=1, frames=2)]
     assert pooled.uneven_background == 0
-    fog = [judged(pooled.submit(sketch)()) for sketch in sketches(foggy)]
+    fog = [judged(pooled(sketch)) for sketch in sketches(foggy)]
     assert fog[0].true_detections < 0.1 and pooled.uneven_background > 0.1
     assert all(frame.true_detections > 0.97 and frame.false_detections < 0.03 for frame in fog[3:])
-    again = [judged(pooled.submit(sketch)()) for sketch in sketches(clear, sbr=1)]
+    again = [judged(pooled(sketch)) for sketch in sketches(clear, sbr=1)]
     assert pooled.uneven_background == 0 and again[-1].true_detections == first[-1].true_detections > 0.99
 
 
-def test_frames_may_be_in_flight_and_forgetting_begins_anew():
+def test_forgetting_begins_anew():
     foggy, clear = make_sensor(background_shape=SHAPES["fog"]), make_sensor()
-    pooled, frames = Pooled(clear, choose("auto", clear)), sketches(foggy, frames=8)
-    waits = [pooled.submit(frames[0])]
-    for sketch in frames[1:]:
-        waits.append(pooled.submit(sketch))
-        last = judged(waits.pop(0)())
-    assert last.true_detections > 0.97 and pooled.uneven_background > 0.1
+    pooled, sketch = Pooled(clear, choose("auto", clear)), sketches(foggy, frames=1)[0]
+    assert judged(pooled(sketch)).true_detections > 0.97 and pooled.uneven_background > 0.1
     pooled.forget()
     assert pooled.uneven_background == 0
-    told = Pooled(foggy, choose("auto", foggy))                 # what the sensor says is where auto begins
-    assert judged(told.submit(frames[0])()).true_detections > 0.9
-    one, other = (anew.submit(frames[0])() for anew in (pooled, Pooled(clear, choose("auto", clear))))
+    one, other = (anew(sketch) for anew in (pooled, Pooled(clear, choose("auto", clear))))
     np.testing.assert_array_equal(one.depth_bins, other.depth_bins)
+    told = Pooled(foggy, choose("auto", foggy))                 # what the sensor says is where auto begins
+    assert judged(told(sketch)).true_detections > 0.9
 
 
 @pytest.mark.parametrize(("shape", "ppp"), [("ramp", 0.3), ("lump", 5), ("fog", 50)])

@@ -113,6 +113,14 @@ def test_parallax_needs_the_range_and_is_that_of_the_point():
     np.testing.assert_allclose(near.z[4, 7], before.z[4, 5] * turned, atol=0.02)
 
 
+def test_unknown_ranges_are_the_median_of_those_known():
+    known = constant(2.0)
+    known[:, :4], known[:2] = np.nan, 0
+    step = Pose(translation=np.array([0, 0.05, 0.02]))
+    assert_same(moved(photons(), step, known)[0], moved(photons(), step, constant(2.0))[0], atol=0)
+    assert_same(moved(photons(), step, constant(np.nan))[0], moved(photons(), step)[0], atol=0)
+
+
 def test_photons_stay_on_a_slope_wherever_they_are_shared():
     """A wall seen at 60°, and a turn by fractions of a pixel: each pixel shows the wall where it sees it."""
     lens = Pinhole(40, 40, 5.5, 4)
@@ -156,36 +164,6 @@ def test_parts_add_up_and_their_rounding_is_kept():
     sketch = deskewer(parts, after(Pose()), LATER)
     assert sketch.added_variance == 0.2
     assert_same(sketch, parts[0][1] + parts[1][1] + parts[2][1])
-
-
-def test_pixels_with_times_of_their_own_move_by_these():
-    class Scanner(SensorModel):
-        pixel_times_s = np.broadcast_to(np.where(np.arange(COLS) < 6, 0, LATER / 1e9), (1, COLS))
-
-    sensor = Scanner(1, COLS, T, 1e-10, [1], projection=AngularScan(0.1, -STEP, 0, STEP))
-    events = PhotonEvents(np.array([2, 8], np.uint32), np.array([40, 40], np.uint16))
-    sketch, _ = moved(events, Pose.turned([0, 0, -STEP]), None, sensor)
-    assert list(np.flatnonzero(sketch.photons)) == [3, 8]       # the first looked before the turn, the other after it
-
-
-def test_unknown_ranges_are_those_of_what_is_behind():
-    range_m = np.array([[1, np.nan, np.nan, 4], [np.nan] * 4, [2, 2, np.inf, 0]], np.float32)
-    sensor = SensorModel(3, 4, T, 1e-10, [1])
-    filled = Deskewer(sensor, FREQUENCIES).filled(range_m)
-    np.testing.assert_allclose(filled, [[1, 4, 4, 4], [2, 4, 4, 4], [2, 2, 2, 2]], rtol=1e-6)
-    assert np.unique(Deskewer(sensor, FREQUENCIES).filled(np.full((3, 4), np.nan, np.float32))) > 99
-
-
-def test_ranges_are_smoothed_along_surfaces_not_across_edges():
-    rng, lens = np.random.default_rng(0), Pinhole(40, 40, 15, 10)
-    sensor = SensorModel(20, 30, T, 1e-10, [1], projection=lens)
-    z = lens.rays(20, 30)[..., 2]
-    wall = 1 / (z * (0.5 + 0.01 * np.arange(30)))       # a slanted plane
-    wall[:, 15:] *= 2
-    noise = rng.normal(scale=0.01, size=wall.shape)
-    left = Deskewer(sensor, FREQUENCIES).filled((wall + noise).astype(np.float32)) - wall
-    assert np.abs(left).max() < 0.05
-    assert np.sqrt((left[4:-4, 4:-4]**2).mean()) < 0.006
 
 
 @pytest.mark.parametrize(("shape", "frequencies"), [((2, 2), FREQUENCIES), ((ROWS, COLS), (1, 2, 3))])

@@ -100,13 +100,44 @@ def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_
 
 
 def test_a_sensor_that_begins_again_is_not_late():
-    framing = Framing(gap_ns=S)
+    framing = Framing()
     placed = []
-    for stamp in (100 * S, 99 * S, 99 * S - 1, 100 * S - 1, 101 * S):
+    for stamp in (100 * S - 2 * MS, 100 * S - MS, 100 * S, 99 * S, 99 * S - 1, 100 * S - 1):
         placed.append(framing.place(stamp, b""))
         assert placed[-1].dropped or framing.add(stamp) == (1, 0)
-    again = Placed(began_again=True)
-    assert placed == [Placed(), Placed(dropped="late"), again, Placed(), again]
+    assert placed[2:] == [Placed(), Placed(dropped="late"), Placed(began_again=True), Placed()]
+
+
+@pytest.mark.parametrize("framing, steps_s", [
+    (Framing(), [2.0] * 12), (Framing(packets=3), [2.0] * 12), (Framing(packets=4), [0.01, 0.01, 0.01, 6.0] * 4),
+    (Framing(period_ns=6 * S), [0.01, 0.01, 0.01, 6.0] * 4)], ids=["slow", "slow packets", "pauses", "periods"])
+def test_a_slow_sensor_does_not_begin_again_with_each_packet_but_with_a_leap(framing, steps_s):
+    stamp, steps_ns = 0, [round(step * S) for step in steps_s]
+    placed = []
+    for step in (*steps_ns, *steps_ns, 100 * S, *steps_ns):
+        placed.append(framing.place(stamp, str(stamp).encode()))
+        framing.add(stamp)
+        stamp += step
+    known = 9       # packets, after two pauses
+    assert [k for k, one in enumerate(placed) if one.began_again and k >= known] == [2 * len(steps_ns) + 1]
+
+
+def test_a_sensor_that_becomes_slower_begins_again_twice():
+    framing, stamp, again = Framing(), 0, 0
+    for step in (*[20 * MS] * 10, *[3 * S] * 10):
+        stamp += step
+        again += framing.place(stamp, b"").began_again
+        framing.add(stamp)
+    assert again == 2
+
+
+def test_silence_is_longer_the_slower_packets_come():
+    framing = Framing(period_ns=8 * S)
+    assert framing.silence_ns == 8 * S          # no step is known
+    for steps_ns, expected in (([20 * MS] * 5, S // 2), ([2 * S] * 3, 20 * S)):
+        for step in steps_ns:
+            framing.place((framing._last_ns or 0) + step, b"")
+        assert framing.silence_ns == expected
 
 
 def test_silence_ends_a_period_but_not_a_number():
@@ -119,14 +150,15 @@ def test_silence_ends_a_period_but_not_a_number():
     assert counting.add(0) is None and counting.end_after_silence() is None and counting.add(S) == (2, 0)
 
 
-STREAMS = st.lists(st.tuples(st.integers(0, 4000), st.sampled_from([b"a", b"b", b"c"])), max_size=80)
+STREAMS = st.lists(st.tuples(st.integers(0, 4000).map(lambda ms: ms * MS), st.sampled_from([b"a", b"b", b"c"])),
+                   max_size=80)
 
 
-@given(stream=STREAMS, packets=st.integers(1, 5), period=st.sampled_from([0, 1, 7, 100]))
+@given(stream=STREAMS, packets=st.integers(1, 5), period=st.sampled_from([0, MS, 7 * MS, 100 * MS]))
 @settings(max_examples=200, deadline=None)
 def test_whatever_comes_every_packet_is_in_one_frame_or_dropped_for_one_cause(stream, packets, period):
     stamps, contents = [stamp for stamp, _ in stream], [content for _, content in stream]
-    frames, dropped = frames_of(Framing(packets, period, gap_ns=2000), stamps, contents)
+    frames, dropped = frames_of(Framing(packets, period), stamps, contents)
     assert sorted(sum(frames, sum(dropped.values(), []))) == sorted(stamps)
     assert set(dropped) <= {"late", "duplicate", "incomplete"}
     if period == 0:

@@ -169,7 +169,7 @@ def test_photons_outside_the_sensor_are_refused(name="xcorr"):
 
 @every_method
 def test_options_that_a_method_does_not_take_are_named(name):
-    for option in {"false_alarm_rate", "weighting", "upsampling", "sharpness"} - set(METHODS[name].options):
+    for option in {"false_alarm_rate", "background", "sharpness"} - set(METHODS[name].options):
         with pytest.raises(InvalidInput, match=f"^{option} is 0.1: expected nothing: {name} takes surfaces, device"):
             METHODS[name].build(make_sensor(4, 5), (1, 2, 3), **{option: 0.1})
 
@@ -178,7 +178,7 @@ def test_options_that_a_method_does_not_take_are_named(name):
 def test_values_that_cannot_be_used_are_named(name):
     for option, value in (("surfaces", 0), ("surfaces", 5), ("surfaces", 1.5), ("surfaces", "2"), ("device", "gpu"),
                           ("device", "cuda"), ("false_alarm_rate", 0.0), ("false_alarm_rate", 1.0),
-                          ("false_alarm_rate", float("nan")), ("weighting", "none")):
+                          ("false_alarm_rate", float("nan"))):
         with pytest.raises(InvalidInput, match=f"^{option} is {value}"):
             METHODS[name].build(make_sensor(4, 5), (1, 2, 3), **{option: value})
 

@@ -12,7 +12,7 @@ FORWARD = np.array([1.0, 0, 0])
 
 
 def report(ms: float, x: float, turn: float = 0.0, speed: float = 1.0, rate: float = 0.0) -> MotionReport:
-    return MotionReport(round(ms * MS), "base", Pose(Pose.turned([0, 0, turn]).rotation, x * FORWARD), speed,
+    return MotionReport(round(ms * MS), Pose(Pose.turned([0, 0, turn]).rotation, x * FORWARD), speed,
                         np.array([0, 0, rate]))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import MAX_T_NS, MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.photons import MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -15,12 +15,10 @@ def events(pixel, toa, dtype=np.uint16, stamp_ns=0) -> PhotonEvents:
     return PhotonEvents(np.array(pixel, np.uint32), np.array(toa, dtype), stamp_ns)
 
 
-TWO = np.zeros(2, np.uint32)
 REFUSED = {
     "toa dtype": lambda: events([0, 1], [0, 1], np.float64),
     "pixel dtype": lambda: PhotonEvents(np.zeros(2, np.int64), np.zeros(2, np.uint16)),
     "pixel and toa shapes": lambda: events([[0, 1]], [[0, 1]]),
-    "t": lambda: PhotonEvents(TWO, np.zeros(2, np.uint16), 0, np.zeros(2, ">u4")),
     "gates dtype": lambda: PhotonGates(np.zeros((2, 3, 4), np.int16)),
     "gates shape": lambda: PhotonGates(np.zeros((2, 12), np.uint16)),
     "histograms dtype": lambda: PhotonHistograms(np.zeros((3, 4, 100), np.int64)),
@@ -53,7 +51,7 @@ def test_a_pixel_outside_the_sensor_is_named(pixel):
 
 
 @pytest.mark.parametrize(("toa", "dtype", "shown"), [
-    ([0, 100], np.uint16, "100"), ([2**32 - 1, 0], np.uint32, "4294967295"), ([0, 100], np.float32, "100.0"),
+    ([0, 100], np.uint16, "100"), ([0, 100], np.float32, "100.0"),
     ([-0.25, 5], np.float32, "-0.25"), ([3, np.nan], np.float32, "nan"), ([-np.inf, 3], np.float32, "-inf")])
 def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
     with pytest.raises(InvalidInput, match=rf"^toa is {shown}: expected bins in \[0, 100\)$"):
@@ -61,20 +59,12 @@ def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
     events([11], [99.99 if dtype == np.float32 else 99], dtype).check(SENSOR)        # the last ones are inside
 
 
-def test_an_instant_before_the_stamp_wraps_around_and_is_named():
-    before = np.array([7, 0], np.uint32) - np.uint32(1)
-    with pytest.raises(InvalidInput, match="^t is 4294967295: expected nanoseconds after the stamp, 0 to 4000000000$"):
-        PhotonEvents(np.zeros(2, np.uint32), np.zeros(2, np.uint16), 0, before).check(SENSOR)
-    PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16), 0, np.array([MAX_T_NS], np.uint32)).check(SENSOR)
-
-
-@pytest.mark.parametrize(("which", "t"), [([2, 0], np.array([5, 6, 7], np.uint32)), (np.zeros(3, bool), None)])
-def test_a_part_of_the_photons_keeps_stamp_type_and_instants(which, t):
-    frame = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array([7.5, 8, 9], np.float32), 11, t)
+@pytest.mark.parametrize("which", [[2, 0], np.zeros(3, bool)])
+def test_a_part_of_the_photons_keeps_stamp_and_type(which):
+    frame = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array([7.5, 8, 9], np.float32), 11)
     part = frame.part(which)
     assert part.stamp_ns == 11 and part.toa.dtype == np.float32
     assert np.array_equal(part.pixel, frame.pixel[which]) and np.array_equal(part.toa, frame.toa[which])
-    assert part.t is None if t is None else np.array_equal(part.t, t[which])
 
 
 def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
@@ -84,7 +74,7 @@ def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
     assert (gates.words == 5).sum() == 36 - 4
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_events_become_gates_and_events_again(dtype):
     rng = np.random.default_rng(1)
     frame = events(rng.integers(0, 12, 200), rng.integers(0, 100, 200), dtype, stamp_ns=77)
@@ -131,7 +121,7 @@ def test_histograms_that_do_not_fit_the_sensor_are_refused(counts, named):
         PhotonHistograms(counts).check(SENSOR)
 
 
-@pytest.mark.parametrize("dtype, last", [(np.uint16, 99), (np.uint32, 99), (np.float32, 98.6)])
+@pytest.mark.parametrize("dtype, last", [(np.uint16, 99), (np.float32, 98.6)])
 def test_events_become_histograms_and_back(dtype, last):
     given = events([11, 1, 1, 4], [last, 7, 7, 0], dtype, stamp_ns=5)
     made = PhotonHistograms.from_events(given, SENSOR)

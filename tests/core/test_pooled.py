@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import exponnorm, norm
 
-from srt3d_ros.core.cloud import PointCloud, refine
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.thresholds import continuation_threshold, score_threshold
-from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import T, background_alone, errors, exact, make_sensor, pooled, ramp, simulate
 
 
@@ -104,52 +102,6 @@ def test_thresholds_are_quantiles_of_the_normal_distribution():
 
 
 # ---- Unusual frames
-
-# ---- Finer pixels than the sensor has
-
-def plane(start: float, per_col: float, per_row: float, factor=1) -> np.ndarray:
-    """Depth at the centres of pixels that are `factor` times finer, of 16 × 20."""
-    y, x = ((np.arange(size * factor) + 0.5) / factor - 0.5 for size in (16, 20))
-    return start + per_col * x + per_row * y[:, None]
-
-
-@pytest.mark.parametrize("factor", [2, 4])
-def test_a_tilted_plane_has_depths_between_those_of_the_pixels_with_their_calibration(factor):
-    rng, shape = np.random.default_rng(0), (16, 20)
-    sensor = make_sensor(*shape, delay_bins=rng.uniform(-9, 9, shape), gain=rng.uniform(0.5, 2, shape),
-                         mask=rng.random(shape) > 0.05)
-    cloud = pooled(simulate(plane(100, 2.5, -2), 5, 100, sensor), sensor, upsampling=factor)
-    finer = sensor.upsampled(factor)
-    np.testing.assert_allclose(cloud.xyz, finer.xyz(cloud.row, cloud.col, cloud.depth_bins), rtol=1e-6)
-    assert np.array_equal(cloud.row.astype(int) * finer.cols + cloud.col, np.flatnonzero(finer.mask))
-    error = (cloud.image("depth_bins") - plane(100, 2.5, -2, factor))[2 * factor:-2 * factor, 2 * factor:-2 * factor]
-    # All depths of a pixel alike would be up to half a pixel's rise, 2.25 bins, off.
-    assert np.nanmean(np.abs(error)) < 0.3 and np.nanmax(np.abs(error)) < 1.5
-
-
-def test_photons_are_shared_out_and_standard_deviations_stay():
-    frame, sensor = simulate(plane(150, 1, 0.5), 5, 60), make_sensor(16, 20)
-    whole, split = (pooled(frame, sensor, upsampling=factor) for factor in (1, 3))
-    assert split.intensity.sum() == pytest.approx(whole.intensity.sum(), rel=1e-5)
-    assert split.background.sum() == pytest.approx(whole.background.sum(), rel=1e-5)
-    np.testing.assert_array_equal(split.image("depth_std_bins")[1::3, 1::3], whole.image("depth_std_bins"))
-    np.testing.assert_allclose(split.image("depth_bins")[1::3, 1::3], whole.image("depth_bins"), atol=1e-4)
-
-
-def test_depths_that_cross_the_end_of_the_period_wrap():
-    near_end = PointCloud(np.uint16([0]), np.uint16([1]), np.float32([T - 0.5]), np.float32([8]), np.float32([1]),
-                          np.zeros((1, 3), np.float32), np.uint8([0]), np.zeros((2, 2), np.float32), 7)
-    cloud = refine(near_end, 2, make_sensor(2, 2).upsampled(2), np.float32([4]), np.float32([0]))
-    assert list(zip(cloud.row, cloud.col)) == [(0, 2), (0, 3), (1, 2), (1, 3)] and cloud.stamp_ns == 7
-    np.testing.assert_allclose(cloud.depth_bins, [T - 1.5, T - 1.5, 0.5, 0.5])
-    np.testing.assert_allclose(cloud.intensity, 2)
-
-
-@pytest.mark.parametrize("factor", [0, 5, 1.5, "2", True])
-def test_factors_that_cannot_be_used_are_named(factor):
-    with pytest.raises(InvalidInput, match=f"^upsampling is {factor}: expected an integer from 1 to 4"):
-        Pooled(make_sensor(3, 4), (1, 2, 3), upsampling=factor)
-
 
 # ---- Bias: a flat surface is neither too near nor too far, whatever the IRF's shape and the place in the bin
 

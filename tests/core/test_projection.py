@@ -59,16 +59,6 @@ def coordinates(lens, rows: int, cols: int) -> np.ndarray:
     return np.stack(pair, axis=-1)
 
 
-@pytest.mark.parametrize("lens", [Pinhole(30, 40, 3.2, 1.1), AngularScan(0.5, -0.25, -0.2, 0.1)])
-@pytest.mark.parametrize("factor", [2, 3])
-def test_finer_pixels_fill_the_place_of_each(lens, factor):
-    coarse, finer = coordinates(lens, 4, 7), coordinates(lens.upsampled(factor), 4 * factor, 7 * factor)
-    np.testing.assert_allclose(finer.reshape(4, factor, 7, factor, 2).mean(axis=(1, 3)), coarse, atol=1e-6)
-    for axis in (0, 1):
-        step, whole = np.diff(finer, axis=axis), np.diff(coarse, axis=axis)
-        np.testing.assert_allclose(step, np.broadcast_to(whole[:1, :1] / factor, step.shape), atol=1e-6)
-
-
 LENSES = [Pinhole(30, 40, 3.2, 1.1), Pinhole(300, 310, 5, 3, PlumbBob(-0.3, 0.1, 1e-3, -2e-3, -0.02)),
           AngularScan(0.5, -0.25, -0.2, 0.1), AngularScan(-3, 2 * np.pi / 9, 0.3, -0.1)]
 

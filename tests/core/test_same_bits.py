@@ -27,7 +27,7 @@ def digests() -> list[str]:
     frequencies = choose("auto", sensor)
     pooled = Pooled(sensor, frequencies, surfaces=2, warm_start=True, device="cpu")
     sketches = (sketch_photons(simulate(depth, 2, 8, sensor, seed), sensor, frequencies) for seed in range(2))
-    return [digest(pooled.submit(sketch)()) for sketch in sketches]
+    return [digest(pooled(sketch)) for sketch in sketches]
 
 
 def digest(cloud) -> str:

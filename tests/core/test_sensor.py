@@ -9,7 +9,6 @@ import pytest
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
 from srt3d_ros.core.sensor_difference import first_difference
 from srt3d_ros.errors import InvalidInput
@@ -99,12 +98,12 @@ def test_replace_changes_one_field_and_checks_again():
 FULL = {"irf_ref": 1, "toa_offset_bins": 7.5, "range_offset_m": 0.1, "gain": np.full(SHAPE, 2.0),
         "delay_bins": np.ones(SHAPE), "mask": np.eye(2, 3, dtype=bool), "projection": Pinhole(1, 1, 0, 0),
         "gates": GateWords(1, 0), "frame_id": "spad", "background_shape": np.ones(50), "toa_reference": "bin_center",
-        "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.ones(10)), "scan": ScanRate(1e-3)}
+        "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.ones(10))}
 OTHER = {"rows": 3, "cols": 2, "num_bins": 51, "bin_width_s": 2e-10, "irf": [1.0, 3, 2, 0], "irf_ref": 0,
          "toa_offset_bins": 7.25, "range_offset_m": 0.2, "gain": holed(2), "delay_bins": None, "mask": holed(0),
          "projection": Pinhole(1, 1, 0, 1), "gates": GateWords(0, 1), "frame_id": "other",
          "background_shape": np.arange(50), "toa_reference": "bin_edge",
-         "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.zeros(10)), "scan": ScanRate(2e-3)}
+         "histograms": HistogramBins(10, first_bin=1.0, bin_width=2.0, template=np.zeros(10))}
 
 
 def test_same_as_sees_equal_values_in_other_arrays():
@@ -118,21 +117,6 @@ def test_same_as_sees_a_difference_in_every_field(field):
     fitting |= {"background_shape": None} if field == "num_bins" else {}
     one, other = make(**(FULL | fitting)), make(**(FULL | fitting | {field: OTHER[field]}))
     assert not one.same_as(other) and not other.same_as(one)
-
-
-def test_finer_pixels_have_the_calibration_of_theirs():
-    maps = {"gain": [[1, 2, 3], [4, 5, 6]], "delay_bins": [[0, 1, 0], [2, 0, 3]], "mask": [[1, 1, 0], [0, 1, 1]]}
-    irf = np.arange(1.0, 25).reshape(6, 4)
-    sensor = SensorModel(2, 3, 50, 1e-10, irf, **maps)
-    finer = sensor.upsampled(2)
-    assert (finer.rows, finer.cols, finer.irf_ref, finer.num_bins) == (4, 6, sensor.irf_ref, 50)
-    for row, col in np.ndindex(4, 6):
-        for name in maps:
-            assert getattr(finer, name)[row, col] == getattr(sensor, name)[row // 2, col // 2]
-        np.testing.assert_array_equal(finer.irf[row * 6 + col], sensor.irf[row // 2 * 3 + col // 2])
-    assert sensor.upsampled(1).same_as(sensor)
-    with pytest.raises(InvalidInput, match="^rows × cols is 8192 × 8192: expected at most"):
-        SensorModel(2048, 2048, 50, 1e-10, [1.0]).upsampled(4)
 
 
 # ---- Some of the pixels
@@ -165,39 +149,6 @@ def test_no_pixels_and_pixels_apart_are_refused(rows, cols, named):
         SensorModel(4, 6, 50, 1e-10, [1.0]).cropped(rows, cols)
 
 
-# ---- When each pixel looks
-
-def test_pixel_times_count_rows_and_columns_from_the_stamp():
-    times = make(scan=ScanRate(row_period_s=0.5, col_period_s=0.125, start_s=0.25)).pixel_times_s
-    assert times.dtype == np.float64 and times.tolist() == [[0.25, 0.375, 0.5], [0.75, 0.875, 1.0]]
-    assert make().pixel_times_s is None
-    assert make(scan=ScanRate(1)).replace(scan=None).pixel_times_s is None
-
-
-def test_a_scan_may_run_backwards_up_to_the_stamp_and_its_rounding():
-    backwards = make(rows=141, cols=1, scan=ScanRate(row_period_s=-0.1 / 140, start_s=0.1))
-    assert backwards.pixel_times_s[0, 0] == 0.1 and 0 <= backwards.pixel_times_s[140, 0] < 1e-12
-
-
-@pytest.mark.parametrize(("scan", "shown"), [
-    (ScanRate(start_s=1), "scan is without a period"), (ScanRate(0, -1e-3, 1e-3), "scan is -0.001 to 0.001 s after"),
-    (ScanRate(4000), "scan is 0 to 4000 s after"), (ScanRate(float("nan")), "scan is nan to nan s after")])
-def test_times_before_the_stamp_absurd_ones_and_none_are_refused(scan, shown):
-    with pytest.raises(InvalidInput, match=f"^{shown}"):
-        make(scan=scan)
-
-
-@pytest.mark.parametrize("scan", [ScanRate(0.5, 0.125, 0.25), ScanRate(-0.5, 0.125, 1.5), ScanRate(0, -0.1, 0.6)])
-def test_pixels_keep_their_times_when_others_are_cropped_and_share_them_when_they_are_split(scan):
-    sensor = SensorModel(4, 6, 50, 1e-10, [1.0], scan=scan)
-    np.testing.assert_allclose(sensor.cropped(slice(1, -1), slice(3, None)).pixel_times_s,
-                               sensor.pixel_times_s[1:-1, 3:], atol=1e-12)
-    finer = sensor.upsampled(2).pixel_times_s.reshape(4, 2, 6, 2)
-    np.testing.assert_allclose(finer.min(axis=(1, 3)), sensor.pixel_times_s, atol=1e-12)
-    half_s = (abs(scan.row_period_s) + abs(scan.col_period_s)) / 2
-    np.testing.assert_allclose(finer.max(axis=(1, 3)), sensor.pixel_times_s + half_s, atol=1e-12)
-
-
 # ---- In which key two descriptions differ
 
 SEEN = SensorModel(rows=3, cols=4, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], projection=Pinhole(9, 9, 1.5, 1))
@@ -216,7 +167,6 @@ SEEN = SensorModel(rows=3, cols=4, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1]
     ({"projection": Pinhole(9, 9, 1.5, 1, PlumbBob(k1=-0.1))}, ("projection.distortion.k1", 0.0, -0.1)),
     ({"gates": GateWords(7)}, ("gates", "absent", "given")),
     ({"frame_id": "mast"}, ("frame_id", "lidar", "mast")),
-    ({"scan": ScanRate(1e-3)}, ("scan", "absent", "given")),
 ])
 def test_the_first_key_that_differs_and_both_values(changes, expected):
     before = SEEN.replace(gain=np.ones((3, 4))) if "gain" in changes else SEEN

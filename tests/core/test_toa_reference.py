@@ -19,7 +19,6 @@ IRF = np.diff(PULSE.cdf(np.arange(-8, 24) - 0.5))
 DRIVERS = {
     "words, bin_edge": ("bin_edge", WAIT, lambda t: np.floor(t).astype(np.uint16)),
     "words, bin_center": ("bin_center", WAIT + 0.5, lambda t: np.floor(t).astype(np.uint16)),
-    "32-bit words, bin_edge": ("bin_edge", WAIT, lambda t: np.floor(t).astype(np.uint32)),
     "floats, bin_edge": ("bin_edge", WAIT, lambda t: t.astype(np.float32)),
     "floats, bin_center": ("bin_center", WAIT + 0.5, lambda t: ((t - 0.5) % T).astype(np.float32)),
 }

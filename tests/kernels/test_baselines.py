@@ -58,12 +58,12 @@ def assert_agree(fast, slow, exact_bins=3e-4, relative=3e-4):
     assert here.any() and wrong.sum() <= here.sum() * SHARE_AT_TIES, np.argwhere(wrong)
 
 
-@pytest.mark.parametrize(("shape", "surfaces", "weighting", "usual"), [
-    ((8, 40), 1, "identity", 20.0), ((8, 33), 2, "precision", 0.0), ((1, 9), 3, "precision", 20.0)])
-def test_pixelwise(backend, shape, surfaces, weighting, usual):
+@pytest.mark.parametrize(("shape", "surfaces", "precise", "usual"), [
+    ((8, 40), 1, False, 20.0), ((8, 33), 2, True, 0.0), ((1, 9), 3, True, 20.0)])
+def test_pixelwise(backend, shape, surfaces, precise, usual):
     sensor, frequencies = make_sensor(*shape), consecutive(7)
     frame = Matcher(sensor, frequencies)(sketch_photons(make_photons(sensor), sensor, frequencies))
-    table = weighted_steps(sensor, frequencies, weighting).table
+    table = weighted_steps(sensor, frequencies, precise).table
     depth, intensity = make_points(*shape, surfaces)
     intensity *= (frame.exposure > 0)[:, None]
     found, expected = (kernels.changed("pixelwise", frame, table, 0.3, usual, depth, intensity)[-2:]

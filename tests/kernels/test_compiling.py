@@ -43,3 +43,16 @@ def test_a_change_in_another_file_has_a_kernel_compiled_anew(tmp_path):
     for source in (package / "kernels" / "cpu" / "rows.py", package / "kernels" / "maps.py"):
         source.write_text(source.read_text() + "\n# another constant, say\n")
         assert from_cache() == 0
+
+
+def test_old_machine_code_is_removed_and_other_programs_keep_their_folder(tmp_path):
+    for k in range(9):
+        (tmp_path / f"srt3d-kernels-{k}").mkdir()
+        os.utime(tmp_path / f"srt3d-kernels-{k}", (k, k))
+    (tmp_path / "others").mkdir()
+    program = "import numba; from srt3d_ros.kernels.cpu import phase_sums; print(numba.config.CACHE_DIR)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True,
+                          env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)})
+    left = {path.name for path in tmp_path.iterdir()}
+    assert done.stdout.strip() == str(tmp_path)
+    assert len(left) == 7 and {"others", *(f"srt3d-kernels-{k}" for k in range(4, 9))} <= left

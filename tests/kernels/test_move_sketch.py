@@ -1,4 +1,4 @@
-"""`move_sketch` and `read_moved` against the reference."""
+"""`move_sketch` against the reference."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.motion import Pose
 from srt3d_ros.core.projection import AngularScan, Pinhole
 
-from .frames import REFERENCE
+from .frames import CPU, REFERENCE
 
 M, METRES_PER_BIN, STEEPEST = 5, 0.02, 0.1
 LENSES = {"pinhole": Pinhole(40, 42, 10, 6),
@@ -15,18 +15,16 @@ LENSES = {"pinhole": Pinhole(40, 42, 10, 6),
           "scan": AngularScan(0.3, -0.02, 0.2, -0.02), "full turn": AngularScan(0.3, -2 * np.pi / 21, 0.2, -0.02)}
 
 
-def arguments(lens, seed: int, shape=(13, 21), groups: int = 2) -> dict:
-    """Photons of a slanted surface with an edge, of a few motions; some pixels have none, and some are masked."""
+def arguments(lens, seed: int, shape=(13, 21)) -> dict:
+    """Photons of a slanted surface with an edge, after a motion; some pixels have none, and some are masked."""
     rng, (rows, cols) = np.random.default_rng(seed), shape
     y, x = np.mgrid[:rows, :cols]
-    poses = [Pose(Pose.turned(rng.normal(scale=0.03, size=3)).rotation, rng.normal(scale=0.05, size=3))
-             for _ in range(groups)]
+    rotation, offset = Pose.turned(rng.normal(scale=0.03, size=3)).rotation, rng.normal(scale=0.05, size=3)
     sums = rng.normal(size=(rows, cols, M, 2)).astype(np.float32).view(np.complex64)[..., 0]
     return {"sums": sums, "photons": rng.poisson(2, shape).astype(np.float32),
-            "used": (rng.random(shape) > 0.1).astype(np.float32), "rays": lens.rays(rows, cols),
+            "used": rng.random(shape) > 0.1, "rays": lens.rays(rows, cols),
             "ranges": (2 + 0.02 * x + 0.03 * y + (x > cols // 2)).astype(np.float32),
-            "motions": np.array([np.column_stack([p.rotation, p.translation]) for p in poses], np.float32),
-            "group": rng.integers(0, groups, shape).astype(np.uint8), "lens": lens.lens,
+            "rotation": rotation.astype(np.float32), "offset": offset.astype(np.float32), "lens": lens.lens,
             "bin_frequencies": np.array([1, 2, 5, 30, 100], np.float32) / 500,
             "late": rng.normal(size=shape).astype(np.float32), "metres_per_bin": METRES_PER_BIN, "steepest": STEEPEST}
 
@@ -41,43 +39,35 @@ def by_reference(given: dict) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_move_sketch(backend, lens, seed):
+def test_move_sketch(lens, seed):
     given = arguments(LENSES[lens], seed)
     expected = by_reference(given)
-    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))
+    *_, moved, numbers = CPU.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))
     assert expected[1].sum() > 0.5 * given["photons"].sum()
     np.testing.assert_allclose(numbers, expected[1], atol=1e-3)
     np.testing.assert_allclose(moved, expected[0], atol=5e-3)       # of depths of 150 bins, whose steps are 1.5e-5
 
 
-def test_photons_are_added_to_those_there(backend):
+def test_photons_are_added_to_those_there():
     given = arguments(LENSES["pinhole"], 0)
     once = by_reference(given)
-    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *once)
+    *_, moved, numbers = CPU.changed("move_sketch", *given.values(), *once)
     np.testing.assert_allclose(numbers, 2 * once[1], atol=2e-3)
     np.testing.assert_allclose(moved, 2 * once[0], atol=1e-2)
 
 
 @pytest.mark.parametrize("motion", [Pose.turned([0, np.pi, 0]), Pose(translation=np.array([0, 0, -50.0])),
                                     Pose(np.full((3, 3), np.nan))])
-def test_what_is_behind_the_camera_or_nowhere_is_left_out(backend, motion):
+def test_what_is_behind_the_camera_or_nowhere_is_left_out(motion):
     given = arguments(LENSES["pinhole"], 0)
-    given["motions"][:] = np.column_stack([motion.rotation, motion.translation])
-    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))
+    given["rotation"][:], given["offset"][:] = motion.rotation, motion.translation
+    *_, moved, numbers = CPU.changed("move_sketch", *given.values(), *nothing(given["photons"].shape))
     assert not moved.any() and not numbers.any()
 
 
-def test_a_line_of_pixels_moves(backend):
-    given = arguments(LENSES["scan"], 3, (1, 40), 1)
-    *_, moved, numbers = backend.changed("move_sketch", *given.values(), *nothing((1, 40)))
+def test_a_line_of_pixels_moves():
+    given = arguments(LENSES["scan"], 3, (1, 40))
+    *_, moved, numbers = CPU.changed("move_sketch", *given.values(), *nothing((1, 40)))
     expected = by_reference(given)
     np.testing.assert_allclose(numbers, expected[1], atol=1e-3)
     np.testing.assert_allclose(moved, expected[0], atol=5e-3)
-
-
-def test_read_moved(backend):
-    given = arguments(LENSES["pinhole"], 0)
-    those = given["sums"], *(given[name] for name in ("ranges", "late", "bin_frequencies", "metres_per_bin"))
-    sums = backend.call("read_moved", *those)
-    assert sums.dtype == np.complex64
-    np.testing.assert_allclose(sums, REFERENCE.read_moved(*those), atol=5e-3)

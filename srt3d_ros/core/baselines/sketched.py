@@ -33,17 +33,17 @@ class SketchedBaseline:
 
     Args:
         sensor, frequencies, surfaces, device: as of `Pooled`.
-        weighting: W of the data term, "identity" or "precision".
+        precise: whether W of the data term is the inverse covariance of the sketch, else the identity.
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int, weighting: str,
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int, precise: bool,
                  false_alarm_rate: float | None, device: str):
         check_options(surfaces, false_alarm_rate)
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
         self._matcher = Matcher(sensor, frequencies)
-        self.steps = weighted_steps(sensor, self._matcher.frequencies, weighting)
+        self.steps = weighted_steps(sensor, self._matcher.frequencies, precise)
         self._table = self.kernels.array(self.steps.table)
 
     def __call__(self, sketch: Sketch) -> PointCloud:
@@ -77,16 +77,16 @@ class SketchedBaseline:
 
 
 class SMLE(SketchedBaseline):
-    """As in the paper, with weighting "precision", and every pixel that saw photons shows a point.
+    """As in the paper: every pixel that saw photons shows a point.
 
-    The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹, "precision", is
-    maximum likelihood but for the determinant, which n outweighs; W = identity is simpler and less exact. With a
-    false_alarm_rate, points of less evidence in the matched filter are left out.
+    The sketch of n photons is normally distributed around Ψ_θ with covariance Σ_θ / n, so W = Σ_θ⁻¹ is maximum
+    likelihood but for the determinant, which n outweighs. With a false_alarm_rate, points of less evidence in the
+    matched filter are left out.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "precision",
-                 false_alarm_rate: float | None = None, device: str = "auto"):
-        super().__init__(sensor, frequencies, surfaces, weighting, false_alarm_rate, device)
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, false_alarm_rate: float | None = None,
+                 device: str = "auto"):
+        super().__init__(sensor, frequencies, surfaces, True, false_alarm_rate, device)
 
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
         depth, intensity = self._matched_filter(frame, there)
@@ -117,9 +117,8 @@ class SRT3D(SketchedBaseline):
     for weaker points, as if one step size held for all pixels.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, weighting: str = "identity",
-                 device: str = "auto"):
-        super().__init__(sensor, frequencies, surfaces, weighting, None, device)
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1, device: str = "auto"):
+        super().__init__(sensor, frequencies, surfaces, False, None, device)
 
     def _points(self, frame: MatchedFrame, there: MatchedFrame) -> tuple:
         kernels = self.kernels

@@ -1,4 +1,4 @@
-"""Arrays on the device, which is this machine's memory, and frames, which are done when they have been submitted."""
+"""Arrays on the device, which is this machine's memory, and the threads of a frame."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,6 @@ import numba
 import numpy as np
 
 ON_HOST = True
-WARM_FRAMES = 0         # kernels are compiled once for frames of any size
 # Pixels of a frame that one thread does as fast as two, which wake each other for every kernel: 2.7 against 3.4 ms for
 # 32 × 32, 6.5 against 7.2 ms for 64 × 64, and the other core is free for other nodes.
 SERIAL_PIXELS = 64 * 64
@@ -46,19 +45,10 @@ def numpy(values: np.ndarray) -> np.ndarray:
     return values
 
 
-class FrameStream:
-    """Frames through a function, of whose arrays the first has a number for each pixel."""
-
-    def __init__(self, function: Callable):
-        self._function = function
-
-    def submit(self, *frame) -> Callable[[], tuple]:
-        # A sketch on a GPU consists of tensors.
-        arrays = [array(values if isinstance(values, np.ndarray) else values.cpu().numpy()) for values in frame]
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
-        try:
-            results = self._function(*arrays)
-        finally:
-            numba.set_num_threads(threads)
-        return lambda: results
+def run_frame(function: Callable, *frame) -> tuple:
+    arrays, threads = [array(values) for values in frame], numba.get_num_threads()
+    numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
+    try:
+        return function(*arrays)
+    finally:
+        numba.set_num_threads(threads)

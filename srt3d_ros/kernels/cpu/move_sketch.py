@@ -1,7 +1,7 @@
-"""Photons that have come to lie elsewhere: `move_sketch` and `read_moved`.
+"""Photons that have come to lie elsewhere: `move_sketch`.
 
-Where each pixel's photons go is found row by row. Then each band of rows collects its own, in the order of the pixels
-that they come from, so that sums do not depend on the number of threads.
+First each pixel finds where its photons go. Then each band of rows collects its own, in the order of the pixels that
+they come from, so that sums do not depend on the number of threads.
 """
 
 import numpy as np
@@ -12,50 +12,34 @@ from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.lens import LOOKS, distorted
 
 BAND = 16               # rows: photons on the border between two are turned twice
-LANES = 8               # of a vector of float32, at least
+LANES = 8               # of a vector of float32, at least: a rest would take as long as another vector, or longer
 TURN = F32(2 * np.pi)
 NOWHERE = F32(-1e9)
 _distorted = inline(distorted)
 
 
-@line
-def _turn(i, rays, motions, group, turned, offset):
-    """The rays of a row, turned, and the offset of each, [3, cols]."""
-    for j in range(rays.shape[1]):
-        g, a, b, c = group[i, j], rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
-        for axis in range(3):
-            turned[axis, j] = motions[g, axis, 0] * a + motions[g, axis, 1] * b + motions[g, axis, 2] * c
-            offset[axis, j] = motions[g, axis, 3]
-
-
-@line
-def _see(turned, offset, length, lens, row, col):
-    """Row and column of the points at `length` along the rays of a row; NOWHERE where there is none."""
-    x, y, z, p, q, r = turned[0], turned[1], turned[2], offset[0], offset[1], offset[2]
+@inline
+def _place(x, y, z, lens):
+    """Row and column at which a point is seen; NOWHERE where there is none."""
     if len(lens) > 4:
         fx, fy, cx, cy, k1, k2, p1, p2, k3, reach = lens
-        for j in range(len(length)):
-            w = z[j] * length[j] + r[j]
-            inverse = ONE / w
-            u, v = (x[j] * length[j] + p[j]) * inverse, (y[j] * length[j] + q[j]) * inverse
-            seen = (w > ZERO) & (u * u + v * v < reach)
-            u, v = _distorted(u, v, k1, k2, p1, p2, k3)
-            row[j] = fy * v + cy if seen else NOWHERE
-            col[j] = fx * u + cx if seen else NOWHERE
-    else:
-        turn = TURN / abs(lens[1])
-        for j in range(len(length)):
-            u, v, w = x[j] * length[j] + p[j], y[j] * length[j] + q[j], z[j] * length[j] + r[j]
-            row[j] = (np.arctan2(w, np.sqrt(u * u + v * v)) - lens[2]) / lens[3]
-            at = (np.arctan2(v, u) - lens[0]) / lens[1] + HALF
-            col[j] = at - turn * np.floor(at / turn) - HALF
+        inverse = ONE / z
+        u, v = x * inverse, y * inverse
+        seen = (z > ZERO) & (u * u + v * v < reach)
+        u, v = _distorted(u, v, k1, k2, p1, p2, k3)
+        return (fy * v + cy if seen else NOWHERE), (fx * u + cx if seen else NOWHERE)
+    row = (np.arctan2(z, np.sqrt(x * x + y * y)) - lens[2]) / lens[3]
+    turn, col = TURN / abs(lens[1]), (np.arctan2(y, x) - lens[0]) / lens[1] + HALF
+    return row, col - turn * np.floor(col / turn) - HALF
 
 
 @line
-def _find_nearest(row, col, rows, nearest):
-    """The pixel nearest to each place of a row; −1 where the array has none."""
-    cols = len(nearest)
+def _look(turned, offset, length, lens, rows, row, col, nearest):
+    """Where the points at `length` along turned rays are seen, and the nearest pixels; −1 where there is none."""
+    x, y, z, cols = turned[0], turned[1], turned[2], len(length)
+    p, q, r = offset[0], offset[1], offset[2]
     for j in range(cols):
+        row[j], col[j] = _place(x[j] * length[j] + p, y[j] * length[j] + q, z[j] * length[j] + r, lens)
         seen = (row[j] >= -HALF) & (row[j] < F32(rows) - HALF) & (col[j] >= -HALF) & (col[j] < F32(cols) - HALF)
         nearest[j] = np.int32(row[j] + HALF) * cols + np.int32(col[j] + HALF) if seen else -1
 
@@ -63,146 +47,103 @@ def _find_nearest(row, col, rows, nearest):
 @line
 def _measure(nearest, offset, rays, ranges, length):
     """How far the points at the nearest pixels were from where the photons were seen, m."""
+    p, q, r = offset[0], offset[1], offset[2]
     for j in range(len(nearest)):
         at = nearest[j]
         if at >= 0:
-            e = ranges[at]
-            u, v, w = rays[at, 0] * e - offset[0, j], rays[at, 1] * e - offset[1, j], rays[at, 2] * e - offset[2, j]
-            length[j] = np.sqrt(u * u + v * v + w * w)
+            own = ranges[at]
+            length[j] = _length(rays[at, 0] * own - p, rays[at, 1] * own - q, rays[at, 2] * own - r)
 
 
-@line
-def _share(row, col, nearest, ranges, steepest, rows, target, weight, there):
-    """The four pixels around each place, and the share of each; the range between them, m."""
-    cols = len(nearest)
-    for j in range(cols):
-        at = nearest[j]
-        if at < 0:
-            continue
-        above, left = np.int64(np.floor(row[j])), np.int64(np.floor(col[j]))
-        down, right, own, total = row[j] - F32(above), col[j] - F32(left), ranges[at], ZERO
-        limit = steepest * own
-        for k in range(4):
-            to_row, to_col = above + (k >> 1), left + (k & 1)
-            share = (down if k >> 1 else ONE - down) * (right if k & 1 else ONE - right)
-            pixel = to_row * cols + to_col
-            inside = (to_row >= 0) & (to_row < rows) & (to_col >= 0) & (to_col < cols)
-            if not inside or abs(ranges[pixel] - own) > limit:
-                pixel = np.int64(at)
-            target[j, k], weight[j, k] = pixel, share
-            total += share / ranges[pixel]
-        there[j] = ONE / total
+@inline
+def _length(x, y, z):
+    return np.sqrt(x * x + y * y + z * z)
 
 
-@line
-def _depths(turned, offset, length, there, late, metres_per_bin, depth):
-    """The depth, bins, at which what is now at range `there` was seen."""
-    for j in range(len(length)):
-        p, q, r, e = offset[0, j], offset[1, j], offset[2, j], length[j]
-        x, y, z = turned[0, j] * e + p, turned[1, j] * e + q, turned[2, j] * e + r
-        scale = there[j] / np.sqrt(x * x + y * y + z * z)
-        x, y, z = x * scale - p, y * scale - q, z * scale - r
-        depth[j] = np.sqrt(x * x + y * y + z * z) / metres_per_bin + late[j]
+@inline
+def _share(row, col, nearest, rows, cols, ranges, steepest, at, target, weight):
+    """The four pixels around a place, and the share of each; the range between them, m."""
+    above, left = np.int64(np.floor(row)), np.int64(np.floor(col))
+    down, right, total = row - F32(above), col - F32(left), ZERO
+    for k in range(4):
+        to_row, to_col = above + (k >> 1), left + (k & 1)
+        share = (down if k >> 1 else ONE - down) * (right if k & 1 else ONE - right)
+        pixel = to_row * cols + to_col
+        inside = (to_row >= 0) & (to_row < rows) & (to_col >= 0) & (to_col < cols)
+        if not inside or abs(ranges[pixel] - ranges[nearest]) > steepest * ranges[nearest]:
+            pixel = nearest
+        target[at, k], weight[at, k] = pixel, share
+        total += share / ranges[pixel]
+    return ONE / total
 
 
 @parallel
-def _targets(photons, used, rays, ranges, motions, group, lens, late, metres_per_bin, steepest, target, weight, depth,
-             reached):
-    rows, cols = photons.shape
-    all_rays, all_ranges = rays.reshape(rows * cols, 3), ranges.reshape(rows * cols)
+def _find_targets(rows, cols, photons, used, rays, ranges, rotation, offset, lens, late, metres_per_bin, steepest,
+                  target, weight, depth, reached):
+    """Where the photons of each pixel go, and at which depth they were seen, bins; the pixels that each row reaches."""
+    p, q, r = offset[0], offset[1], offset[2]
     for i in prange(rows):
-        turned, offset = np.empty((3, cols), np.float32), np.empty((3, cols), np.float32)
-        row, col, there = np.empty(cols, np.float32), np.empty(cols, np.float32), np.ones(cols, np.float32)
-        length, nearest = ranges[i].copy(), np.empty(cols, np.int32)
-        _turn(i, rays, motions, group, turned, offset)
+        own = rays[i * cols:(i + 1) * cols]
+        turned, length = np.empty((3, cols), np.float32), ranges[i * cols:(i + 1) * cols].copy()
+        for axis in range(3):
+            for j in range(cols):
+                turned[axis, j] = (rotation[axis, 0] * own[j, 0] + rotation[axis, 1] * own[j, 1]
+                                   + rotation[axis, 2] * own[j, 2])
+        row, col, nearest = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.int32)
+        _look(turned, offset, length, lens, rows, row, col, nearest)
         for _ in range(LOOKS):
-            _see(turned, offset, length, lens, row, col)
-            _find_nearest(row, col, rows, nearest)
-            _measure(nearest, offset, all_rays, all_ranges, length)
-        _see(turned, offset, length, lens, row, col)
-        _find_nearest(row, col, rows, nearest)
-        for j in range(cols):
-            if photons[i, j] == ZERO or used[i, j] == ZERO:
-                nearest[j] = -1
-        _share(row, col, nearest, all_ranges, steepest, rows, target[i], weight[i], there)
-        _depths(turned, offset, length, there, late[i], metres_per_bin, depth[i])
+            _measure(nearest, offset, rays, ranges, length)
+            _look(turned, offset, length, lens, rows, row, col, nearest)
         first, last = rows * cols, -1
         for j in range(cols):
-            if nearest[j] < 0:
-                target[i, j, 0] = -1
-            else:
-                first, last = min(first, nearest[j]), max(last, nearest[j])
+            at, to = i * cols + j, np.int64(nearest[j])
+            target[at, 0] = -1
+            if to >= 0 and photons[at] > ZERO and used[at]:
+                there = _share(row[j], col[j], to, rows, cols, ranges, steepest, at, target, weight)
+                x, y, z = turned[0, j] * length[j] + p, turned[1, j] * length[j] + q, turned[2, j] * length[j] + r
+                scale = there / _length(x, y, z)
+                depth[at] = _length(x * scale - p, y * scale - q, z * scale - r) / metres_per_bin + late[at]
+                first, last = min(first, to), max(last, to)
         reached[i, 0], reached[i, 1] = first - cols - 1, last + cols + 1
 
 
-@line
-def _padded(bin_frequencies):
-    """Frequencies in whole vectors: a rest would take as long as another vector, or longer."""
-    padded = np.zeros(-(-len(bin_frequencies) // LANES) * LANES, np.float32)
-    padded[:len(bin_frequencies)] = bin_frequencies
-    return padded
-
-
 @parallel
-def _collect(sums, photons, target, weight, depth, reached, bin_frequencies, moved, numbers):
-    rows, cols, twice = sums.shape
-    m, size = twice // 2, rows * cols
+def _collect(rows, cols, sums, photons, target, weight, depth, reached, bin_frequencies, moved, numbers):
+    twice = sums.shape[1]
     for band in prange((rows + BAND - 1) // BAND):
-        begin, end = band * BAND * cols, min((band + 1) * BAND * cols, size)
-        z, turns = np.empty(twice, np.float32), _padded(bin_frequencies)
-        cosine, sine = np.empty_like(turns), np.empty_like(turns)
+        begin, end = band * BAND * cols, min((band + 1) * BAND * cols, rows * cols)
+        z = np.empty(twice, np.float32)
+        cosine, sine = np.empty_like(bin_frequencies), np.empty_like(bin_frequencies)
         for i in range(rows):
             if reached[i, 1] < begin or reached[i, 0] >= end:
                 continue
-            for j in range(cols):
-                if target[i, j, 0] < 0:
+            for at in range(i * cols, (i + 1) * cols):
+                a, b, c, d = target[at, 0], target[at, 1], target[at, 2], target[at, 3]
+                if a < 0 or max(max(a, b), max(c, d)) < begin or min(min(a, b), min(c, d)) >= end:
                     continue
-                a, b, c, d = target[i, j, 0], target[i, j, 1], target[i, j, 2], target[i, j, 3]
-                if max(max(a, b), max(c, d)) < begin or min(min(a, b), min(c, d)) >= end:
-                    continue
-                at = depth[i, j]
-                for l in range(len(turns)):
-                    sine[l], cosine[l] = sincos(turns[l] * at)
-                for l in range(m):
-                    re, im = sums[i, j, 2 * l], sums[i, j, 2 * l + 1]
+                for l in range(len(bin_frequencies)):
+                    sine[l], cosine[l] = sincos(bin_frequencies[l] * depth[at])
+                for l in range(twice // 2):
+                    re, im = sums[at, 2 * l], sums[at, 2 * l + 1]
                     z[2 * l] = re * cosine[l] + im * sine[l]
                     z[2 * l + 1] = im * cosine[l] - re * sine[l]
                 for k in range(4):
-                    pixel, share = target[i, j, k], weight[i, j, k]
+                    pixel, share = target[at, k], weight[at, k]
                     if pixel >= begin and pixel < end and share > ZERO:
-                        numbers[pixel] += share * photons[i, j]
+                        numbers[pixel] += share * photons[at]
                         for l in range(twice):
                             moved[pixel, l] += share * z[l]
 
 
-def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_frequencies, late, metres_per_bin,
+def move_sketch(sums, photons, used, rays, ranges, rotation, offset, lens, bin_frequencies, late, metres_per_bin,
                 steepest, moved, numbers):
     rows, cols, m = sums.shape
-    target, weight = np.empty((rows, cols, 4), np.int32), np.empty((rows, cols, 4), np.float32)
-    depth, reached = np.empty((rows, cols), np.float32), np.empty((rows, 2), np.int64)
-    _targets(photons, used, rays, ranges, motions, group, lens, late, F32(metres_per_bin), F32(steepest), target,
-             weight, depth, reached)
-    _collect(np.ascontiguousarray(sums).view(np.float32), photons, target, weight, depth, reached, bin_frequencies,
-             moved.view(np.float32).reshape(rows * cols, 2 * m), numbers.reshape(-1))
-
-
-@parallel
-def _read_moved(moved, ranges, late, bin_frequencies, metres_per_bin, sums):
-    rows, cols, twice = moved.shape
-    for i in prange(rows):
-        turns = _padded(bin_frequencies)
-        cosine, sine = np.empty_like(turns), np.empty_like(turns)
-        for j in range(cols):
-            at = ranges[i, j] / metres_per_bin + late[i, j]
-            for l in range(len(turns)):
-                sine[l], cosine[l] = sincos(turns[l] * at)
-            for l in range(twice // 2):
-                re, im = moved[i, j, 2 * l], moved[i, j, 2 * l + 1]
-                sums[i, j, 2 * l] = re * cosine[l] - im * sine[l]
-                sums[i, j, 2 * l + 1] = im * cosine[l] + re * sine[l]
-
-
-def read_moved(moved, ranges, late, bin_frequencies, metres_per_bin):
-    sums = np.empty_like(moved)
-    _read_moved(moved.view(np.float32), ranges, late, bin_frequencies, F32(metres_per_bin), sums.view(np.float32))
-    return sums
+    size, photons, whole = rows * cols, photons.reshape(-1), -(-m // LANES) * LANES
+    target, weight = np.empty((size, 4), np.int32), np.empty((size, 4), np.float32)
+    depth, reached = np.empty(size, np.float32), np.empty((rows, 2), np.int64)
+    _find_targets(rows, cols, photons, used.reshape(-1), rays.reshape(size, 3), ranges.reshape(-1), rotation, offset,
+                  tuple(lens), late.reshape(-1), F32(metres_per_bin), F32(steepest), target, weight, depth, reached)
+    padded = np.zeros(whole, np.float32)
+    padded[:m] = bin_frequencies
+    _collect(rows, cols, np.ascontiguousarray(sums).view(np.float32).reshape(size, 2 * m), photons, target, weight,
+             depth, reached, padded, moved.view(np.float32).reshape(size, 2 * m), numbers.reshape(-1))

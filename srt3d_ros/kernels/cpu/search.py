@@ -48,11 +48,11 @@ def _shear(matched, cos_col, sin_col, cos_row, sin_row, near, step, out):
                 out[i, m + l, j] = im * c - re * s
 
 
-def _sheared(matched, bin_frequencies, slope, origin, near, step, scratch):
+def _sheared(matched, bin_frequencies, slope, near, step, scratch):
     """The map with a plane of this slope turned to depth 0, in rows of cells that are `near`."""
     turns = 2 * np.pi * bin_frequencies.astype(np.float64)[:, None]
-    col, row = (turns * (rise * (np.arange(pixels) + first - MARGIN)) for rise, pixels, first in
-                zip(slope, (matched.shape[2], matched.shape[0]), origin[::-1]))
+    col, row = (turns * (rise * (np.arange(pixels) - MARGIN)) for rise, pixels in
+                zip(slope, (matched.shape[2], matched.shape[0])))
     out = borrow(scratch, "sheared", matched.shape)
     _shear(matched, *(f(phase).astype(np.float32) for phase in (col, row) for f in (np.cos, np.sin)), near,
            step, out)
@@ -108,7 +108,7 @@ def _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, enou
 @parallel
 def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share, enough, energy, curvature,
             max_response, background_table, moments, clutter, bin_frequencies, cos, sin, odd, cells, num_bins, wanted,
-            layer, carried, confirmed, slope, origin, state):
+            layer, carried, confirmed, slope, state):
     rows, cols = wanted.shape
     m, total, period = len(energy), total_of(energy), F32(num_bins)
     apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
@@ -130,7 +130,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                 j = listed[first + x]
                 photons = counts[top + i, counts_at, top + j]
                 light = max(exposure[top + i, exposure_at, top + j], EPSILON)
-                depth = place[x] + F32(step) * (slope[0] * F32(origin[1] + j) + slope[1] * F32(origin[0] + i))
+                depth = place[x] + F32(step) * (slope[0] * F32(j) + slope[1] * F32(i))
                 depth -= period * np.floor(depth / period)
                 score = _score(height[x], photons, share, max_response, background_table)
                 score /= clutter[int(np.rint(depth)) % len(clutter)]
@@ -183,7 +183,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
         weights = window_weights(sigma / step)
         needed, near = rows_of_pools(wanted, weights, step)
         if slope != (0.0, 0.0):
-            matched = _sheared(matched, frame.bin_frequencies, slope, frame.origin, near, step, scratch)
+            matched = _sheared(matched, frame.bin_frequencies, slope, near, step, scratch)
         pools = pool(matched, frame.counts, frame.exposure, is_open, weights, step, needed, near, scratch)
         maps, channels = (pools, pools, pools), (matched.shape[1], matched.shape[1] + 1)
         top, share = 0, HALF
@@ -191,4 +191,4 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     _search(*maps, *channels, top, step, share, F32(enough), frame.energy, F32(frame.curvature),
             F32(frame.max_response), frame.background_table, frame.moments, clutter, frame.bin_frequencies,
             *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, wanted, layer, carried, F32(confirmed),
-            (F32(slope[0]), F32(slope[1])), tuple(first // step for first in frame.origin), state)
+            (F32(slope[0]), F32(slope[1])), state)

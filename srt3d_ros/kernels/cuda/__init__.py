@@ -1,13 +1,10 @@
 """The CUDA kernels: those of `reference` in single precision on a GPU, and in Triton where these take too long.
 
-They read and write device memory only and never wait for it: once Triton's are compiled, a sequence of them can be
-captured in a CUDA graph.
+They read and write device memory only and never wait for it.
 """
 
 from srt3d_ros.kernels.cuda.birth_death import birth_death
-from srt3d_ros.kernels.cuda.device import Scratch, array, new_sums, numpy
-from srt3d_ros.kernels.cuda.frame_stream import WARM_FRAMES, FrameStream
-from srt3d_ros.kernels.cuda.move_sketch import move_sketch, read_moved
+from srt3d_ros.kernels.cuda.device import Scratch, array, new_sums, numpy, run_frame
 from srt3d_ros.kernels.cuda.pooled_step import pooled_step
 from srt3d_ros.kernels.reference import (
     ON_HOST,

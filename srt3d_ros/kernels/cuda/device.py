@@ -33,3 +33,8 @@ def new_sums(pixels, values):
 
 class Scratch(reference.Scratch):
     dtype, device = torch.float32, DEVICE
+
+
+def run_frame(function, *frame):
+    *arrays, points, number = function(*map(array, frame))
+    return *map(numpy, arrays), *reference.unpack((points.cpu(), number.cpu()))

@@ -1,4 +1,5 @@
-"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` and `cuda` have the same names.
+"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` and `cuda` have the same names,
+but for `move_sketch`, which runs on the CPU only.
 
 Here arrays are tensors in double precision on the CPU, so that another backend differs by its own rounding only. `cuda`
 runs most of these functions in single precision on a GPU; `birth_death`, `pooled_step` and `move_sketch` are for NumPy
@@ -26,21 +27,19 @@ A frame is a `MatchedFrame` of `core.matched_frame`, padded unless said otherwis
 `core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary ones. Maps with
 rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is memory for
 results that last until the next call with it, which `cpu` uses. Types are those of `cpu` and `cuda`. Arrays lie on the
-kernels' device unless said to be NumPy's: ON_HOST says whether they are. WARM_FRAMES is the number of frames of a
-sensor's own size before all are fast; 0: one frame of any size is enough.
+kernels' device unless said to be NumPy's: ON_HOST says whether they are.
 """
 
 from srt3d_ros.kernels.reference import move_sketch as moving
 from srt3d_ros.kernels.reference.apss import apss
 from srt3d_ros.kernels.reference.arrays import (
     ON_HOST,
-    WARM_FRAMES,
-    FrameStream,
     Scratch,
     array,
     in_numpy,
     numpy,
     photon_array,
+    run_frame,
 )
 from srt3d_ros.kernels.reference.baselines import pixelwise, poisson
 from srt3d_ros.kernels.reference.birth_death import birth_death
@@ -63,10 +62,10 @@ from srt3d_ros.kernels.reference.phase_sums import (
 from srt3d_ros.kernels.reference.pooled_step import pooled_step
 from srt3d_ros.kernels.reference.search import drop_weak, match, prepare, residual, search
 
-move_sketch, read_moved = map(in_numpy, (moving.move_sketch, moving.read_moved))
+move_sketch = in_numpy(moving.move_sketch)
 
-__all__ = ["ON_HOST", "FrameStream", "Scratch", "WARM_FRAMES", "apss", "array", "birth_death", "blur", "collect",
+__all__ = ["ON_HOST", "Scratch", "apss", "array", "birth_death", "blur", "collect",
            "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
            "log_likelihood_ratio", "match", "move_sketch", "new_sums", "numpy", "photon_array", "pixelwise", "poisson",
-           "pooled_step", "prepare", "read_moved", "read_sums", "residual", "search", "sketch_continuous",
+           "pooled_step", "prepare", "read_sums", "residual", "run_frame", "search", "sketch_continuous",
            "sketch_gates", "sketch_histograms", "sketch_sorted", "sketch_unsorted", "trim", "unexplained", "unpack"]

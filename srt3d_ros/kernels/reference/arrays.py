@@ -9,7 +9,6 @@ import torch
 from srt3d_ros.kernels.reference.finalise import unpack
 
 ON_HOST = False                 # not NumPy's
-WARM_FRAMES = 0
 DOUBLE = {np.dtype(np.float32): np.float64, np.dtype(np.complex64): np.complex128}
 SINGLE = {torch.float64: torch.float32, torch.complex128: torch.complex64}
 
@@ -30,7 +29,7 @@ def numpy(values):
 
 
 class Scratch:
-    """Memory that a reconstruction keeps from frame to frame; none is given up: a CUDA graph needs it in its place."""
+    """Memory that a reconstruction keeps from frame to frame."""
 
     dtype, device = torch.float64, "cpu"
 
@@ -48,25 +47,18 @@ class Scratch:
         return found
 
 
-class FrameStream:
-    """Frames through a sequence of kernels; a device may upload, compute and download different frames at once.
+def run_frame(function, *frame):
+    """The results of a function of a frame's arrays [rows, cols, …], as NumPy arrays.
 
     Args:
-        function: of a frame's arrays; returns a tuple of arrays that ends with the points of `collect`.
+        function: of the arrays on the device; returns a tuple of arrays that ends with the points of `collect`.
+        frame: NumPy arrays, the first [rows, cols].
+
+    Returns:
+        The arrays, and the points as `unpack` gives them.
     """
-
-    def __init__(self, function):
-        self._function = function
-
-    def submit(self, *frame):
-        """Begin a frame, of arrays of any device; they may change once this returns.
-
-        Returns:
-            A function that waits for the results: NumPy arrays, the points as `unpack` gives them.
-        """
-        *arrays, points, number = self._function(*(array(np.asarray(values)) for values in frame))
-        results = *map(numpy, arrays), *unpack((points, number))
-        return lambda: results
+    *arrays, points, number = function(*map(array, frame))
+    return *map(numpy, arrays), *unpack((points, number))
 
 
 def in_numpy(function):

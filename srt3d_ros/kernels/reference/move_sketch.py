@@ -1,11 +1,11 @@
-"""Photons that have come to lie elsewhere: `move_sketch` and `read_moved`."""
+"""Photons that have come to lie elsewhere: `move_sketch`."""
 
 import numpy as np
 
 from srt3d_ros.kernels.lens import LOOKS, distorted
 
 
-def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_frequencies, late, metres_per_bin,
+def move_sketch(sums, photons, used, rays, ranges, rotation, offset, lens, bin_frequencies, late, metres_per_bin,
                 steepest, moved, numbers):
     """Add the photons of one instant, moved to where they would be seen from at another: to moved and numbers.
 
@@ -17,18 +17,18 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
 
         moved_i += w_i exp(−i ω_l (ρ / metres_per_bin + late)) sums,    numbers_i += w_i n.
 
-    `read_moved` adds the pixel's own range again: photons so come to lie on the surface that they were on, at each
-    pixel's own place on it. ρ is not known before the place is: the first is that of the pixel, and LOOKS times
+    Whoever adds the pixel's own range again has the photons lie on the surface that they were on, at each pixel's own
+    place on it. ρ is not known before the place is: the first is that of the pixel, and LOOKS times
     that of the point at the pixel found. Photons that no pixel would see are left out.
 
     Args:
         sums: as of `prepare`.
         photons: float32 [rows, cols], also parts of photons.
-        used: float32 [rows, cols], 0 in masked pixels, whose photons are left out.
+        used: bool [rows, cols], False in masked pixels, whose photons are left out.
         rays: float32 [rows, cols, 3], unit vectors.
         ranges: float32 [rows, cols], ρ' along each ray, m, of every pixel.
-        motions: float32 [G, 3, 4], R and p (m).
-        group: uint8 [rows, cols], which of the motions is that of a pixel.
+        rotation: float32 [3, 3], R.
+        offset: float32 [3], p, m.
         lens: as in `kernels.lens`.
         late: float32 [rows, cols], delays, bins.
         moved: complex64 [rows, cols, m]; changed in place, as are
@@ -36,8 +36,7 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     """
     rows, cols = photons.shape
     size, rays, ranges = rows * cols, rays.reshape(-1, 3).astype(float), ranges.reshape(-1).astype(float)
-    motion = motions.astype(float)[group.reshape(-1)]
-    turned, offset = np.einsum("pij,pj->pi", motion[:, :, :3], rays), motion[:, :, 3]
+    turned, offset = rays @ rotation.T.astype(float), offset.astype(float)
     length = ranges
     for _ in range(LOOKS):
         row, col = _place(turned * length[:, None] + offset, lens.astype(float))
@@ -46,8 +45,8 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     xyz = turned * length[:, None] + offset
     row, col = _place(xyz, lens.astype(float))
     seen, nearest = _pixel(row, col, rows, cols)
-    chosen = np.flatnonzero(seen & (used.reshape(-1) > 0) & (photons.reshape(-1) > 0))
-    row, col, xyz, offset, nearest = (values[chosen] for values in (row, col, xyz, offset, nearest))
+    chosen = np.flatnonzero(seen & used.reshape(-1) & (photons.reshape(-1) > 0))
+    row, col, xyz, nearest = (values[chosen] for values in (row, col, xyz, nearest))
     target, weight = _shares(row, col, nearest, ranges, steepest, rows, cols)
     there = 1 / (weight / ranges[target]).sum(axis=0)
     before = np.linalg.norm(xyz * (there / np.linalg.norm(xyz, axis=1))[:, None] - offset, axis=1)
@@ -56,12 +55,6 @@ def move_sketch(sums, photons, used, rays, ranges, motions, group, lens, bin_fre
     for pixel, share in zip(target, weight):
         np.add.at(moved.reshape(size, -1), pixel, share[:, None] * z)
         np.add.at(numbers.reshape(-1), pixel, share * photons.reshape(-1)[chosen])
-
-
-def read_moved(moved, ranges, late, bin_frequencies, metres_per_bin):
-    """moved_l exp(i ω_l (ρ' / metres_per_bin + late)), complex64: sums of photons again."""
-    depth = ranges / metres_per_bin + late
-    return (moved * np.exp(2j * np.pi * depth[..., None] * bin_frequencies)).astype(np.complex64)
 
 
 def _place(xyz, lens):

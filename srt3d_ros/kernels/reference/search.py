@@ -89,8 +89,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     With a slope, z_l exp(−i ω_l slope · position) are pooled instead, which adds up a plane of this slope as a flat
     window adds up one of slope 0, and slope · position is added to t, of each pixel. So slopes are tried one after
     the other, with pixels that are open `before` the first of them: a surface found since is replaced by one with
-    a higher score, while its own is below DOUBTFUL. Positions count from (0, 0) of the whole array: a part of it,
-    whose `origin` is a whole number of cells, gets the same bits.
+    a higher score, while its own is below DOUBTFUL.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
     √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,
@@ -123,7 +122,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     row, col = (torch.arange(pixels, device=state.device) for pixels in (rows, cols))
     matched = crop(matched, rows, cols)
     if slope != (0.0, 0.0):
-        along = slope[0] * (col + frame.origin[1]) + slope[1] * (row + frame.origin[0])[:, None]
+        along = slope[0] * col + slope[1] * row[:, None]
         matched = as_map(as_complex(matched) * waves(frame, along).conj())
     share, pools = 1.0, (matched, counts, exposure)
     if sigma > 0:
@@ -132,8 +131,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     z = as_complex(pools[0])
     depth, signal = _peak(z, frame)
     signal = signal / frame.total_energy
-    cells = [torch.arange(first // step, first // step + size, device=state.device)
-             for first, size in zip(frame.origin, depth.shape)]
+    cells = [torch.arange(size, device=state.device) for size in depth.shape]
     depth = (depth + step * (slope[0] * cells[1] + slope[1] * cells[0][:, None])) % frame.num_bins
 
     # What the cell of each pixel shows.
