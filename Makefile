@@ -1,36 +1,59 @@
-# Two commands to know: `make demo` and `make test`. Both make and fill $(VENV) by themselves, once.
+# Two commands to know: `make demo` and `make test`. Each installs what it needs into $(VENV), once.
 PYTHON ?= python3
-# Of ROS 2: jazzy or kilted, each in an environment of its own.
-ROS = jazzy
-VENV = .venv$(if $(filter-out jazzy,$(ROS)),-$(ROS))
+VENV = .venv
+CONSTRAINTS = -c constraints.txt
 OUT = demo-out
 PHOTONS =
 MOTION =
 ARGS =
 
-.PHONY: help venv demo test lint clean
+pip = $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet $(CONSTRAINTS)
+gpu = $(if $(wildcard /proc/driver/nvidia/version),gpu)
+comma = ,
+installed_from = setup.py pyproject.toml package.xml constraints.txt $(wildcard scripts/nodes/* msg_schemas/* launch/* config/*)
+
+.PHONY: help demo test test-newest lint clean
 
 help:
 	@echo 'make demo [PHOTONS=file] [OUT=demo-out]  photons to point clouds over ROS 2: a recording, a picture, a table'
 	@echo '          MOTION=walk|drone|spin           the same, of a sensor that moves, deskewed by its odometry'
 	@echo 'make test [ARGS=...]                     the tests; ARGS goes to pytest'
+	@echo 'make test-newest                         the tests with the newest releases that setup.py allows'
 	@echo 'make lint                                ruff'
-	@echo 'make venv                                only make or refresh the virtual environment'
-	@echo 'make clean                               remove it and everything that was built'
-	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), ROS=$(ROS) (or kilted), VENV=$(VENV)'
+	@echo 'make clean                               remove $(VENV) and everything that was built'
+	@echo 'Variables: PYTHON=$(PYTHON) (3.11 or newer), VENV=$(VENV)'
 
-venv:
-	@'$(PYTHON)' scripts/make_venv.py '$(VENV)' '$(ROS)'
+demo: $(VENV)/demo-ready
+	@$(VENV)/bin/srt3d demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
 
-demo: venv
-	@'$(VENV)/bin/srt3d' demo $(if $(PHOTONS),--photons '$(PHOTONS)') $(if $(MOTION),--motion '$(MOTION)') --out '$(OUT)'
+test: $(VENV)/test-ready
+	@$(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
-test: venv
-	@'$(VENV)/bin/python' -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS)
+test-newest:
+	@$(MAKE) --no-print-directory test VENV=.venv-newest CONSTRAINTS=
 
-lint: venv
-	@'$(VENV)/bin/ruff' check .
+lint: $(VENV)/test-ready
+	@$(VENV)/bin/ruff check .
+
+$(VENV)/demo-ready: $(installed_from)
+	@'$(PYTHON)' -c 'import sys; v = sys.version_info; sys.exit(f"srt3d_ros needs Python 3.11 or newer and this is {v[0]}.{v[1]}: try make PYTHON=python3.12" if v < (3, 11) else 0)'
+	@echo '[1/3] installing ROS 2 Jazzy, numba, rerun and the rest into $(VENV): about 1 GB, one or two minutes'
+	@'$(PYTHON)' -m venv $(VENV)
+	@$(pip) 'setuptools>=77.0.3,<80'
+	@$(pip) --no-build-isolation --editable '.[ros,record,review$(addprefix $(comma),$(gpu))]'
+	@echo '[2/3] placing the executables of the nodes'
+	@$(VENV)/bin/python -W ignore setup.py --quiet install_data --install-dir $(VENV)
+	@echo '[3/3] compiling the kernels for this processor: half a minute'
+	@$(VENV)/bin/srt3d compile
+	@touch $@
+
+# PyPI's torch brings 3 GB of CUDA: without a GPU, its own index of CPU builds is tried first.
+$(VENV)/test-ready: $(VENV)/demo-ready
+	@echo '[test] installing torch and the test tools'
+	@$(if $(gpu),true,$(pip) --retries 0 --timeout 10 --index-url https://download.pytorch.org/whl/cpu torch 2>/dev/null || true)
+	@$(pip) --no-build-isolation --editable '.[test]'
+	@touch $@
 
 clean:
-	rm -rf '$(VENV)' build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-newest build install log dist demo-out *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +

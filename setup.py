@@ -1,9 +1,8 @@
-"""How srt3d_ros is installed: by pip, by colcon (build type ament_python) and by `make venv`.
+"""How srt3d_ros is installed: by pip, by colcon (build type ament_python) and by `make demo`.
 
 ROS itself is an extra: on a machine with ROS 2 from apt, rclpy and the messages come from there (package.xml, rosdep),
 and pip must not put a second copy beside them. There: `colcon build`, or `pip install .` in a virtual environment made
-with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels, and `.[ros-kilted]`
-ROS 2 Kilted; an environment holds one of the two.
+with --system-site-packages. Anywhere else `pip install '.[ros]'` brings ROS 2 Jazzy as wheels.
 
 torch is needed on an NVIDIA GPU only (the extra `gpu`): its CUDA builds are gigabytes.
 """
@@ -27,23 +26,18 @@ DASK = "distributed>=2025.1,<2028"      # with dask and what both need: 38 MB
 ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
 # torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
 TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
-# Readers of laboratories' files. `lab` is all of them.
-LAB = {"ptu": ["ptufile>=2026.2,<2028"], "sdt": ["sdtfile>=2026.2,<2028"], "spc": ["phconvert>=0.10,<0.11"],
-       "hdf5": ["h5py>=3.10,<4"]}
+# Readers of laboratories' files. ptufile and sdtfile change their interfaces from year to year.
+LAB = ["ptufile>=2026.2,<2027", "sdtfile>=2026.2,<2027", "h5py>=3.10,<4"]
 EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4,<9"],
-    "ros-kilted": ["ros-kilted-rclpy[fastrtps]>=9.1,<10", "ros-kilted-common-interfaces>=5.5,<6",
-                   "ros-kilted-rmw-fastrtps-cpp>=9.3,<10"],
     "record": [RERUN],
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
-    "devices": [PYZMQ],
     "dask": [DASK],
     "gpu": [TORCH, TRITON],
-    **LAB,
-    "lab": [package for packages in LAB.values() for package in packages],
-    "test": [ROSBAGS, PYZMQ, DASK, *LAB["ptu"], *LAB["sdt"], *LAB["hdf5"], "pytest>=8,<10", "pytest-xdist>=3.6,<4",
+    "lab": [*LAB],
+    "test": [ROSBAGS, PYZMQ, DASK, *LAB, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
              "hypothesis>=6.100,<7", "psutil>=5.9,<8",
              "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH, TRITON],
 }
@@ -74,7 +68,6 @@ setup(
         under("launch"),
         under("config"),
         under("config/sensors"),
-        under("config/kilted"),
         under("examples"),
         # Where `ros2 run` looks. They are not console scripts, which pip would put on PATH under names like `player`.
         (f"lib/{NAME}", sorted(glob("scripts/nodes/*"))),

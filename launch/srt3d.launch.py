@@ -2,7 +2,7 @@
 
 An argument that is not given changes nothing: the parameter file, or else the node's own default, decides.
 NODE.PARAMETER:=VALUE, such as sketcher.sketch_size:=5, sets any parameter of a node. Ends with 1 if a node fails.
-`srt3d up` starts the same nodes without the launch package, and starts those again that die.
+`srt3d up` starts the same nodes without the launch package.
 """
 
 import difflib
@@ -18,6 +18,7 @@ from launch import Action, LaunchDescription
 
 PACKAGE = "srt3d_ros"
 TOPICS = ("photons", "gates", "histograms", "sensor", "points")
+BAD_INPUT = 2       # a node's exit code for what will not become right by another try
 END_S = "60"        # after Ctrl-C, for a recording and a bag to be written; launch would end the nodes after 5 s
 
 ARGUMENTS = {
@@ -49,6 +50,8 @@ NODES = {
     "sketcher": {"sensor_file": "sensor_file"},
     "player": {"input": "input"},
 }
+RESTARTED = ("sketcher", "reconstructor")       # they keep nothing that a new process would lack
+MOST_RESTARTS = 5
 ONLY_WITH = {"recorder": "record", "bag_recorder": "bag", "player": "input"}
 
 
@@ -69,7 +72,8 @@ def pipeline(context) -> list[Action]:
         Node(package=PACKAGE, executable=name, name=name, namespace=given.get("namespace"), output="screen",
              parameters=[*files, switches | texts(given, parameters) | own(context.launch_configurations, name)],
              remappings=remappings, ros_arguments=["--log-level", given["log_level"]], sigterm_timeout=END_S,
-             on_exit=ended)
+             respawn=name in RESTARTED, respawn_delay=1.0, respawn_max_retries=MOST_RESTARTS,
+             on_exit=Ended(MOST_RESTARTS if name in RESTARTED else 0))
         for name, parameters in NODES.items() if name not in ONLY_WITH or ONLY_WITH[name] in given]
 
 
@@ -107,10 +111,16 @@ def config_file(config: str) -> str:
     return str(shipped) if shipped.is_file() else config
 
 
-def ended(event, context) -> None:
-    """A pipeline in which a node has failed is of no use; a player may come to its end.
+class Ended:
+    """Called when a node has ended: a pipeline in which one fails, and is not started again, is of no use.
 
     What is raised here ends the launch with 1; the action Shutdown would end it with 0.
     """
-    if event.returncode:
-        raise RuntimeError(f"{event.process_name} has failed with exit code {event.returncode}")
+
+    def __init__(self, restarts: int):
+        self._restarts = restarts
+
+    def __call__(self, event, context) -> None:
+        if event.returncode and (self._restarts == 0 or event.returncode == BAD_INPUT):
+            raise RuntimeError(f"{event.process_name} has failed with exit code {event.returncode}")
+        self._restarts -= 1

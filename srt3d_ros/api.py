@@ -14,7 +14,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, Method, find
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
-from srt3d_ros.datasets import Photons, arrays
+from srt3d_ros.datasets import Photons, arrays, open_stream
 from srt3d_ros.datasets.arrays import SensorOptions
 from srt3d_ros.datasets.bag import is_bag
 from srt3d_ros.datasets.bag_photons import BagFrames, FramePlace
@@ -22,7 +22,6 @@ from srt3d_ros.datasets.files import readable
 from srt3d_ros.datasets.photons import OPTIONS as FILE_OPTIONS
 from srt3d_ros.datasets.photons import outside_note
 from srt3d_ros.datasets.stream import PhotonStream
-from srt3d_ros.devices import open_stream
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.results import Cloud, Sketch
 
@@ -36,8 +35,8 @@ def open(path: str | Path, frame: int = 0, photons_topic: str = "", **options: A
     """The photons of a file or bag, with their sensor and what the file knows of the truth.
 
     Args:
-        path: .npz, .mat, a laboratory's file (.ptu, .sdt, …: docs/photon-file.md), a device's log (docs/devices.md), or
-            a bag (docs/bags.md).
+        path: .npz, .mat, a laboratory's file (.ptu, .sdt, …: docs/photon-file.md), a log of histograms, or a bag
+            (docs/bags.md).
         frame: which message of a bag's photons or sketches, or frame of a log, from 0.
         photons_topic: where a bag's photons or sketches are, if it has several topics of them.
         options: what the file does not say, or says wrongly: num_bins, bin_width_s, irf, irf_ref, fov_deg, gate, ….
@@ -121,8 +120,8 @@ def reconstruct(row: Any = None, col: Any = None, toa: Any = None, *, counts: An
                 sensor: SensorModel | None = None, method: str = DEFAULT_METHOD,
                 frequencies: str | Sequence[int] | None = None, sketch_size: int | None = None,
                 gate: str | tuple[int, int] = OFF, surfaces: int = 1, device: str = "auto",
-                false_alarm_rate: float | None = None, background: str | None = None, weighting: str | None = None,
-                upsampling: int | None = None, stamp_ns: int = 0, **options: Unpack[SensorOptions]) -> Cloud:
+                false_alarm_rate: float | None = None, background: str | None = None, stamp_ns: int = 0,
+                **options: Unpack[SensorOptions]) -> Cloud:
     """The point cloud of photons or of their sketch.
 
     Args:
@@ -135,8 +134,6 @@ def reconstruct(row: Any = None, col: Any = None, toa: Any = None, *, counts: An
         false_alarm_rate: probability that a pixel with background alone shows a point.
         background: how it spreads over the bins (pooled): as the frame itself shows ("auto"), as the "sensor" says, or
             "flat".
-        weighting: W of the data term (smle: "precision", srt3d: "identity").
-        upsampling: finer pixels of the cloud along the side of each pixel, at most 4 (pooled).
 
     Raises:
         InvalidInput: naming the argument that is missing or cannot be used.
@@ -157,8 +154,7 @@ def reconstruct(row: Any = None, col: Any = None, toa: Any = None, *, counts: An
         else:
             design = _design(seen, gate, chosen.frequencies if frequencies is None else frequencies, sketch_size)
             sensor, used, make = _sketched(seen, design), design.frequencies, partial(_sketch, seen, design)
-    own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background,
-           "weighting": weighting, "upsampling": upsampling}
+    own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background}
     reconstructor = chosen.build(sensor, used,
                                  **{name: value for name, value in own.items() if value is not None})
     reconstructor.warm_up()
@@ -169,7 +165,7 @@ def reconstruct(row: Any = None, col: Any = None, toa: Any = None, *, counts: An
              "num_bins": sensor.num_bins,
              "photons": int(given.photons.sum()) if is_sketch else given.frame.photons,
              "sketch_size": len(used) or None, "frequencies": list(used),
-             "surfaces": surfaces, "upsampling": upsampling or 1, "points": len(cloud),
+             "surfaces": surfaces, "points": len(cloud),
              "sketch_ms": sketch_ms if is_sketch else None, "reconstruct_ms": reconstruct_ms}
     return Cloud(**vars(cloud), sensor=reconstructor.sensor, facts=facts, notes=given.notes)
 

@@ -11,7 +11,7 @@ from srt3d_ros.errors import InvalidInput, require
 
 
 @contextmanager
-def appearing_whole(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """A new file beside `path`, with its suffix, to write to: it becomes `path` if the block ends well, else it goes.
 
     Nobody can have put a link there for us to write through: its name cannot be guessed, and nothing may have it.
@@ -26,7 +26,7 @@ def appearing_whole(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def writing(field: str, path: str | Path) -> Iterator[None]:
+def file_errors(field: str, path: str | Path) -> Iterator[None]:
     """Raise InvalidInput, naming field and path, for an OSError within the block."""
     try:
         yield

@@ -1,4 +1,4 @@
 """The nodes of this package by name, for who must know them without importing ROS 2."""
 
 PLAYER = "player"
-NODES = (PLAYER, "device", "sketcher", "reconstructor", "recorder", "bag_recorder")
+NODES = (PLAYER, "sketcher", "reconstructor", "recorder", "bag_recorder")

@@ -20,7 +20,7 @@ class Cloud(PointCloud):
     """The points of one frame, a PointCloud, with their sensor and how they were made.
 
     Args:
-        sensor: places the points: that of the photons, with finer pixels if `upsampling` says so, behind a gate if
+        sensor: places the points: that of the photons, behind a gate if
             there is one.
         facts: what `srt3d reconstruct --json` prints: method, device, photons, frequencies, times in ms, ….
         notes: one line each for what was assumed, estimated or left out.

@@ -1,6 +1,5 @@
 """What all tests share: ROS 2 kept to this machine and to a domain of its own, and the photon data if present."""
 
-import importlib.util
 import os
 import resource
 import signal
@@ -23,10 +22,14 @@ if threading.current_thread() is threading.main_thread():
 MAX_WORKERS = 4
 # They begin first: begun last, one would keep a single worker busy at the end. Those that wait alternate with those
 # that compute.
-LONG = ("tests/robustness/test_faults.py", "tests/kernels/test_birth_death.py", "tests/test_demo.py",
-        "tests/kernels/test_reconstruction.py", "tests/robustness/test_soak.py", "tests/cli/test_compile.py",
+LONG = ("tests/robustness/test_pipeline.py", "tests/kernels/test_birth_death.py", "tests/test_demo.py",
+        "tests/kernels/test_reconstruction.py", "tests/robustness/test_files.py", "tests/cli/test_compile.py",
         "tests/docs/test_quickstart.py", "tests/nodes/test_reconstructor.py", "tests/cli/test_supervisor.py")
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def pytest_addoption(parser):
+    parser.addoption("--rounds", type=int, default=50, help="damaged inputs a reader in tests/robustness; 50")
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
@@ -44,15 +47,6 @@ def pytest_collection_modifyitems(items):
 def repository() -> Path:
     """The root of the source tree."""
     return REPOSITORY
-
-
-@pytest.fixture(scope="session")
-def make_venv():
-    """scripts/make_venv.py as a module."""
-    spec = importlib.util.spec_from_file_location("make_venv", REPOSITORY / "scripts" / "make_venv.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="session")

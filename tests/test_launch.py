@@ -23,7 +23,7 @@ def constant(tree: ast.Module, name: str):
 
 def test_every_node_is_started_with_parameters_that_it_has(launch):
     nodes = constant(launch, "NODES")
-    assert set(nodes) == set(SPECS) - {"device"}        # which `srt3d device` starts: it needs a device's name
+    assert set(nodes) == set(SPECS)
     for name, parameters in nodes.items():
         assert set(parameters) <= {parameter.name for parameter in SPECS[name].table}
         assert set(parameters.values()) <= set(constant(launch, "ARGUMENTS"))

@@ -5,14 +5,14 @@ from contextlib import nullcontext
 import pytest
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.new_files import appearing_whole, check_not_input, free, next_free
+from srt3d_ros.new_files import atomic_write, check_not_input, free, next_free
 
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_file_takes_its_place_at_the_end_or_not_at_all(tmp_path, fails):
     path = tmp_path / "cloud.ply"
     path.write_text("old")
-    with pytest.raises(OSError, match="full") if fails else nullcontext(), appearing_whole(path) as part:
+    with pytest.raises(OSError, match="full") if fails else nullcontext(), atomic_write(path) as part:
         part.write_text("new")
         assert part.suffix == ".ply" and path.read_text() == "old"
         if fails:
@@ -23,15 +23,15 @@ def test_a_file_takes_its_place_at_the_end_or_not_at_all(tmp_path, fails):
 def test_a_file_is_written_beside_no_matter_what_links_lie_in_wait(tmp_path, monkeypatch):
     path, treasure = tmp_path / "cloud.ply", tmp_path / "treasure"
     path.symlink_to(treasure)
-    with appearing_whole(path) as part:
+    with atomic_write(path) as part:
         assert part.exists() and not part.is_symlink()
         part.write_text("new")
     assert not treasure.exists() and not path.is_symlink() and path.read_text() == "new"
     monkeypatch.setattr("secrets.token_hex", lambda length: "guessed")
-    with appearing_whole(path) as guessed:
+    with atomic_write(path) as guessed:
         pass
     guessed.symlink_to(treasure)
-    with pytest.raises(FileExistsError), appearing_whole(path):
+    with pytest.raises(FileExistsError), atomic_write(path):
         pass
     assert not treasure.exists()
 

@@ -3,7 +3,7 @@
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from srt3d_ros.errors import require
 
@@ -11,19 +11,6 @@ from srt3d_ros.errors import require
 def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
     """The options of these names that were given, by name."""
     return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-
-
-def comma_list(kind: Callable, expected: str, count: int | None = None) -> Callable[[str], tuple]:
-    """A parser of an option's value: `count` values, or any number of them, with commas between."""
-    def parse(text: str) -> tuple:
-        try:
-            values = tuple(kind(part) for part in text.split(","))
-        except ValueError:
-            values = None
-        if values is None or count not in (None, len(values)):
-            raise argparse.ArgumentTypeError(f"{text}: expected {expected}")
-        return values
-    return parse
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:
@@ -37,8 +24,8 @@ SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "row
 def add_photon_file(parser: argparse.ArgumentParser) -> None:
     """INPUT, which frame of it, and options for what it does not say."""
     parser.add_argument("input", metavar="INPUT",
-                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .sdt, .spc, .phu, .h5, .dat, "
-                             ".npy; docs/photon-file.md), or a bag (docs/bags.md)")
+                        help="photon file: .npz, .mat as published, a laboratory's (.ptu, .sdt, .h5, .npy; "
+                             "docs/photon-file.md), a log of histograms, or a bag (docs/bags.md)")
     parser.add_argument("--frame", type=int, default=0, metavar="N", help="message of a bag's photons, from 0 (0)")
     parser.add_argument("--photons-topic", default="", metavar="TOPIC",
                         help="where a bag's photons are, if it has several topics of them")

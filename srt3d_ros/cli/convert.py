@@ -20,16 +20,15 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.datasets import npz
-    from srt3d_ros.devices import open_stream
-    from srt3d_ros.new_files import appearing_whole, check_not_input, check_place
+    from srt3d_ros.datasets import npz, open_stream
+    from srt3d_ros.new_files import atomic_write, check_not_input, check_place
 
     output = Path(args.output)
     require(output.suffix.lower() == ".npz", "output", output.name, "a name that ends in .npz")
     check_place(output)
     check_not_input(output, args.input, args.irf)
     photons = open_stream(args.input, args.frame, args.photons_topic, **common.overrides(args)).read_whole()
-    with appearing_whole(output) as part:
+    with atomic_write(output) as part:
         npz.save(part, photons.sensor, photons.frame, photons.reference_depth_bins)
     sensor = photons.sensor
     common.print_notes(photons.notes)

@@ -7,7 +7,7 @@ from srt3d_ros.cli import common
 from srt3d_ros.errors import require
 
 WORDS = """\
-{rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m{instants}
+{rows} × {cols} pixels, T = {num_bins} bins of {bin_ps:.4g} ps: ranges from {nearest:.4g} to {farthest:.4g} m
 {photons:,} photons, {photons_per_pixel:.4g} a pixel, at most {most_photons_in_a_pixel:,}; {empty_pixels:,} pixels empty
 SBR {sbr_words}; IRF {irf_width_bins:.3g} bins wide ({irf_ps:.3g} ps, full width at half maximum)
 suggested: gate {gate_words}, frequencies {frequency_words}: a sketch of {sketch_bytes:,} bytes"""
@@ -28,8 +28,8 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.gate import in_ranges
+    from srt3d_ros.datasets import open_stream
     from srt3d_ros.datasets.description import describe
-    from srt3d_ros.devices import open_stream
     from srt3d_ros.new_files import check_place
 
     if args.output is not None:
@@ -44,11 +44,9 @@ def run(args: argparse.Namespace) -> int:
         draw_histogram(args.output, found.histogram, found.counts, photons.sensor, gate, Path(args.input).name)
         facts["output"] = str(args.output)
     sbr = "infinite" if facts["sbr"] is None else f"{facts['sbr']:.3g}" if facts["sbr"] else "too low to be seen"
-    instants = "".join(f"\n{what} from {facts[name][0]:.4g} to {facts[name][1]:.4g} s after the stamp" for what, name in
-                       (("pixels look", "scan_s"), ("photons come", "t_s")) if facts[name])
     words = {"bin_ps": facts["bin_width_s"] * 1e12, "irf_ps": facts["irf_width_s"] * 1e12, "sbr_words": sbr,
              "nearest": facts["range_m"][0], "farthest": facts["range_m"][1], "gate_words": in_ranges(gate),
-             "instants": instants, "frequency_words": ",".join(map(str, facts["frequencies"]))}
+             "frequency_words": ",".join(map(str, facts["frequencies"]))}
     if args.json:
         common.print_facts(args, facts, "")
         return 0

@@ -13,14 +13,14 @@ from srt3d_ros.errors import InvalidInput, printable
 
 # Modules here with add_parser(subparsers), which sets run(args) -> int. Only the one asked for is imported, all for
 # `srt3d --help`: they import what is slow (torch, ROS) in run().
-COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "device", "bag-record", "node",
-            "devices", "view", "review", "demo", "compile")
-MODULES = {"play": "node", "device": "node", "bag-record": "node"}      # those that are not called as their command
+COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "play", "bag-record", "node",
+            "view", "review", "demo", "compile")
+MODULES = {"play": "node", "bag-record": "node"}      # those that are not called as their command
 
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
-          "rosbags": "bags", "torch": "gpu", "triton": "gpu", "zmq": "devices", "ptufile": "ptu", "sdtfile": "sdt",
-          "phconvert": "spc", "tables": "spc", "h5py": "hdf5", "distributed": "dask"}
+          "rosbags": "bags", "torch": "gpu", "triton": "gpu", "ptufile": "lab", "sdtfile": "lab",
+          "h5py": "lab", "distributed": "dask"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process

@@ -1,4 +1,4 @@
-"""`srt3d node NAME`, and `play`, `device` and `bag-record`: a node in this process, with ordinary options.
+"""`srt3d node NAME`, and `play` and `bag-record`: a node in this process, with ordinary options.
 
 The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 """
@@ -24,7 +24,6 @@ def add_parser(subparsers) -> None:
     parser.add_argument("ros_args", nargs=argparse.REMAINDER, metavar="--ros-args …", help="arguments for ROS 2")
     parser.set_defaults(run=lambda args: start(args.name, args.ros_args))
     _add_play(subparsers)
-    _add_device(subparsers)
     _add_bag_record(subparsers)
 
 
@@ -35,12 +34,10 @@ def _add_play(subparsers) -> None:
                     "would. What is left out keeps the default of the player node.")
     parser.add_argument("input", metavar="INPUT", help="photon file (docs/photon-file.md), a bag (its folder, "
                                                        ".mcap or .db3 file), or: simulator")
-    parser.add_argument("--duration-s", type=float, metavar="S", help="stop after this time")
     parser.add_argument("--frames", type=int, metavar="N", help="stop after this many frames")
-    parser.add_argument("--loop", action=argparse.BooleanOptionalAction,
-                        help="begin again at the end (a file's one frame: yes; a bag: no)")
-    parser.add_argument("--lossless", action="store_const", const=True,
-                        help="wait for the pipeline instead of leaving frames behind")
+    parser.add_argument("--sensor-file", metavar="FILE",
+                        help="what a photon file lacks of its sensor: JSON as on `sensor`, or another photon file")
+    parser.add_argument("--loop", action=argparse.BooleanOptionalAction, help="repeat the frame of a file (yes)")
     frames = parser.add_argument_group("files and the simulator")
     frames.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second")
     form = frames.add_mutually_exclusive_group()
@@ -50,33 +47,7 @@ def _add_play(subparsers) -> None:
     frames.add_argument("--motion", metavar="HOW",
                         help="walk, drone or spin: the simulator's sensor moves, and odom says where it is "
                              "(docs/motion.md)")
-    bags = parser.add_argument_group("bags (docs/bags.md)")
-    bags.add_argument("--rate", dest="bag_rate", type=float, metavar="X",
-                      help="pace, 1 as recorded; 0 with --lossless: as fast as the pipeline answers")
-    bags.add_argument("--start-s", dest="bag_start_s", type=float, metavar="S", help="begin this long after the start")
-    bags.add_argument("--stamps", dest="bag_stamps", choices=("original", "now"),
-                      help="as recorded, or as if the photons were acquired now")
-    bags.add_argument("--photons-topic", dest="bag_photons_topic", metavar="TOPIC",
-                      help="where the photons are, if the bag has several topics of them")
-    for name, holds in (("odom", "Odometry"), ("imu", "Imu")):
-        bags.add_argument(f"--{name}-topic", dest=f"bag_{name}_topic", metavar="TOPIC",
-                          help=f"what to play on `{name}`, if the bag has several topics of {holds}")
-    bags.add_argument("--clock", action="store_const", const=True,
-                      help="publish the bag's time on /clock, for nodes with use_sim_time")
     _finish(parser, "player")
-
-
-def _add_device(subparsers) -> None:
-    parser = subparsers.add_parser(
-        "device", help="publish the histograms of a sensor, or of its log, over ROS 2",
-        description="Publish `sensor` and `histograms` of a sensor in its own format (`srt3d devices` lists them), "
-                    "live or from a log, as a driver would.")
-    parser.add_argument("device", metavar="NAME", help="the sensor, one of those that `srt3d devices` lists")
-    parser.add_argument("log", nargs="?", metavar="FILE", help="a log of it, played once")
-    parser.add_argument("--connect", metavar="ADDRESS", help="its publisher instead of a log, such as tcp://HOST:5558")
-    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="frames a second of a log (10)")
-    parser.add_argument("--frame-id", metavar="FRAME", help="tf frame of the histograms (the device's name)")
-    _finish(parser, "device")
 
 
 def _add_bag_record(subparsers) -> None:
@@ -88,9 +59,6 @@ def _add_bag_record(subparsers) -> None:
     parser.add_argument("path", metavar="OUT", help="the bag, a folder that is not there yet")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC",
                         help="what to record (photons gates histograms sensor); also sketch, sketch/sensor, points, …")
-    parser.add_argument("--format", choices=("mcap", "sqlite3"), help="how rosbag2 stores it (mcap)")
-    parser.add_argument("--max-duration", dest="max_duration_s", type=float, metavar="S", help="end after this time")
-    parser.add_argument("--max-size", dest="max_size_mb", type=int, metavar="MB", help="end at this size")
     _finish(parser, "bag_recorder")
 
 
@@ -106,8 +74,6 @@ def _start_with_options(name: str, args: argparse.Namespace) -> int:
     given = {key: value for key, value in vars(args).items() if value is not None and key not in NO_PARAMETERS}
     if "topics" in given:
         given["topics"] = ",".join(given["topics"])
-    if name == "player" and "loop" in given:
-        given["bag_loop"] = given["loop"]       # one of the two is the input's
     namespace = namespace_arguments(args.namespace) if args.namespace else []
     return start(name, [*parameter_arguments(given), *namespace, *args.ros_args])
 

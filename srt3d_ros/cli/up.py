@@ -6,13 +6,12 @@ import importlib
 import json
 import re
 import tempfile
-import textwrap
 from os.path import isfile
 from pathlib import Path
 
 from srt3d_ros import __version__, shared_files
 from srt3d_ros.cli import node
-from srt3d_ros.cli.supervisor import Supervisor
+from srt3d_ros.cli.supervisor import supervise
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.node_names import PLAYER
 
@@ -25,8 +24,8 @@ ABOUT = """\
 Run sketcher and reconstructor, and what is asked for beside them, as ROS 2
 nodes in processes of their own: photons in, point clouds out. A driver
 publishes `sensor` and `photons`, `gates` or `histograms`; or --input plays
-them. Ctrl-C ends all, the source first and the recorder last. A node that dies
-is started again."""
+them. Ctrl-C ends all, the source first and the recorder last. A sketcher or
+reconstructor that dies is started again."""
 EXAMPLES = """\
 examples:
   a moving scene, no sensor needed:
@@ -71,9 +70,8 @@ def run(args: argparse.Namespace) -> int:
         own.write(parameters_yaml(args, specs))
         own.flush()
         ros_args = ros_arguments(args, specs, own.name)
-        print("starting", flush=True)
-        return Supervisor([spec.name for spec in specs], ros_args,
-                          on_ready=lambda reports: print(overview(reports), flush=True)).run()
+        print(overview(args, specs), flush=True)
+        return supervise([spec.name for spec in specs], ros_args)
 
 
 def node_specs(args: argparse.Namespace) -> list:
@@ -139,22 +137,13 @@ def ros_arguments(args: argparse.Namespace, specs: list, own_file: str) -> list[
     return out
 
 
-def overview(reports: dict[str, dict]) -> str:
-    """The nodes that run, the names of their topics, and what to do next.
-
-    Args:
-        reports: of each node by its kind, subscribers first, as srt3d_ros.nodes.runtime makes them.
-    """
-    lines = [f"srt3d {__version__}: {len(reports)} nodes, each in a process of its own; Ctrl-C ends them", ""]
-    for one in reversed(reports.values()):      # as the data flow
-        lines.append(f"  {one['name']}" + "  (unconfigured)" * (one["state"] == "unconfigured"))
-        for title, names in (("in ", one["in"]), ("out", one["out"])):
-            lines += textwrap.wrap("  ".join(dict.fromkeys(names)), 110, initial_indent=f"    {title}  ",
-                                   subsequent_indent=" " * 9)
-    points, sensor = reports["reconstructor"]["topics"]["points"], reports["sketcher"]["topics"]["sensor"]
-    lines += ["", f"  look      ros2 topic hz {points}; rviz2, PointCloud2 on {points}",
-              "  health    ros2 topic echo /diagnostics"]
-    if PLAYER not in reports:
-        forms = "photons, gates or histograms"
-        lines.append(f"  waiting   for a driver: {sensor}, then {forms}; docs/quickstart-driver.md writes one")
-    return "\n".join([*lines, ""])
+def overview(args: argparse.Namespace, specs: list) -> str:
+    """The nodes that are started, and what to do next."""
+    namespace = f"/{args.namespace.strip('/')}" if args.namespace else ""
+    nodes = ", ".join(f"{namespace}/{spec.name}" for spec in reversed(specs))       # as the data flow
+    lines = [f"srt3d {__version__}: starts {nodes}; Ctrl-C ends them",
+             "  topics    ros2 topic list -t", "  health    ros2 topic echo /diagnostics"]
+    if not args.input:
+        lines.append("  waiting   for a driver: sensor, then photons, gates or histograms; docs/quickstart-driver.md "
+                     "writes one")
+    return "\n".join(lines)

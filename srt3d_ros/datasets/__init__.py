@@ -4,6 +4,7 @@ from importlib import import_module
 from pathlib import Path
 
 from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets import histogram_logs
 from srt3d_ros.datasets.bag import is_bag
 from srt3d_ros.datasets.bag_photons import BagFrames
 from srt3d_ros.datasets.files import naming_file, read_text, readable, require_file
@@ -15,8 +16,9 @@ from srt3d_ros.messages import sensor as sensor_message
 __all__ = ["PhotonStream", "Photons", "open_photons", "open_sensor", "open_stream"]
 
 # The module here that reads a photon file, by its suffix: `read(path, options)` gives Photons, or a Recording.
-READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".phu": "phu", ".sdt": "sdt", ".spc": "spc", ".h5": "hdf5",
-           ".hdf5": "hdf5", ".dat": "linospad2", ".npy": "cubes"}
+READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".sdt": "sdt", ".h5": "hdf5", ".hdf5": "hdf5",
+           ".npy": "cubes"}
+SUFFIXES = *READERS, *histogram_logs.SUFFIXES
 
 
 def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **overrides) -> Photons:
@@ -24,8 +26,8 @@ def open_photons(path: str | Path, frame: int = 0, photons_topic: str = "", **ov
 
     Args:
         path: an .npz photon file, a .mat file as its authors published it, a laboratory file (.ptu, .sdt, …), an array
-            of counts, or a bag: its folder, .mcap or .db3 file.
-        frame: which message of a bag's photons, from 0; files have one frame.
+            of counts, a log of histograms (.json, .gz), or a bag: its folder, .mcap or .db3 file.
+        frame: which message of a bag's photons, or frame of a log, from 0; other files have one frame.
         photons_topic: the topic of a bag's photons, if it has several.
         overrides: what the file does not say, or says wrongly: num_bins, bin_width_s, irf (array or path), irf_ref,
             toa_offset_bins, range_offset_m, toa_reference, gate (first bin, number of bins), fov_deg, rows, cols,
@@ -49,8 +51,10 @@ def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
     with readable(path):
+        if histogram_logs.is_log(path):
+            return histogram_logs.read_frame(path, frame, gather_options(path, overrides))
         if reader is None:
-            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(READERS)}, or a bag")
+            require(is_bag(path), "photon file", str(path), f"a file that ends in {', '.join(SUFFIXES)}, or a bag")
             with BagFrames(path, photons_topic) as frames:
                 return frames.photons(frames.place(frame), overrides)
         options = gather_options(path, overrides)

@@ -38,7 +38,7 @@ class PhotonTopics:
     sensor: BagTopic | None
 
 
-def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> PhotonTopics:
+def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
     """The topics of the photons and of their sensor, whatever they were remapped to; of sketches if it has no photons.
 
     The photons are on the topic whose messages are photons; of several, on the one that is called as what it holds,
@@ -46,7 +46,7 @@ def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> P
     several, on `sensor` in the namespace of the photons. In the same way for `sketch` and `sketch/sensor`.
 
     Args:
-        photons_topic, sensor_topic: their names, where a bag has several that could be meant.
+        photons_topic: its name, where a bag has several that could be meant.
 
     Raises:
         InvalidInput: there are none (of photons) or several; the line lists what is in the bag.
@@ -56,15 +56,15 @@ def find_photons(bag: Bag, photons_topic: str = "", sensor_topic: str = "") -> P
               if content in (*CODECS, "sketch") and photons_topic in ("", topic.name)]
     frames = [topic for topic in frames if contents[topic] != "sketch"] or frames
     named = [topic for topic in frames if topic.name.rsplit("/", 1)[-1] == contents[topic]]
-    photons = _the_only(named or frames, "photons_topic", photons_topic, bag)
+    require(frames or not photons_topic, "photons_topic", photons_topic,
+            f"a topic of photons or sketches; {bag.path.name} has {bag.content()}")
+    photons = _the_only(named or frames, "photons", bag)
     is_sketch = contents[photons] == "sketch"
     sensors = [topic for topic, content in contents.items()
-               if content == ("sketch/sensor" if is_sketch else "sensor") and sensor_topic in ("", topic.name)]
+               if content == ("sketch/sensor" if is_sketch else "sensor")]
     place = photons.name if is_sketch else photons.name.rsplit("/", 1)[0]
     beside = [topic for topic in sensors if topic.name == f"{place}/sensor"]
-    sensor = None
-    if sensors or sensor_topic:
-        sensor = _the_only(beside or sensors, "sensor_topic", sensor_topic, bag)
+    sensor = _the_only(beside or sensors, "sensor", bag) if sensors else None
     return PhotonTopics(contents[photons], photons, sensor)
 
 
@@ -220,7 +220,7 @@ def _content(bag: Bag, topic: BagTopic) -> str:
     return ""
 
 
-def _the_only(candidates: list[BagTopic], field: str, given: str, bag: Bag) -> BagTopic:
-    require(len(candidates) == 1, field, given or "not given",
-            f"the name of one topic of {field.removesuffix('_topic')}; {bag.path.name} has {bag.content()}")
+def _the_only(candidates: list[BagTopic], what: str, bag: Bag) -> BagTopic:
+    require(len(candidates) == 1, f"bag {bag.path.name}", f"with {len(candidates)} topics of {what}",
+            f"one (`srt3d reconstruct` takes --photons-topic); it has {bag.content()}")
     return candidates[0]

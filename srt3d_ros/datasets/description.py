@@ -46,14 +46,12 @@ class Description:
         sensor, gate, light, used = self.photons.sensor, self.design.gate, self.design.light, self.counts
         used = used if sensor.mask is None else used[sensor.mask]
         sbr = light.sbr if light is not None and light.signal_share > 0 else 0.0
-        frequencies, t = self.design.frequencies, getattr(self.photons.sample.frame, "t", None)
+        frequencies = self.design.frequencies
         return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
                 "bin_width_s": sensor.bin_width_s,
-                "scan_s": None if sensor.scan is None else list(sensor.scan.limits_s(sensor.rows, sensor.cols)),
                 "range_m": sensor.range_m([0, sensor.num_bins]).tolist(), "photons": round(self.counts.sum()),
                 "photons_per_pixel": float(used.mean()) if used.size else 0.0,
                 "most_photons_in_a_pixel": round(used.max(initial=0)),
-                "t_s": None if t is None or not t.size else [float(t.min()) * 1e-9, float(t.max()) * 1e-9],
                 "empty_pixels": int(np.count_nonzero(used <= 0)), "sbr": sbr if np.isfinite(sbr) else None,
                 "irf_width_bins": self.irf_width_bins, "irf_width_s": self.irf_width_bins * sensor.bin_width_s,
                 "gate": None if gate is None else [gate.first, gate.last], "frequencies": list(frequencies),

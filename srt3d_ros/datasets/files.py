@@ -3,14 +3,13 @@
 import logging
 import math
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from srt3d_ros.bounded_call import ChildFailed, call
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import json_text
 
@@ -69,19 +68,6 @@ def naming_file(path: Path, expected: str = "", library: str = "") -> Iterator[N
         raise InvalidInput(path.name, f"unreadable ({why})", expected) from None
     finally:
         log.setLevel(level)
-
-
-def in_child(read: Callable[..., dict], path: Path, *arguments, expected: str, **bounds) -> dict[str, np.ndarray]:
-    """What `read(path, *arguments)` returns in a child process, for libraries that a damaged file can make crash.
-
-    Args:
-        expected: what the file should be, in words.
-        bounds: of bounded_call.call.
-    """
-    try:
-        return call(read, str(path), *arguments, **bounds)
-    except ChildFailed as error:
-        raise InvalidInput(path.name, f"unreadable (its reader {error})", expected) from None
 
 
 def read_text(path: Path) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.datasets.cubes import GIVEN, cube, given_by, the_cube
-from srt3d_ros.datasets.files import in_child, naming_file
+from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import positive_integer
 from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import require
@@ -33,22 +33,10 @@ def read(path: Path, options: dict) -> Recording:
     """
     import h5py
 
-    in_child(first_values, path, expected=EXPECTED, timeout_s=60.0)     # a damaged file may end the process: not this
     with naming_file(path, EXPECTED), h5py.File(path, "r") as file:
         if any(name.startswith("photon_data") for name in file):
             return _photons(path, file, options)
         return _cube(path, file, options)
-
-
-def first_values(path: str) -> dict[str, np.ndarray]:
-    """Read one value of each dataset, in a process that may end of it; nothing is returned."""
-    import h5py
-
-    with naming_file(Path(path), EXPECTED), h5py.File(path, "r") as file:
-        for dataset in _datasets(file).values():
-            if dataset.size and dataset.dtype.kind in "iufb":
-                dataset[(0,) * dataset.ndim]
-    return {}
 
 
 def _datasets(file) -> dict:
@@ -90,6 +78,8 @@ def _photons(path: Path, file, options: dict) -> Recording:
     groups = [file[name] for name in spots]
     for name, group in zip(spots, groups):
         require("nanotimes" in group, f"{name}/nanotimes", "missing", "times of photons since the laser's pulse")
+        times, own = group["nanotimes"].shape, group.get("detectors", group["nanotimes"]).shape
+        require(len(times) == 1 and own == times, f"{name}/detectors shape", own, f"one entry a photon, {times}")
     specs = groups[0]["nanotimes_specs"]
     bins, width_s = int(specs["tcspc_num_bins"][()]), float(specs["tcspc_unit"][()])
     detectors = [_detectors(group) for group in groups]

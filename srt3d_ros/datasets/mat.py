@@ -1,68 +1,29 @@
 """The .mat files that single-photon lidar data are published in, read unmodified; and others with an array of counts.
 
-A published file is recognised by the name and form of a variable: to read another one, add its `Layout`. scipy reads
-them in a child process: its reader trusts the file, and some files end the process that reads them.
+SciPy reads them in a child process (mat_variables.py): some damaged files end the process that reads them.
 """
 
-import warnings
+import os
+import subprocess
+import sys
+import tempfile
 from math import isqrt
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.sensor import MAX_PIXELS
 from srt3d_ros.datasets import hdf5
-from srt3d_ros.datasets.cubes import GIVEN, cube, given_by, parts_of
-from srt3d_ros.datasets.files import in_child, naming_file
-from srt3d_ros.datasets.photons import MAX_PHOTONS, number, positive_integer, refuse_channel
+from srt3d_ros.datasets.cubes import cube, given_by, parts_of
+from srt3d_ros.datasets.files import naming_file
+from srt3d_ros.datasets.mat_variables import CELLS, COUNTS, EXPECTED, LAYOUTS, SPARSE, Layout
+from srt3d_ros.datasets.photons import number, positive_integer, refuse_channel
 from srt3d_ros.datasets.stream import Events, Recording
-from srt3d_ros.errors import require
+from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.processes import ending
 
-EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"
 MAX_MEMORY_BYTES = 5 * 2**30     # the most photons in 8 bytes each, in their cells and joined; the rest for the reader
-MAX_SECONDS = 600.0             # fifteen times what files that fill this memory take
+MAX_SECONDS = 600       # fifteen times what files that fill this memory take
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
-CELLS, COUNTS, SPARSE = "[rows, cols] cell", "[T, rows·cols] counts", "sparse [rows·cols, T] counts"
-CUBE = "any other numeric array [rows, cols, bins]"
-
-
-class Layout(NamedTuple):
-    """How one published kind of file holds its photons.
-
-    Args:
-        variable: name of the array of photons.
-        bin_width_s: where the file does not say; what the authors say, or inferred from their description.
-        form: CELLS of ToA lists, COUNTS of photons per bin or SPARSE ones; pixels of counts in MATLAB's column-major
-            order.
-        picoseconds: ToA are times in picoseconds, not bins.
-        window: scalars that hold the first and last ToA of the measured window.
-        reference: array [rows, cols] of reference depths, numbered from 1 as MATLAB does.
-    """
-
-    variable: str
-    bin_width_s: float
-    form: str = CELLS
-    picoseconds: bool = False
-    window: tuple[str, ...] = ()
-    reference: str = ""
-
-    def fits(self, photons: object) -> bool:
-        """Whether this is what scipy reads the variable of such a file as."""
-        if self.form == SPARSE:
-            return hasattr(photons, "tocoo")
-        kinds = "O" if self.form == CELLS else "iuf"
-        return isinstance(photons, np.ndarray) and photons.ndim == 2 and photons.dtype.kind in kinds
-
-
-LAYOUTS = (
-    Layout("Y", 16e-12, COUNTS, reference="DepthImage"),        # Heriot-Watt polystyrene head
-    Layout("photon_times", 8e-12),                              # MIT, two layers (Shin et al., Opt. Express 2016)
-    Layout("Ts", 8e-12),                                        # MIT, mannequin face (Shin et al., IEEE TCI 2015)
-    Layout("data_processed", 100e-12, picoseconds=True,         # USTC, tower at 9.8 km (Li et al., Optica 2021);
-           window=("mm", "MM")),                                # the bin width is our choice
-    Layout("spad", 80e-12, SPARSE, reference="bin"),            # simulated: Lindell et al., SIGGRAPH 2018
-)
 
 
 def read(path: Path, options: dict) -> Recording:
@@ -75,12 +36,31 @@ def read(path: Path, options: dict) -> Recording:
         return hdf5.read(path, options)
     refuse_channel(options)
     with naming_file(path):
-        found = in_child(variables_of, path, expected=EXPECTED, memory_bytes=MAX_MEMORY_BYTES, timeout_s=MAX_SECONDS)
+        found = _variables(path)
         index = found.pop("layout").item()
         if index < 0:
             counts = found.pop("counts")
             return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given_by(found))
         return _recording(path, LAYOUTS[index], found, options)
+
+
+def _variables(path: Path) -> dict[str, np.ndarray]:
+    """What mat_variables.py finds in the file, from a child process with the same modules as this one."""
+    command = [sys.executable, "-P", "-m", "srt3d_ros.datasets.mat_variables", str(path), str(MAX_MEMORY_BYTES)]
+    modules = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+    with tempfile.TemporaryFile() as file:
+        try:
+            done = subprocess.run(command, env=os.environ | modules, stdin=subprocess.DEVNULL, stdout=file,
+                                  stderr=subprocess.DEVNULL, timeout=MAX_SECONDS)
+        except subprocess.TimeoutExpired:
+            raise InvalidInput(path.name, f"unreadable (not in {MAX_SECONDS} s)", EXPECTED) from None
+        require(done.returncode == 0, path.name, f"unreadable (its reader {ending(done)})", EXPECTED)
+        file.seek(0)
+        with naming_file(path, EXPECTED), np.load(file) as arrays:
+            found = dict(arrays)
+    if "refused" in found:
+        raise InvalidInput(*found["refused"].tolist())
+    return found
 
 
 def _recording(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Recording:
@@ -146,85 +126,3 @@ def _check_bins(options: dict, bins: int) -> None:
     given = options.get("num_bins", bins)
     require("gate" in options or number("num_bins", given, "a number of bins") >= bins, "num_bins", given,
             f"{bins} or more, up to the file's last bin; or give a gate")
-
-
-def variables_of(path: str) -> dict[str, np.ndarray]:
-    """For a child process: the variables of the layout that fits, and `layout`, its index, or -1 if none does.
-
-    Of cells their content, one after the other, with `pixel` and `size`, [rows, cols]. Of counts their `size`, pixels
-    and bins; of sparse ones pixel and bin of each photon. Without a layout `counts` [rows, cols, bins], and what
-    describes the sensor.
-
-    Raises:
-        InvalidInput: nothing fits, or the photons are too many or no numbers.
-    """
-    from scipy.io import loadmat
-
-    warnings.simplefilter("ignore")
-    names = {name for one in LAYOUTS for name in (one.variable, *one.window, one.reference) if name}
-    content = loadmat(path, variable_names=names)
-    index = next((k for k, one in enumerate(LAYOUTS) if one.fits(content.get(one.variable))), -1)
-    if index < 0:
-        return _other_counts(path) | {"layout": np.array(index)}
-    layout = LAYOUTS[index]
-    photons = content[layout.variable]
-    own = {CELLS: _of_cells, SPARSE: _of_sparse, COUNTS: _of_counts}[layout.form](layout.variable, photons)
-    for name in filter(content.__contains__, (*layout.window, layout.reference)):
-        own[name] = np.asarray(content[name])
-        require(own[name].dtype.kind in "iuf", name, str(own[name].dtype), "numbers")
-        require(own[name].size == 1 or name not in layout.window, f"{name} shape", own[name].shape, "one number")
-    return own | {"layout": np.array(index)}
-
-
-def _of_counts(name: str, counts: np.ndarray) -> dict[str, np.ndarray]:
-    _check_whole(name, counts)
-    return {name: counts, "size": np.array(counts.shape[::-1])}
-
-
-def _of_sparse(name: str, counts) -> dict[str, np.ndarray]:
-    require(counts.shape[0] <= MAX_PIXELS, f"{name} pixels", counts.shape[0], f"at most {MAX_PIXELS}")
-    found = counts.tocoo()
-    photons = found.data.astype(np.float64)
-    _check_whole(name, photons)
-    _check_number(name, photons.sum())
-    photons = photons.astype(np.int64)
-    return {name: found.col.repeat(photons), "pixel": found.row.repeat(photons), "size": np.array(counts.shape)}
-
-
-def _check_whole(name: str, photons: np.ndarray) -> None:
-    require(bool(((photons >= 0) & (photons == np.floor(photons))).all()), name, "negative or fractional in places",
-            "photons per bin")
-
-
-def _of_cells(name: str, cells: np.ndarray) -> dict[str, np.ndarray]:
-    require(0 < cells.size <= MAX_PIXELS, f"{name} shape", cells.shape, f"1 to {MAX_PIXELS} pixels")
-    lengths = np.fromiter((cell.size for cell in cells.flat), np.int64, cells.size)
-    _check_number(name, lengths.sum())
-    for cell in cells.flat:
-        fits = isinstance(cell, np.ndarray) and (cell.dtype.kind in "iuf" or not cell.size)
-        require(fits, f"{name} cells", f"{type(cell).__name__} of {getattr(cell, 'dtype', '')}", "lists of numbers")
-    toa = np.concatenate([np.zeros(0, np.int64), *(cell.ravel() for cell in cells.flat if cell.size)])
-    return {name: toa, "pixel": np.arange(cells.size).repeat(lengths), "size": np.array(cells.shape)}
-
-
-def _check_number(name: str, photons: float) -> None:
-    require(photons <= MAX_PHOTONS, f"{name} photons", photons, f"at most {MAX_PHOTONS}")
-
-
-def _other_counts(path: str) -> dict[str, np.ndarray]:
-    """The only numeric array of three dimensions of a file, and what describes its sensor by the names of options."""
-    from scipy.io import loadmat, whosmat
-
-    try:
-        listed = whosmat(path)
-    except TypeError:       # at objects of classes, which loadmat leaves out
-        listed = []
-    cubes = [name for name, shape, kind in listed if len(shape) == 3 and kind not in ("cell", "struct")]
-    words = ", ".join(f"{name} ({'×'.join(map(str, shape))} {kind})" for name, shape, kind in listed)
-    forms = "; ".join([*(f"{one.variable} ({one.form})" for one in LAYOUTS), CUBE])
-    require(len(cubes) == 1, "variables", words if listed else "others, some of them objects", f"one of {forms}")
-    content = loadmat(path, variable_names=[*cubes, *GIVEN])
-    found = {"counts": content[cubes[0]]} | {name: content[name] for name in GIVEN if name in content}
-    for name, values in found.items():
-        require(isinstance(values, np.ndarray) and values.dtype.kind in "iufbU", name, type(values).__name__, "numbers")
-    return found

@@ -1,4 +1,4 @@
-"""How a simulated sensor moves: poses over time, exact, and as odometry measures them.
+"""How a simulated sensor moves: poses over time, and odometry.
 
 Frames follow REP-103 and REP-105: `odom` is fixed, x and y level, z up, the origin in the middle of the floor; the body
 moves in it, x forward, y left, z up. All motions are smooth, begin in motion and go on for ever inside `room.Room`.
@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.motion import SMOOTH_NS, Pose, Trajectory
-from srt3d_ros.errors import require
 
 Path = Callable[[float], Pose]          # the pose at a time, s
 
@@ -21,7 +20,6 @@ EYE_M = 1.5                             # above the floor
 STEPS_HZ = 1.8                          # of a walking person
 GRAVITY_M_S2 = 9.81
 SHAKE_RAD_S = 2 * np.pi                 # of a hand: once a second
-DRIFTS_S = 0.5                          # over which errors of the velocity are alike
 OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camera that looks ahead, in the body's frame
 
 
@@ -68,53 +66,27 @@ def _heading(place, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Pose:
 
 
 class Measured(NamedTuple):
-    """What odometry says.
+    """What odometry says: when, s; the body's pose in the fixed frame; its velocity and its rate of turn until the next
+    report, in the body's frame, float64 [3] each."""
 
-    Args:
-        measured_s, stamp_s: when, and when by its stamp.
-        pose: of the body in the fixed frame.
-        velocity_m_s, rate_rad_s: float64 [3], in the body's frame, until the next report.
-    """
-
-    measured_s: float
-    stamp_s: float
+    at_s: float
     pose: Pose
     velocity_m_s: np.ndarray
     rate_rad_s: np.ndarray
 
 
-def measured(path: Path, rate_hz: float = 100.0, noise: float = 0.0, jitter_s: float = 0.0, seed: int = 0,
-             start_s: float = 0.0) -> Iterator[Measured]:
-    """The poses of a path as odometry gives them, without end.
-
-    Args:
-        rate_hz: poses a second.
-        noise: of the velocity: each component is off by this share of the speed (standard deviation), and each of the
-            turn by this share of its rate; alike over DRIFTS_S, so that the pose drifts. 0: exact poses.
-        jitter_s: stamps are off by up to this, evenly, either way; they still rise: a pose whose stamp would not is
-            left out, as a driver's would be.
-        start_s: time of the first pose, which is exact.
-    """
-    require(0 < rate_hz < np.inf, "rate_hz", rate_hz, "a rate above 0 Hz")
-    random, keeps = np.random.default_rng(seed), np.exp(-1 / (rate_hz * DRIFTS_S))
-    errors, pose, newest_s = random.normal(size=6), path(start_s), -np.inf
-    for t_s, next_s in pairwise(start_s + k / rate_hz for k in count()):
-        exact = path(t_s).inverse() @ path(next_s)
-        turn, step = exact.rotation_vector, exact.translation
-        turn = turn + noise * np.linalg.norm(turn) * errors[:3]
-        step = step + noise * np.linalg.norm(step) * errors[3:]
-        stamp_s = t_s + random.uniform(-jitter_s, jitter_s)
-        if stamp_s > newest_s:
-            newest_s = stamp_s
-            yield Measured(t_s, stamp_s, pose, step * rate_hz, turn * rate_hz)
-        pose = pose @ Pose(Pose.turned(turn).rotation, step) if noise else path(next_s)
-        errors = keeps * errors + np.sqrt(1 - keeps**2) * random.normal(size=6)
+def measured(path: Path, rate_hz: float = 100.0, start_s: float = 0.0) -> Iterator[Measured]:
+    """The poses of a path as exact odometry gives them, so many a second from start_s on, without end."""
+    for at_s, next_s in pairwise(start_s + k / rate_hz for k in count()):
+        pose = path(at_s)
+        moved = pose.inverse() @ path(next_s)
+        yield Measured(at_s, pose, moved.translation * rate_hz, moved.rotation_vector * rate_hz)
 
 
-def trajectory(path: Path, first_s: float, last_s: float, **as_measured) -> Trajectory:
+def trajectory(path: Path, first_s: float, last_s: float) -> Trajectory:
     """What `measured` gives from before first_s to after last_s, as the sketcher follows it; stamps are ns from 0 s."""
-    known, margin_s = Trajectory(SMOOTH_NS), 0.1        # longer than a period and any likely jitter
-    for report in measured(path, start_s=first_s - margin_s, **as_measured):
-        known.add(round(report.stamp_s * 1e9), report.pose)
-        if report.stamp_s > last_s + margin_s:
+    known, margin_s = Trajectory(SMOOTH_NS), 0.1        # longer than a period
+    for report in measured(path, start_s=first_s - margin_s):
+        known.add(round(report.at_s * 1e9), report.pose)
+        if report.at_s > last_s + margin_s:
             return known

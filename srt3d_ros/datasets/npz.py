@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.photons import MAX_T_NS, PhotonEvents, PhotonFrame
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets import cubes
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
@@ -28,8 +27,8 @@ FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one
 MAX_SURFACES = 8
 OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
 INTENSITY = "ref_refl_photons"
-KNOWN = (*OWN, "pixel", "toa", "t_ns", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg",
-         "projection", "projection_values", "distortion", "gate_words", "scan")
+KNOWN = (*OWN, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg",
+         "projection", "projection_values", "distortion", "gate_words")
 
 
 def read(path: Path, options: dict) -> Photons | Recording:
@@ -72,10 +71,9 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
     events.check(sensor)
     projection = sensor.projection
     arrays = {name: getattr(sensor, name) for name in OWN} | {
-        "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns), "t_ns": events.t,
+        "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns),
         "projection": projection.kind, "projection_values": astuple(projection)[:4],
-        "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16),
-        "scan": sensor.scan and astuple(sensor.scan)}
+        "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16)}
     if getattr(projection, "distortion", None):
         arrays["distortion"] = astuple(projection.distortion)
     if reference_depth_bins is not None:
@@ -95,8 +93,6 @@ def _sensor(values: dict) -> SensorModel:
     given = {name: values[name] for name in OWN if name in values}
     if "gate_words" in values:
         given["gates"] = GateWords(*map(int, _numbers_of(GateWords, "gate_words", values)))
-    if "scan" in values:
-        given["scan"] = ScanRate(*_numbers_of(ScanRate, "scan", values))
     sensor = SensorModel(**given)
     projection = sensor.projection
     if "projection" in values:
@@ -121,20 +117,15 @@ def _numbers_of(kind: type, array: str, values: dict) -> list[float]:
 
 
 def _events(values: dict, sensor: SensorModel) -> PhotonEvents:
-    pixel, toa, t = values["pixel"], values["toa"], values.get("t_ns")
+    pixel, toa = values["pixel"], values["toa"]
     for name, array in (("pixel", pixel), ("toa", toa)):
         require(array.ndim == 1, f"{name} shape", array.shape, "[N], one entry a photon")
     require(len(pixel) <= MAX_PHOTONS, "photons", len(pixel), f"at most {MAX_PHOTONS}")
     require(pixel.dtype.kind in "iu", "pixel dtype", str(pixel.dtype), "an integer type, best uint32")
     check_within("pixel", pixel, sensor.pixels)         # before a conversion could wrap around
     check_within("toa", toa, sensor.num_bins)
-    if t is not None:
-        require(t.dtype.kind in "iu" and t.shape == toa.shape, "t_ns", f"{t.dtype} {t.shape}",
-                "nanoseconds, best uint32, one entry a photon")
-        check_within("t_ns", t, MAX_T_NS + 1)
-        t = t.astype(np.uint32, copy=False)
     toa = toa.astype(np.float32 if toa.dtype.kind == "f" else np.uint16, copy=False)
-    events = PhotonEvents(pixel.astype(np.uint32, copy=False), toa, int(values.get("stamp_ns", 0)), t)
+    events = PhotonEvents(pixel.astype(np.uint32, copy=False), toa, int(values.get("stamp_ns", 0)))
     events.check(sensor)        # what a float32 is rounded to
     return events
 

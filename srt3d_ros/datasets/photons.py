@@ -193,6 +193,19 @@ def positive_integer(field: str, value: object) -> int:
     return int(result)
 
 
+def whole_counts(field: str, rows: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Nested lists of a log as int32 counts; InvalidInput unless they are numbers of this shape, -1 for any length."""
+    try:
+        values = np.array(rows, np.float64)
+    except (ValueError, TypeError, OverflowError):
+        values = np.empty(0)
+    fits = values.ndim == len(shape) and all(wanted in (-1, found) for wanted, found in zip(shape, values.shape))
+    sizes = " × ".join("n" if wanted < 0 else str(wanted) for wanted in shape)
+    require(fits and values.size > 0 and bool((np.abs(values) < 2**31).all()), field, f"{values.shape} values",
+            f"{sizes} whole numbers")
+    return values.astype(np.int32)
+
+
 def _check_names(options: dict, where: str) -> None:
     for name in options:
         require(name in OPTIONS, f"{where} name", quoted(name), f"one of {', '.join(OPTIONS)}")

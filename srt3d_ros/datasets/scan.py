@@ -12,8 +12,8 @@ from srt3d_ros.datasets.photons import number
 from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import require
 
-# Bits of a mark: a line begins, a line ends, a new frame begins with the next line, a pixel begins.
-LINE, STOP, FRAME, PIXEL = 1, 2, 4, 8
+# Bits of a mark: a line begins, a line ends, a new frame begins with the next line.
+LINE, STOP, FRAME = 1, 2, 4
 
 
 class Records(NamedTuple):
@@ -23,7 +23,7 @@ class Records(NamedTuple):
         time: int64 [N], ticks since the beginning.
         toa: int64 [N], bins, of photons.
         channel: int64 [N], of photons; -1 else.
-        marks: uint8 [N], bits LINE, STOP, FRAME, PIXEL; 0 of photons.
+        marks: uint8 [N], bits LINE, STOP, FRAME; 0 of photons.
         done: the part of the file that has been read, 0 … 1.
     """
 
@@ -45,7 +45,6 @@ class LineScan:
         bidirectional: odd rows are scanned from right to left.
         column_at: column for each tick of a line, where the speed is not even; replaces `pixel_ticks`.
         skipping: leave out what comes before the first FRAME mark.
-        pixels_marked: PIXEL marks say where pixels begin; replaces `pixel_ticks`.
     """
 
     rows: int
@@ -55,10 +54,8 @@ class LineScan:
     bidirectional: bool = False
     column_at: np.ndarray | None = None
     skipping: bool = False
-    pixels_marked: bool = False
     _row: int = field(default=-1, init=False)           # of the newest line
     _begun: int = field(default=-1, init=False)         # when that line began; -1: no line is open
-    _col: int = field(default=-1, init=False)           # of the newest pixel, if pixels are marked
 
     def pixels(self, time: np.ndarray, marks: np.ndarray) -> np.ndarray:
         """The pixel of each event, int64 [N]; -1 for marks and for photons outside the lines.
@@ -69,8 +66,7 @@ class LineScan:
         """
         if self.rows * self.cols == 1:
             return np.where(marks == 0, 0, -1)
-        is_mark = marks & (LINE | STOP | FRAME) != 0
-        at = np.flatnonzero(is_mark)
+        at = np.flatnonzero(marks)
         mark = marks[at]
         begins, new_frame = mark & LINE != 0, mark & FRAME != 0
         lines = np.cumsum(begins)
@@ -84,23 +80,12 @@ class LineScan:
         self._row, self._begun = int(rows[-1]), int(begun[-1])
         events = np.diff(at, prepend=0, append=len(marks))      # up to the first mark, and from each to the next
         row, begun = np.repeat(rows, events), np.repeat(begun, events)
-        if self.pixels_marked:
-            col = self._cols_by_marks(marks, at[begins], np.repeat(np.append(0, lines), events))
-        else:
-            col = self._cols_by_time(row, time - begun)
+        col = self._cols(row, time - begun)
         row = row if self.frames_marked else row % self.rows
         inside = (marks == 0) & (begun >= 0) & (row >= 0) & (row < self.rows) & (col >= 0) & (col < self.cols)
         return np.where(inside, row * self.cols + col, -1)
 
-    def _cols_by_marks(self, marks: np.ndarray, begins: np.ndarray, line: np.ndarray) -> np.ndarray:
-        """Pixels begun in the line of each event, less one; `begins`: where lines do, `line`: how many did."""
-        pixels = np.cumsum(marks & PIXEL != 0)
-        before = np.append(-(self._col + 1), pixels[begins] - (marks[begins] & PIXEL != 0))
-        col = pixels - before[line] - 1
-        self._col = int(col[-1]) if len(col) else self._col
-        return col
-
-    def _cols_by_time(self, row: np.ndarray, ticks: np.ndarray) -> np.ndarray:
+    def _cols(self, row: np.ndarray, ticks: np.ndarray) -> np.ndarray:
         """The column at so many ticks since a line of this row began; -1 outside."""
         line_ticks = self.cols * self.pixel_ticks if self.column_at is None else len(self.column_at)
         inside = (ticks >= 0) & (ticks < line_ticks)
@@ -118,14 +103,11 @@ class Marks(NamedTuple):
         lines: how many lines were seen.
         line_ticks: median length of a line, up to the next mark.
         within_frame: the recording begins within a frame, whose rows cannot be told.
-        frames, pixels: whether frames and pixels are marked.
     """
 
     lines: int
     line_ticks: float
     within_frame: bool
-    frames: bool
-    pixels: bool
 
 
 def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
@@ -136,13 +118,12 @@ def look_at_marks(records: Iterable[Records], rows: int) -> Marks:
         time, kind = np.append(time, part.time[at]), np.append(kind, part.marks[at])
         if np.count_nonzero(kind & LINE) > rows:
             break
-    of_lines = kind & (LINE | STOP | FRAME) != 0
-    begins, frames = kind[of_lines] & LINE != 0, kind[of_lines] & FRAME != 0
-    lengths = np.diff(time[of_lines])[begins[:-1]]
+    begins, frames = kind & LINE != 0, kind & FRAME != 0
+    lengths = np.diff(time)[begins[:-1]]
     before = int(np.count_nonzero(begins[:np.argmax(frames)])) if frames.any() else 0
     # One line may be missing: scanners' first and last marks get lost.
     return Marks(int(np.count_nonzero(begins)), float(np.median(lengths)) if len(lengths) else 0.0,
-                 0 < before < rows - 1, bool(frames.any()), bool((kind & PIXEL).any()))
+                 0 < before < rows - 1)
 
 
 def chosen_channel(records: Iterable[Records], options: dict) -> tuple[int, tuple[str, ...]]:

@@ -9,7 +9,7 @@ from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.new_files import appearing_whole
+from srt3d_ros.new_files import atomic_write
 
 # Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
 FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
@@ -28,7 +28,7 @@ def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
     _check(sketch, sensor)
     text = np.frombuffer(sensor_message.to_json(sensor).encode(), np.uint8)
     try:
-        with appearing_whole(path) as part:
+        with atomic_write(path) as part:
             np.savez(part, frequencies=np.array(sketch.frequencies), sums=sketch.sums, photons=sketch.photons,
                      stamp_ns=np.int64(sketch.stamp_ns), added_variance=np.float64(sketch.added_variance), sensor=text)
     except OSError as error:

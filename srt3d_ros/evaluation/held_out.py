@@ -3,7 +3,6 @@
 import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 
@@ -13,8 +12,6 @@ LEAST_PHOTONS = 100         # of each part of a file
 LEAST_BACKGROUND = 0.02     # photons of a pixel of gain 1
 EVEN_BACKGROUND = 0.01      # share of a known background that is spread evenly, for bins where it has none
 WINDOW = 5                  # pixels along the side of the square over which the background is averaged
-SURFACE_WIDTHS = 3          # full widths of the IRF at half its peak: neighbours on one surface lie so near in depth
-RIM_NEIGHBOURS = 2          # of the 8, not on its surface: enough to make a point one of the rim
 
 
 def split(frame: PhotonEvents, share: float) -> tuple[PhotonEvents, PhotonEvents]:
@@ -31,8 +28,7 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
         share: of all photons that is held out.
 
     Returns:
-        held_out_nats and held_out_std, its standard error, over all pixels that are not masked; what the rim and the
-        interior (`zones`) add to it, held_out_rim_nats, …_std, and how many of the pixels these are, …_percent.
+        held_out_nats and held_out_std, its standard error, over all pixels that are not masked.
     """
     seen_by = sensor.exposure.reshape(-1).astype(np.float64)
     signal, background, without = _rates(cloud, sensor, seen, seen_by)
@@ -43,40 +39,9 @@ def gain(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, held_out: P
     variance = np.bincount(pixel, log_ratio**2, minlength=sensor.pixels)
 
     used = seen_by > 0
-    rim, interior = (zone.reshape(-1) & used for zone in zones(cloud, sensor))
     pixels = np.count_nonzero(used)
-    found = {"held_out_rim_percent": float(100 * rim.sum() / pixels),
-             "held_out_interior_percent": float(100 * interior.sum() / pixels)}
-    for name, zone in (("held_out", used), ("held_out_rim", rim), ("held_out_interior", interior)):
-        found |= {f"{name}_nats": float(100 * nats[zone].sum() / pixels),
-                  f"{name}_std": float(100 * np.sqrt(variance[zone].sum()) / pixels)}
-    return found
-
-
-def zones(cloud: PointCloud, sensor: SensorModel) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels of the rim and of the interior of the surfaces, bool [rows, cols] each.
-
-    A point belongs to the rim if RIM_NEIGHBOURS of the 8 pixels around, masked ones and those outside of the image not
-    counted, have no point within SURFACE_WIDTHS widths of the IRF. The rim is the pixels of these points and the
-    pixels without points beside them, the interior all others with points.
-    """
-    rows, cols = sensor.rows, sensor.cols
-    irf = np.atleast_2d(sensor.irf).mean(axis=0)
-    near = SURFACE_WIDTHS * np.count_nonzero(irf >= irf.max() / 2)
-    layers = np.full((int(cloud.surface.max(initial=0)) + 1, rows, cols), np.nan)
-    layers[cloud.surface, cloud.row, cloud.col] = cloud.depth_bins
-    around = np.pad(layers, ((0, 0), (1, 1), (1, 1)), mode="edge")
-    used = np.pad(sensor.exposure > 0, 1, mode="edge")
-    apart = np.zeros(layers.shape, np.uint8)
-    for y, x in np.ndindex(3, 3):
-        there = (slice(y, y + rows), slice(x, x + cols))
-        steps = circular_difference(around[:, None, *there], layers, sensor.num_bins)
-        apart += ~(np.abs(steps) <= near).any(axis=0) & used[there]
-    occupied = np.isfinite(layers)
-    rim = (occupied & (apart >= RIM_NEIGHBOURS)).any(axis=0)
-    occupied = occupied.any(axis=0)
-    rim |= _windows(rim, 3).any(axis=(2, 3)) & ~occupied
-    return rim, occupied & ~rim
+    return {"held_out_nats": float(100 * nats[used].sum() / pixels),
+            "held_out_std": float(100 * np.sqrt(variance[used].sum()) / pixels)}
 
 
 def _rates(cloud: PointCloud, sensor: SensorModel, seen: PhotonEvents, seen_by: np.ndarray):
@@ -128,10 +93,6 @@ def _pixel(cloud: PointCloud, sensor: SensorModel) -> np.ndarray:
 
 
 def _around(values: np.ndarray, sensor: SensorModel) -> np.ndarray:
-    """The sum over the window around each pixel; float [pixels]."""
-    return _windows(values.reshape(sensor.rows, sensor.cols), WINDOW).sum(axis=(2, 3)).reshape(-1)
-
-
-def _windows(values: np.ndarray, size: int) -> np.ndarray:
-    """The square of pixels around each, [rows, cols, size, size]; those of the border are repeated outside."""
-    return np.lib.stride_tricks.sliding_window_view(np.pad(values, size // 2, mode="edge"), (size, size))
+    """The sum over the window around each pixel, those of the border repeated outside; float [pixels]."""
+    padded = np.pad(values.reshape(sensor.rows, sensor.cols), WINDOW // 2, mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW)).sum(axis=(2, 3)).reshape(-1)

@@ -22,7 +22,7 @@ def decode_odometry(raw: bytes) -> MotionReport:
     """
     reader = Reader(raw)
     stamp_ns = reader.header().stamp_ns
-    body = reader.text("child_frame_id")
+    reader.text("child_frame_id")
     x, y, z, *quaternion = reader.doubles("pose", 7)
     require(all(abs(value) <= MAX_M for value in (x, y, z)), "position", [x, y, z], "finite metres")      # NaN fails
     reader.doubles("pose.covariance", COVARIANCE)
@@ -31,7 +31,7 @@ def decode_odometry(raw: bytes) -> MotionReport:
     reader.end()
     if not max(map(abs, twist)) <= MAX_M_S or math.isnan(sum(twist)):
         twist = (0.0,) * 6
-    return MotionReport(stamp_ns, body, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
+    return MotionReport(stamp_ns, Pose.from_quaternion(quaternion, (x, y, z)), math.hypot(*twist[:3]),
                         np.array(twist[3:]))
 
 
@@ -50,4 +50,4 @@ def decode_imu(raw: bytes) -> MotionReport:
     reader.end()
     require(first != UNKNOWN, "angular_velocity_covariance", first, "an IMU that measures its rate of turn")
     require(math.hypot(*rate) <= MAX_RAD_S, "angular_velocity", list(rate), f"at most {MAX_RAD_S:g} rad/s")    # nor NaN
-    return MotionReport(header.stamp_ns, header.frame_id, rate_rad_s=np.array(rate))
+    return MotionReport(header.stamp_ns, rate_rad_s=np.array(rate))

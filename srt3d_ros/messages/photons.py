@@ -13,18 +13,15 @@ LEAST_BYTES = min(layout.itemsize for layout in cloud_layouts("photons").values(
 
 
 def encode_cdr(events: PhotonEvents, sensor: SensorModel, frame_id: str) -> bytes:
-    """The serialised message of one frame, in the layout of the events' ToA (uint16, uint32 or float32) and `t`.
+    """The serialised message of one frame, in the layout of the events' ToA (uint16 or float32).
 
     Raises:
         InvalidInput: a photon lies outside the sensor.
     """
     events.check(sensor)
-    has_t = events.t is not None
-    points = np.zeros(events.photons, cloud_layouts("photons")[events.toa.dtype.name + "+t" * has_t])
+    points = np.zeros(events.photons, cloud_layouts("photons")[events.toa.dtype.name])
     points["row"], points["col"] = np.divmod(events.pixel, np.uint32(sensor.cols))
     points["toa"] = events.toa
-    if has_t:
-        points["t"] = events.t
     return cdr.write_cloud(pack_cloud(cdr.Header(events.stamp_ns, frame_id), points))
 
 
@@ -36,16 +33,14 @@ def decode_cdr(raw: bytes, sensor: SensorModel) -> tuple[cdr.Header, PhotonEvent
     """
     cloud = cdr.read_cloud(raw)
     require(cloud.height == 1, "height", cloud.height, "1")
-    has_t = any(field.name == "t" for field in cloud.fields)
-    points = unpack_cloud(cloud, [layout for layout in cloud_layouts("photons").values()
-                                  if ("t" in layout.names) == has_t])[0]
+    points = unpack_cloud(cloud, list(cloud_layouts("photons").values()))[0]
     row, col = points["row"].astype(np.uint32), points["col"].astype(np.uint32)
     for name, index, count in (("row", row, sensor.rows), ("col", col, sensor.cols)):
         largest = int(index.max(initial=0))
         require(largest < count, name, largest, f"an index below the sensor's {count}")
     toa = points["toa"]
     events = PhotonEvents(row * np.uint32(sensor.cols) + col, toa.astype(toa.dtype.newbyteorder("=")),
-                          cloud.header.stamp_ns, points["t"].astype(np.uint32) if has_t else None)
+                          cloud.header.stamp_ns)
     events.check(sensor)
     return cloud.header, events
 

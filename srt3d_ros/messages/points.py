@@ -10,20 +10,18 @@ from srt3d_ros.messages.schema import cloud_layouts
 
 
 def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: SensorModel | None = None,
-               organised: bool = False, first_pixel: tuple[int, int] = (0, 0)) -> bytes:
+               organised: bool = False) -> bytes:
     """The serialised message of a cloud.
 
     Args:
         cloud: of one frame.
         frame_id: the tf frame of cloud.xyz.
-        layout: "xyzi", or "full" for depth_std, background, row, col and surface as well, and t of a scanner.
-        sensor: needed by "full" alone, which gives depth_std in metres, and t if the sensor has `pixel_times_s`.
+        layout: "xyzi", or "full" for depth_std, background, row, col and surface as well.
+        sensor: needed by "full" alone, which gives depth_std in metres.
         organised: one point a pixel, rows × cols, its first; where a pixel has none x, y, z and depth_std are NaN
             and intensity is 0, which is how many signal photons are expected there: it spoils no mean and no scale.
-        first_pixel: of a tile's cloud, its first row and column in the whole array, from which "full" counts.
     """
-    times_s = sensor.pixel_times_s if layout == "full" and sensor is not None else None
-    points = np.zeros(len(cloud), cloud_layouts("points")[layout + "+t" * (times_s is not None)])
+    points = np.zeros(len(cloud), cloud_layouts("points")[layout])
     points["x"], points["y"], points["z"] = cloud.xyz.T
     points["intensity"] = cloud.intensity
     if layout == "full":
@@ -33,11 +31,6 @@ def encode_cdr(cloud: PointCloud, frame_id: str, layout: str = "xyzi", sensor: S
             points[name] = getattr(cloud, name)
     if organised:
         points = _in_their_pixels(points, cloud)
-    if times_s is not None:
-        points["t"] = times_s if organised else times_s[cloud.row, cloud.col]
-    if layout == "full":
-        for name, first in zip(("row", "col"), first_pixel):
-            points[name] += first
     dense = all(bool(np.isfinite(points[axis]).all()) for axis in "xyz")
     return cdr.write_cloud(pack_cloud(cdr.Header(cloud.stamp_ns, frame_id), points, dense))
 
@@ -62,15 +55,14 @@ def decode_cdr(raw: bytes) -> tuple[cdr.Header, dict[str, np.ndarray]]:
 
     Returns:
         The header and the columns: xyz float32 [N, 3] in metres, intensity float32 [N], and where the message has
-        all of them depth_std, background, row, col and surface [N], and t, in the units of the schema.
+        all of them depth_std, background, row, col and surface [N], in the units of the schema.
 
     Raises:
         InvalidInput: the message does not keep the schema.
     """
     cloud, layouts = cdr.read_cloud(raw), cloud_layouts("points")
     present = {field.name for field in cloud.fields}
-    layout = next(layouts[name] for name in ("full+t", "full", "xyzi")
-                  if name == "xyzi" or present.issuperset(layouts[name].names))
+    layout = layouts["full" if present.issuperset(layouts["full"].names) else "xyzi"]
     points = unpack_cloud(cloud, [layout]).reshape(-1)
     columns = {"xyz": np.stack([points[axis] for axis in "xyz"], axis=-1, dtype=np.float32)}
     for name in layout.names[3:]:

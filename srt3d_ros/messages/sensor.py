@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, json_text
@@ -15,7 +14,7 @@ from srt3d_ros.messages.schema import load
 if TYPE_CHECKING:
     from std_msgs.msg import String
 
-OBJECTS = {"gates": GateWords, "histograms": HistogramBins, "scan": ScanRate}
+OBJECTS = {"gates": GateWords, "histograms": HistogramBins}
 PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 

@@ -48,15 +48,14 @@ def encode_cdr(sketch: Sketch, frame_id: str, layout: str = "float32",
     return cdr.write_cloud(pack_cloud(header, points))
 
 
-def decode_cdr(raw: bytes, frequencies: tuple[int, ...], sensor: SensorModel | None = None,
-               window: tuple[slice, slice] = (slice(None), slice(None))) -> tuple[cdr.Header, Sketch]:
+def decode_cdr(raw: bytes, frequencies: tuple[int, ...], sensor: SensorModel | None = None
+               ) -> tuple[cdr.Header, Sketch]:
     """The sketch of a serialised message in any layout.
 
     Args:
         raw: from `sketch`.
         frequencies: the k_l from `sketch/sensor`.
         sensor: if given, the message must have its rows and columns.
-        window: rows and columns to read; the others cost no time, but in the layout coded.
 
     Raises:
         InvalidInput: the message does not keep the schema, fit the frequencies or fit the sensor.
@@ -65,14 +64,13 @@ def decode_cdr(raw: bytes, frequencies: tuple[int, ...], sensor: SensorModel | N
     if (coded := _coded(cloud)) is not None:
         shape = sensor and (sensor.rows, sensor.cols)
         photons, sums, added_variance = coded_sketch.decode(coded, tuple(frequencies), shape)
-        sketch = Sketch(tuple(frequencies), sums, photons, cloud.header.stamp_ns, added_variance)
-        return cloud.header, sketch[window]
+        return cloud.header, Sketch(tuple(frequencies), sums, photons, cloud.header.stamp_ns, added_variance)
     for name, count, wanted in (("height", cloud.height, sensor and sensor.rows),
                                 ("width", cloud.width, sensor and sensor.cols)):
         require(count > 0, name, count, "1 or more")
         require(wanted in (None, count), name, count, f"the sensor's {wanted}")
     layouts = cloud_layouts("sketch", len(frequencies))
-    points = unpack_cloud(cloud, [layouts["float32"], layouts["int16"]])[window]
+    points = unpack_cloud(cloud, [layouts["float32"], layouts["int16"]])
     photons = points["photons"].astype(np.uint32)
     numbers = np.array(points["sketch"], np.float32, order="C")
     if points["sketch"].dtype.kind == "i":

@@ -17,7 +17,7 @@ from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.sequence_loss import SequenceLoss
 from srt3d_ros.nodes.topics import qos_overrides
-from srt3d_ros.nodes.worker import CATCH_UP_S, LOSSLESS, NEWEST_ONLY, Dropped, Refused, Worker, drop_outdated
+from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Refused, Worker, drop_outdated
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
@@ -31,10 +31,10 @@ LOG_WAIT_S = 0.5        # a longer wait is logged
 class PipelineNode(ManagedNode):
     """A managed node whose callbacks only pass messages to its worker thread, which processes and publishes.
 
-    Every frame is either published or dropped for a named cause. The diagnostics count both (frame_accounting.py).
+    Every frame is either published or dropped for a named cause. The diagnostics count both.
 
     Args:
-        queue_limit: frames that may wait for the worker, unless lossless; by default the newest only.
+        queue_limit: frames that may wait for the worker; by default the newest only.
 
     Raises:
         InvalidInput: a parameter cannot be used.
@@ -55,37 +55,17 @@ class PipelineNode(ManagedNode):
         except BaseException:
             self.destroy_node()     # it must not outlive the context
             raise
-        self.lossless = bool(self.parameters.as_dict().get("lossless", False))
-        self.publish_depth = QUEUE_DEPTH if self.lossless else PUBLISH_DEPTH
-        self.diagnostics = Diagnostics(self, self.spec.balances)
+        self.diagnostics = Diagnostics(self, self.spec.published)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0
-        limit = LOSSLESS if self.lossless else queue_limit
-        self.worker = Worker(limit, self.failed, self.diagnostics.drop, CATCH_UP_S, self._audit)
-        self._stages = [self.worker]
-        self._held_for = self._stopped_for = ""
+        self.worker = Worker(queue_limit, self.failed, self._dropped, CATCH_UP_S)
+        self._held_for = ""
         self._followed_ns = self.valid_from_ns = 0          # when descriptions were sent, by their sender's clock
         self._services_group = ReentrantCallbackGroup()     # a service that waits blocks no other callback
 
     def forget(self) -> None:
         """Drop the state of past frames; called in the worker's thread, on a reset and when deactivated."""
-
-    def add_stage(self) -> Worker:
-        """A second worker, which continues the work on frames and drops none."""
-        self._stages.append(Worker(LOSSLESS, self.failed, self.diagnostics.drop, done=self._audit))
-        return self._stages[-1]
-
-    def open_frame(self) -> tuple[int, int]:
-        """Messages of a frame that is not complete yet, and the photons in them."""
-        return 0, 0
-
-    def _audit(self) -> None:
-        """Check the frame accounting against the queues, unless a stage works on a frame: its count is in transit."""
-        with self.worker.lock, self._stages[-1].lock:
-            if not any(stage.busy for stage in self._stages):
-                kept = [self.open_frame(), *(stage.waiting for stage in self._stages)]
-                self.diagnostics.audit(*map(sum, zip(*kept)))
 
     # ---- Topics and services
 
@@ -105,14 +85,13 @@ class PipelineNode(ManagedNode):
 
         def received(raw: bytes, info: dict) -> None:
             photons = count(raw)
-            with self.worker.lock:
-                self.diagnostics.received(photons)
-                self.worker.offer(work, raw, info["source_timestamp"], size=photons)
+            self.diagnostics.received(photons)
+            self.worker.offer(work, raw, info["source_timestamp"], size=photons)
 
-        queued = QUEUE_DEPTH if self.lossless else self.queue_depth
-        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if self.worker.limit == NEWEST_ONLY else queued
+        newest_only = self.worker.limit == NEWEST_ONLY
+        depth = SUBSCRIBE_DEPTH * self.worker.messages_per_frame if newest_only else self.queue_depth
         subscription = self.listen(topic, received, min(depth, QUEUE_DEPTH), self._count_lost)
-        self.diagnostics.expect(subscription.topic_name, self.spec.topic(topic).type)
+        self.diagnostics.expect(subscription.topic_name)
 
     def listen(self, topic: str, handle: Callable[[bytes, dict], None], depth: int = QUEUE_DEPTH,
                lost: Callable[[int], None] = lambda messages: None) -> Subscription:
@@ -146,7 +125,7 @@ class PipelineNode(ManagedNode):
                 handle(message)
             except InvalidInput as problem:
                 if self._held_for:
-                    self.diagnostics.waiting_for = f"{self._held_for} that can be used: {problem}"
+                    self.diagnostics.wait_for(f"{self._held_for} that can be used: {problem}")
                 raise
 
         self.make_subscription(topic, lambda message, info: self.worker.call(work, message, info["source_timestamp"]),
@@ -180,26 +159,28 @@ class PipelineNode(ManagedNode):
     # ---- Frames
 
     def hold_frames_for(self, what: str) -> None:
-        """Report that no frame can be used before `what` has come; those that may queue wait until `release_frames`."""
+        """Report that no frame can be used before `what` has come; those that may queue wait until `release_frames`.
+
+        A latched description and the first frame it describes may arrive in either order.
+        """
         self._held_for = what
-        self.diagnostics.waiting_for = what
-        if self.worker.limit > NEWEST_ONLY:
-            self.worker.hold_frames()
+        self.diagnostics.wait_for(what)
+        self.worker.hold_frames("no_sensor")
 
     def release_frames(self) -> None:
         """Process frames again after `hold_frames_for`."""
         self._held_for = ""
-        self.diagnostics.waiting_for = ""
+        self.diagnostics.wait_for("")
         self.worker.release_frames()
 
-    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
-        """Publish the CDR bytes of the frame acquired at `stamp_ns`; when lossless, wait for a subscriber first.
+    def _dropped(self, cause: str, frames: int, photons: int) -> None:
+        """Count frames that were dropped from the queue."""
+        self.diagnostics.drop(cause, frames, photons)
+        if self._held_for:
+            self.get_logger().warning(f"frame dropped: waiting for {self._held_for}", throttle_duration_sec=LOG_EVERY_S)
 
-        `amounts` are totals to which the frame adds. Raises Dropped if the node is stopped before a subscriber comes.
-        """
-        if self.lossless and not self.wait_until(publisher.get_subscription_count,
-                                                 f"a subscriber on {publisher.topic_name}"):
-            raise Dropped(self._stopped_for, f"no subscriber on {publisher.topic_name}")
+    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
+        """Publish the CDR bytes of the frame acquired at `stamp_ns`; `amounts` are totals to which it adds."""
         publisher.publish(data)
         self.sent(stamp_ns, **amounts)
 
@@ -220,10 +201,10 @@ class PipelineNode(ManagedNode):
                 break
             if waited_s >= LOG_WAIT_S and not logged:
                 logged = True
-                self.diagnostics.waiting_for = what
+                self.diagnostics.wait_for(what)
                 self.get_logger().info(f"waiting for {what}")
         if logged:
-            self.diagnostics.waiting_for = ""
+            self.diagnostics.wait_for("")
         return met
 
     def on_activate(self, state):
@@ -233,18 +214,16 @@ class PipelineNode(ManagedNode):
     def deactivate(self) -> None:
         """Take no more frames, finish the current one, drop those that wait unless the node drains, and forget."""
         self.stop_frames("inactive")
-        self.diagnostics.waiting_for = ""
+        self.diagnostics.wait_for("")
 
     def stop_frames(self, cause: str) -> None:
         """Unsubscribe and empty the queue: waiting frames are dropped for `cause` or, if the node drains, processed."""
         self.unsubscribe()
-        self._stopped_for = cause
         self.halted.set()
         if not self.drains:
             self.worker.clear(cause)
         self.worker.release_frames()
-        for stage in self._stages:
-            stage.finish(self.finish_s)
+        self.worker.finish(self.finish_s)
         if self.state == "active":
             self.worker.call(self.forget)
             self.worker.finish(self.finish_s)
@@ -259,10 +238,8 @@ class PipelineNode(ManagedNode):
         if self.state in ("inactive", "active") and not (self._starting or self.finished.is_set()):
             self.get_logger().info("shutting down")     # else it never started or has logged why it ends
         self.stop_frames("shutdown")
-        for stage in self._stages:
-            stage.close(self.finish_s)
+        self.worker.close(self.finish_s)
         self.state = "finalized"
-        self._audit()
         self.diagnostics.close()
         self.destroy_node()
 

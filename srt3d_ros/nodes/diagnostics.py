@@ -1,17 +1,17 @@
-"""/diagnostics of a node, once a second with or without subscribers: frame accounting, rates, latency, last error.
+"""/diagnostics of a node, once a second with or without subscribers: counters, rates, latency, last error.
 
 Level, from what happened since the last report:
-    ERROR   something failed that should not have, frame accounting does not add up, inputs contradict each other, or
-            more than half of the frames that came in were dropped or lost
-    WARN    a frame was dropped or lost, time is simulated and there is no clock, the node waits for something, no frame
-            came for 2 s, frames are more than 2 s old when they leave, or stamped ahead of the node's clock, or are
-            degraded
+    ERROR   something failed that should not have, inputs contradict each other, or more than half of the frames that
+            came in were dropped or lost
+    WARN    a frame was dropped or lost, the node waits for something, or has waited 2 s for a frame, frames are more
+            than 2 s old when they leave, or stamped ahead of the node's clock, or are degraded
     OK      otherwise
 """
 
+import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -21,16 +21,14 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from srt3d_ros.nodes.frame_accounting import FRAMES, Balance, FrameAccounts
 from srt3d_ros.nodes.lifecycle import ManagedNode
 
-PIPELINE_ID = "srt3d_ros"     # hardware_id of these nodes, by which they recognise each other's reports
 PERIOD_S = 1.0
 LATENCIES_KEPT = 200    # frames over which the percentiles are taken
 LAST_REPORT_S = 2.0     # timeout for the last report to reach the subscribers
 POLL_S = 0.01
 MOST_DROPPED = 0.5      # of the frames since the last report: more is an error
-SILENCE_S = 2.0         # without a frame: a warning
+PATIENCE_S = 2.0        # without a frame: a warning
 OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
@@ -38,48 +36,73 @@ AHEAD_S = 0.5
 STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
 
 
-class Diagnostics(FrameAccounts):
-    """Counts what a node does and reports it.
+class Diagnostics:
+    """Counts what a node does and reports it. Every method may be called from any thread.
+
+    Totals count from the start and never fall. What came in is published, dropped for a cause, or still under way: in a
+    queue, in processing, or part of a frame that is not complete.
+
+    Args:
+        published: the total of what came in and was published: "frames_out" unless several messages make a frame.
 
     Attributes:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
             these diagnostics.
         find_warning: likewise for a warning.
-        waiting_for: what the node waits for; empty if for nothing.
         degraded: how frames are degraded; empty if they are not.
     """
 
-    def __init__(self, node: ManagedNode, balances: Iterable[Balance] = (FRAMES,)):
-        super().__init__(balances)
+    def __init__(self, node: ManagedNode, published: str = "frames_out"):
+        self._lock = threading.RLock()
+        self._published = published
+        self._totals: Counter[str] = Counter()
+        self._dropped: Counter[str] = Counter()             # frames by cause
+        self._photons_dropped: Counter[str] = Counter()
         self.find_contradiction: Callable[[], str] = str
         self.find_warning: Callable[[], str] = str
         self._node = node
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self.waiting_for = self.degraded = ""
-        self._topics: dict[str, str] = {}   # on which frames may come, and of what type
-        self._silent_since = 0.0            # when the last frame came in, or frames were first expected
-        self._any_frame = False             # whether one has come since then
+        self.degraded = ""
+        self._topics: list[str] = []        # on which frames may come
+        self._waiting_for = ""              # beside frames
+        # When the node began to wait for what is above, for a frame, and for a clock; of time.monotonic().
+        self._waiting_since = self._frame_since = self._clock_since = time.monotonic()
         self._last_error = ""
-        self._reported = (time.monotonic(), Counter(), Counter(), Counter())
+        self._reported = (time.monotonic(), Counter(), Counter())
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # a steady clock: reports go on while simulated time stands still
         self._timer = node.create_timer(PERIOD_S, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def count(self, **amounts: int) -> None:
+        """Add to totals of these names."""
+        with self._lock:
+            self._totals.update(amounts)
+
+    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None:
+        """Count frames that were dropped for `cause`, and their photons."""
+        with self._lock:
+            self._dropped[cause] += frames
+            self._photons_dropped[cause] += photons
+
     def received(self, photons: int = 0) -> None:
         """Count a frame that came in and announces so many photons."""
         self.count(frames_in=1, **({"photons_in": photons} if photons else {}))
-        self._silent_since, self._any_frame = time.monotonic(), True
+        self._frame_since = time.monotonic()
 
-    def expect(self, topic: str, type_name: str) -> None:
-        """Expect frames of this type on this topic."""
-        self._topics[topic] = type_name
-        self._silent_since, self._any_frame = time.monotonic(), False
+    def expect(self, topic: str) -> None:
+        """Expect frames on this topic."""
+        self._topics.append(topic)
+        self._frame_since = time.monotonic()
 
     def expect_nothing(self) -> None:
         """Expect no frames any more."""
         self._topics.clear()
+
+    def wait_for(self, what: str) -> None:
+        """Report that the node waits for this from now on; for nothing if it is empty."""
+        self._waiting_for, self._waiting_since = what, time.monotonic()
 
     def sent(self, latency_s: float, **amounts: int) -> None:
         """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
@@ -116,25 +139,29 @@ class Diagnostics(FrameAccounts):
     def _status(self) -> DiagnosticStatus:
         with self._lock:
             now = time.monotonic()
-            totals, drops, unaccounted = (
-                counts.copy() for counts in (self._totals, self._drops["frames"], self._unaccounted))
-            since, totals_before, drops_before, unaccounted_before = self._reported
+            totals, drops = self._totals.copy(), self._dropped.copy()
+            since, totals_before, drops_before = self._reported
             new, new_drops = totals - totals_before, drops - drops_before
-            self._reported = (now, totals, drops, unaccounted)
+            self._reported = (now, totals, drops)
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
             per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
             values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
-                      **self._balanced(),
+                      **_accounts("", totals["frames_in"], totals[self._published], drops),
                       "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                       **self._latency(), **self._values, "last_error": self._last_error}
-            missing = unaccounted if unaccounted != unaccounted_before else Counter()
-            level, message = self._judge(new, new_drops, missing, now)
+            if "photons_in" in totals:
+                values |= _accounts("photons_", totals["photons_in"], totals["photons"], self._photons_dropped)
+            waiting_for, since = self._waiting(now)
+            if waiting_for:
+                values |= {"waiting_for": waiting_for, "waiting_s": f"{now - since:.1f}"}
+                waiting_for = f"waiting for {waiting_for} for {now - since:.0f} s"
+            level, message = self._judge(new, new_drops, waiting_for)
             if not message:
                 message = f"{rate_in_hz:.1f} frames/s in, {rate_out_hz:.1f} out"
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name().lstrip("/"), message=message,
-                                hardware_id=PIPELINE_ID, values=pairs)
+                                hardware_id="srt3d_ros", values=pairs)
 
     def _latency(self) -> dict[str, str]:
         """Percentiles of the newest frames' latencies, if there are any."""
@@ -153,36 +180,23 @@ class Diagnostics(FrameAccounts):
             return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: by another clock, unknown to tf"
         return ""
 
-    def _missing_clock(self) -> str:
-        """A warning if time is simulated and there is no clock."""
-        if not self._node.get_parameter("use_sim_time").value:
-            return ""
-        clock = self._publishers("/clock", "rosgraph_msgs/msg/Clock")
-        if clock.startswith("nobody"):
-            return f"use_sim_time is true, but {clock}"
-        return "" if self._node.get_clock().now().nanoseconds else (
-            f"use_sim_time is true and {clock}, but the clock stands at 0")
+    def _waiting(self, now: float) -> tuple[str, float]:
+        """What the node waits for, and since when; an empty text if for nothing."""
+        if self._node.get_parameter("use_sim_time").value and not self._node.get_clock().now().nanoseconds:
+            return "/clock (use_sim_time is true)", self._clock_since
+        if self._waiting_for:
+            return self._waiting_for, self._waiting_since
+        if self._topics and now - self._frame_since > PATIENCE_S:
+            publishers = sum(map(self._node.count_publishers, self._topics))
+            *first, last = self._topics
+            topics = f"{', '.join(first)} or {last}" if first else last
+            return f"a frame on {topics} (publishers: {publishers})", self._frame_since
+        return "", now
 
-    def _silence(self, seconds: float) -> str:
-        """For how long no frame has come, or who could send one."""
-        if self._any_frame:
-            return f"no frame for {seconds:.0f} s"
-        return "no frame yet: " + ", ".join(self._publishers(topic, wanted) for topic, wanted in self._topics.items())
-
-    def _publishers(self, topic: str, wanted: str) -> str:
-        """Who publishes on a topic. A publisher of another type than `wanted` never reaches this node."""
-        types = Counter(publisher.topic_type for publisher in self._node.get_publishers_info_by_topic(topic))
-        count = types.pop(wanted, 0)
-        words = f"{count} publish {topic}" if count > 1 else f"{count or 'nobody'} publishes {topic}"
-        return words + (f" (but there is {', '.join(types)}: expected {wanted})" if types else "")
-
-    def _judge(self, new: Counter, new_drops: Counter, missing: Counter, now: float) -> tuple[bytes, str]:
+    def _judge(self, new: Counter, new_drops: Counter, waiting: str) -> tuple[bytes, str]:
         """Level and message; an empty message if nothing is wrong."""
         if new["errors"]:
             return DiagnosticStatus.ERROR, self._last_error
-        if any(missing.values()):
-            return DiagnosticStatus.ERROR, "frame accounting does not add up: " + ", ".join(
-                f"{name} {amount}" for name, amount in missing.items() if amount)
         if self._node.state != "active":
             return DiagnosticStatus.OK, self._node.state
         if contradiction := self.find_contradiction():
@@ -193,20 +207,21 @@ class Diagnostics(FrameAccounts):
             if new["message_lost"]:
                 causes.append(f"{new['message_lost']} lost on the way here")
             level = DiagnosticStatus.ERROR if gone > MOST_DROPPED * sent else DiagnosticStatus.WARN
-            several = "".join(f"; {count} publish {topic}" for topic in self._topics
-                              if (count := self._node.count_publishers(topic)) > 1)
-            return level, f"dropped: {', '.join(causes)}, of {sent}{several}"
+            return level, f"dropped: {', '.join(causes)}, of {sent}"
         if warning := self.find_warning():
             return DiagnosticStatus.WARN, warning
-        if no_clock := self._missing_clock():
-            return DiagnosticStatus.WARN, no_clock
-        if self.waiting_for:
-            return DiagnosticStatus.WARN, f"waiting for {self.waiting_for}"
-        if self._topics and now - self._silent_since > SILENCE_S:
-            return DiagnosticStatus.WARN, self._silence(now - self._silent_since)
+        if waiting:
+            return DiagnosticStatus.WARN, waiting
         if untimely := self._untimely(new["frames_out"]):
             return DiagnosticStatus.WARN, untimely
         return (DiagnosticStatus.WARN, self.degraded) if self.degraded else (DiagnosticStatus.OK, "")
+
+
+def _accounts(prefix: str, came: int, published: int, dropped: Counter) -> dict[str, int]:
+    """What was dropped, by cause, and what is under way."""
+    causes = {f"{prefix}dropped.{cause}": amount for cause, amount in dropped.items() if amount}
+    total = dropped.total()
+    return {f"{prefix}dropped": total, **causes, f"{prefix}under_way": came - published - total}
 
 
 def all_acknowledged(publisher: Publisher) -> bool:

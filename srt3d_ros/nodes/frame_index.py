@@ -1,4 +1,4 @@
-"""FrameIndex: the frames of a recording by stamp: their numbers, latencies, and whether they are recorded."""
+"""FrameIndex: the frames of a recording by stamp: their numbers, and latencies."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -15,7 +15,6 @@ class RecordedFrame:
 
     Args:
         number: in the order in which stamps were first seen.
-        kept: whether its cloud and images are recorded.
         sketch_ns: when its sketch came.
         has_cloud: whether its cloud came.
         counts: its photons while they wait for the cloud; uint32 [rows, cols].
@@ -23,29 +22,24 @@ class RecordedFrame:
 
     stamp_ns: int
     number: int
-    kept: bool
     sketch_ns: int | None = None
     has_cloud: bool = False
     counts: np.ndarray | None = None
 
 
 class FrameIndex:
-    """The frames of a recording, of which at most `max_rate_hz` a second are kept; 0 = all."""
+    """The frames of a recording."""
 
-    def __init__(self, max_rate_hz: float = 0.0):
-        self._period_ns = 0.99e9 / max_rate_hz if max_rate_hz else 0.0     # stamps jitter
+    def __init__(self):
         self._frames: dict[int, RecordedFrame] = {}
-        self._seen, self._last_kept_ns = 0, None
+        self._seen = 0
         self._clouds: deque[int] = deque(maxlen=RATE_FRAMES)
         self.newest: RecordedFrame | None = None
 
     def __getitem__(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp, which may be new."""
         if stamp_ns not in self._frames:
-            last_ns = self._last_kept_ns
-            kept = last_ns is None or stamp_ns < last_ns or stamp_ns - last_ns >= self._period_ns
-            self._last_kept_ns = stamp_ns if kept else last_ns
-            self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen, kept)
+            self._frames[stamp_ns] = RecordedFrame(stamp_ns, self._seen)
             self._seen += 1
             if len(self._frames) > STAMPS_KEPT:
                 del self._frames[next(iter(self._frames))]

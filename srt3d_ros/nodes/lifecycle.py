@@ -23,7 +23,6 @@ class ManagedNode(LifecycleNode):
     """
 
     spec: NodeSpec
-    publish_depth = PUBLISH_DEPTH
 
     def __init__(self, name: str, **options):
         super().__init__(name, **options)
@@ -63,7 +62,7 @@ class ManagedNode(LifecycleNode):
     def advertise(self, topic: str, kept: int = 1) -> Publisher:
         """A publisher of one of the spec's outputs, until `cleanup`; of a latched one, `kept` messages stay."""
         declared = self.spec.topic(topic)
-        qos = QoSProfile(depth=kept if declared.latched else self.publish_depth, durability=declared.durability)
+        qos = QoSProfile(depth=kept if declared.latched else PUBLISH_DEPTH, durability=declared.durability)
         self.publishers_made.append(self._make(self.create_publisher, declared, qos))
         return self.publishers_made[-1]
 

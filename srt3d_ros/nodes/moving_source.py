@@ -32,12 +32,9 @@ class MovingSource(FrameSource):
 
     def __init__(self, parameters: Mapping):
         rate_hz = PACKETS * parameters["rate_hz"]
-        require(rate_hz > 0, "rate_hz", rate_hz, "above 0 Hz with motion")
         require(parameters["input"] == SIMULATOR, "motion", parameters["motion"], "off, unless input is simulator")
         self._path, sensor = MOTIONS[parameters["motion"]], moving_sensor()
-        self._errors = {"noise": parameters["odom_noise"], "jitter_s": parameters["odom_jitter_s"],
-                        "seed": parameters["seed"]}
-        self._delay_s, self._packet_ns = parameters["odom_delay_s"], round(NS_PER_S / rate_hz)
+        self._packet_ns = round(NS_PER_S / rate_hz)
         simulator = Simulator(MovingView(Room(), self._path, sensor, 1 / rate_hz), sensor, parameters["sbr"],
                               parameters["ppp"] / PACKETS, parameters["seed"], rate_hz)
         super().__init__(sensor, lambda k: simulator.frame(k)[0], PACKETS * parameters["frames"] or None,
@@ -50,21 +47,20 @@ class MovingSource(FrameSource):
         reports = self._reports()
         report = next(reports)
         for packet in super().items():
-            begun_ns = packet.acquired_ns + round(BEFORE_S * NS_PER_S)
+            begun_ns = packet.stamp_ns + round(BEFORE_S * NS_PER_S)
             due_ns = begun_ns + self._packet_ns
             while report.due_ns <= due_ns:
                 yield report
                 report = next(reports)
-            yield packet._replace(due_ns=due_ns, acquired_ns=begun_ns)
-        while report.due_ns < due_ns + (self._delay_s + AFTER_S) * NS_PER_S:
+            yield packet._replace(due_ns=due_ns, stamp_ns=begun_ns)
+        while report.due_ns < due_ns + AFTER_S * NS_PER_S:
             yield report
             report = next(reports)
 
     def _reports(self) -> Iterator[Item]:
-        for report in measured(self._path, ODOM_HZ, start_s=-BEFORE_S, **self._errors):
-            due_ns = round((report.measured_s + BEFORE_S + self._delay_s) * NS_PER_S)
-            stamp_ns = round((report.stamp_s + BEFORE_S) * NS_PER_S)
-            yield Item("odom", serialize_message(odometry(report)), due_ns, stamp_ns)
+        for report in measured(self._path, ODOM_HZ, start_s=-BEFORE_S):
+            stamp_ns = round((report.at_s + BEFORE_S) * NS_PER_S)
+            yield Item("odom", serialize_message(odometry(report)), stamp_ns, stamp_ns)
 
 
 def extrinsics() -> str:

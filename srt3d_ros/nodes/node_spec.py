@@ -3,13 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from srt3d_ros.nodes.frame_accounting import FRAMES, Balance
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.topics import Topic
 
 AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: a lifecycle manager does.")
-LOSSLESS = Parameter("lossless", False, "Drop no frame: queue frames instead of keeping the newest, and wait for a "
-                     "subscriber before publishing. For replays only: a live sensor needs the newest frame.")
 
 
 @dataclass(frozen=True)
@@ -19,7 +16,7 @@ class NodeSpec:
     Args:
         name: of the node and of its executable.
         services: names of each std_srvs/srv/Trigger that it serves as `~/name`.
-        balances: the equations that its totals keep.
+        published: the total that counts what came in and was published; see Diagnostics.
     """
 
     name: str
@@ -27,7 +24,7 @@ class NodeSpec:
     outputs: Iterable[Topic] = ()
     services: Iterable[str] = ()
     parameters: Iterable[Parameter] = ()
-    balances: Iterable[Balance] = (FRAMES,)
+    published: str = "frames_out"
 
     @property
     def table(self) -> tuple[Parameter, ...]:

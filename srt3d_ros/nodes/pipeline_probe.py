@@ -1,7 +1,6 @@
 """Watch a running pipeline from outside, as any ROS 2 node could."""
 
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,7 +17,6 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr
 from srt3d_ros.nodes import transport
 
-BESIDE = 200            # clouds on the other topic
 CLOUDS_DEPTH = 64       # the probe shares its machine with the pipeline: clouds wait rather than be lost
 
 
@@ -39,12 +37,11 @@ class Arrival:
 class PipelineProbe:
     """Subscribes to `points` and /diagnostics; a context manager, inside which `spin_until` receives.
 
-    `kept` has the bytes of every `keep_every`-th cloud, `beside` those of the newest clouds on another topic.
+    `kept` has the bytes of every `keep_every`-th cloud.
     """
 
-    def __init__(self, keep_every: int, topic_beside: str | None = None):
-        self._keep_every, self._topic_beside = keep_every, topic_beside
-        self.beside: deque[bytes] = deque(maxlen=BESIDE)
+    def __init__(self, keep_every: int):
+        self._keep_every = keep_every
         self.arrivals: list[Arrival] = []
         self.kept: list[bytes] = []
         self.statuses: dict[str, dict[str, str]] = {}
@@ -55,9 +52,6 @@ class PipelineProbe:
         self.node = Node("monitor")
         depth = QoSProfile(depth=CLOUDS_DEPTH)
         self.node.create_subscription(PointCloud2, "points", self._on_cloud, depth, raw=True)
-        if self._topic_beside is not None:
-            self.node.create_subscription(PointCloud2, self._topic_beside, lambda raw: self.beside.append(raw), depth,
-                                          raw=True)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

@@ -1,6 +1,5 @@
 """reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while somebody subscribes."""
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,9 +9,9 @@ from pathlib import Path
 from std_msgs.msg import String
 
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.tiles import TileReconstruction
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message
@@ -25,10 +24,8 @@ from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS, build, check_together, limits_m, options
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sensor_choice import in_words
-from srt3d_ros.nodes.worker import Dropped, Refused, drop_outdated
+from srt3d_ros.nodes.worker import Refused, drop_outdated
 from srt3d_ros.recording import cloud_files
-
-IN_FLIGHT = 2           # frames between reconstruction and publication, in the pipeline "throughput"
 
 SPEC = NodeSpec(
     "reconstructor",
@@ -45,19 +42,8 @@ class Description:
 
     sensor: SensorModel
     frequencies: tuple[int, ...]
-    reconstructor: TileReconstruction
+    reconstructor: Callable[[Sketch], PointCloud]
     valid_from_ns: int
-
-
-@dataclass(frozen=True, eq=False)
-class ReconstructedFrame:
-    """A frame in flight: a function that waits for its cloud, and what is needed to publish it."""
-
-    wait: Callable[[], PointCloud]
-    description: Description
-    frame_id: str
-    photons: int
-    settings: dict[str, Value]
 
 
 class ReconstructorNode(PipelineNode):
@@ -67,12 +53,10 @@ class ReconstructorNode(PipelineNode):
 
     def __init__(self):
         super().__init__()
-        self._stage = self.add_stage()      # publishes in parallel with the worker, in the pipeline "throughput"
-        self._in_flight = threading.Semaphore(IN_FLIGHT)
         self._described: Description | None = None
         self._former: Description | None = None     # whose last sketches may still be on their way
         self._refused: String | None = None     # a description that these parameters cannot be used with
-        self._newest: tuple[PointCloud, ReconstructedFrame] | None = None
+        self._newest: tuple[PointCloud, Description, str] | None = None    # and its frame_id
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -94,9 +78,8 @@ class ReconstructorNode(PipelineNode):
 
     def forget(self) -> None:
         """Forget the last frame's surfaces and background, and the newest cloud."""
-        self._stage.finish(self.finish_s)
         self._newest = None
-        if self._described is not None:
+        if self._described is not None and isinstance(self._described.reconstructor, Pooled):
             self._described.reconstructor.forget()
 
     def _reset(self) -> str:
@@ -106,11 +89,11 @@ class ReconstructorNode(PipelineNode):
     def _save_cloud(self) -> str:
         if self._newest is None:
             raise Refused(f"no cloud to save yet: no sketch has arrived on {self.resolve_topic_name('sketch')}")
-        cloud, frame = self._newest
+        cloud, described, frame_id = self._newest
         folder = Path(self._settings["save_folder"]).expanduser().absolute()
-        path = free(folder / f"cloud_{cloud.stamp_ns}.{self._settings['save_format']}")
-        sensor = frame.description.reconstructor.sensor.replace(frame_id=frame.frame_id)
-        cloud_files.save(cloud, path, frequencies=frame.description.frequencies, sensor=sensor)
+        path = free(folder / f"cloud_{cloud.stamp_ns}.ply")
+        cloud_files.save(cloud, path, frequencies=described.frequencies,
+                         sensor=described.sensor.replace(frame_id=frame_id))
         return f"{len(cloud)} points saved as {path}"
 
     def _check(self, values: dict[str, Value]) -> None:
@@ -122,7 +105,6 @@ class ReconstructorNode(PipelineNode):
     def _apply(self) -> None:
         """Use the present parameters from the next frame on."""
         settings = self.parameters.as_dict()
-        self._stage.finish(self.finish_s)
         described = self._described
         if described is not None and options(settings) != options(self._settings):
             reconstructor = self._build(described.sensor, described.frequencies, settings)
@@ -132,14 +114,10 @@ class ReconstructorNode(PipelineNode):
             self._on_sensor(self._refused)
 
     def _build(self, sensor: SensorModel, frequencies: tuple[int, ...],
-               settings: dict[str, Value]) -> TileReconstruction:
+               settings: dict[str, Value]) -> Callable[[Sketch], PointCloud]:
         reconstructor = build((sensor, frequencies), settings)
         reconstructor.warm_up()
         self.diagnostics.show(device=reconstructor.device)
-        if settings["tile"]:
-            rows, cols = (f"{first} to {first + pixels - 1}" for first, pixels in zip(
-                reconstructor.first_pixel, (reconstructor.sensor.rows, reconstructor.sensor.cols)))
-            self.get_logger().info(f"tile {settings['tile']}: rows {rows}, columns {cols}")
         return reconstructor
 
     def _on_sensor(self, message: String) -> None:
@@ -159,8 +137,6 @@ class ReconstructorNode(PipelineNode):
         self.release_frames()
 
     def _on_sketch(self, raw: bytes) -> None:
-        if self._described is None:
-            raise Dropped("no_sensor", "no description has arrived on sketch/sensor yet")
         self._former = None         # its sketches have all come
         self._reconstruct(raw, self._described)
 
@@ -172,52 +148,25 @@ class ReconstructorNode(PipelineNode):
         self._reconstruct(raw, self._former)
 
     def _reconstruct(self, raw: bytes, described: Description) -> None:
-        reconstructor, settings = described.reconstructor, self._settings
-        header, sketch = sketch_message.decode_cdr(raw, described.frequencies, described.sensor, reconstructor.window)
-        self._in_flight.acquire()
-        try:
-            photons = int(sketch.photons[reconstructor.own].sum())
-            frame = ReconstructedFrame(self._begin(sketch, reconstructor, photons), described,
-                                       settings["frame_id"] or header.frame_id, photons, settings)
-        except BaseException:
-            self._in_flight.release()
-            raise
-        if settings["pipeline"] == "throughput":
-            self._stage.offer(self._finish, frame)
-        else:
-            self._finish(frame)
-
-    def _begin(self, sketch: Sketch, reconstructor: TileReconstruction, photons: int) -> Callable[[], PointCloud]:
-        """Begin to reconstruct; returns a function that waits for the cloud."""
+        header, sketch = sketch_message.decode_cdr(raw, described.frequencies, described.sensor)
         started = time.perf_counter()
-        wait = reconstructor.submit(sketch)
+        seen = described.reconstructor(sketch)
+        photons, background = int(sketch.photons.sum()), float(seen.background.sum())
+        self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}",
+                              background_share=f"{background / max(photons, 1):.3f}")
+        if isinstance(described.reconstructor, Pooled):
+            self.diagnostics.show(background_unevenness=f"{described.reconstructor.uneven_background:.4f}")
+        self._publish(seen, photons, described, header.frame_id)
 
-        def finish() -> PointCloud:
-            cloud = wait()
-            self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}",
-                                  background_share=f"{float(cloud.background.sum()) / max(photons, 1):.3f}",
-                                  background_unevenness=f"{reconstructor.uneven_background:.4f}")
-            return cloud
-
-        return finish
-
-    def _finish(self, frame: ReconstructedFrame) -> None:
-        try:
-            self._publish(frame)
-        finally:
-            self._in_flight.release()
-
-    def _publish(self, frame: ReconstructedFrame) -> None:
-        settings, reconstructor, seen = frame.settings, frame.description.reconstructor, frame.wait()
-        sensor = reconstructor.sensor
+    def _publish(self, seen: PointCloud, photons: int, described: Description, frame_id: str) -> None:
+        settings, sensor = self._settings, described.sensor
         cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
-        data = points_message.encode_cdr(cloud, frame.frame_id, settings["fields"], sensor, settings["organised"],
-                                         reconstructor.first_pixel)
+        data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
-        self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=frame.photons)
-        self._newest = cloud, frame
+        self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=photons)
+        self._newest = cloud, described, frame_id
         try:
-            self._publish_images(cloud, sensor, frame.frame_id)
+            self._publish_images(cloud, sensor, frame_id)
         except Exception as problem:    # does not concern the frame: it was published
             self.failed(problem)
 

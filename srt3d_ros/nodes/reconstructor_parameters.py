@@ -1,5 +1,7 @@
 """The reconstructor's parameters: what they are, which go together, and the reconstruction that they make."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from srt3d_ros.core.background import BACKGROUNDS
@@ -7,16 +9,11 @@ from srt3d_ros.core.cloud import SURFACE_ORDERS
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
-from srt3d_ros.core.sensor import MAX_UPSAMPLING, SensorModel
-from srt3d_ros.core.tiles import FORM, Tile, TileReconstruction
-from srt3d_ros.core.weighting import WEIGHTINGS
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
-from srt3d_ros.nodes.node_spec import LOSSLESS
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
-AS_PUBLISHED = "auto"
-PIPELINES = ("latency", "throughput")
 PARAMETERS = (
     Parameter("method", DEFAULT_METHOD, "How to reconstruct. " + "; ".join(
         f"{name}: {METHODS[name].about}" for name in SKETCH_METHODS) + ". All but pooled are published with the "
@@ -30,32 +27,18 @@ PARAMETERS = (
     Parameter("background", BACKGROUNDS[0], "pooled: distribution of the background over the bins. auto: what the "
               "last clouds left unexplained, or even while that is not significant. sensor: the sensor's "
               "background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
-    Parameter("weighting", AS_PUBLISHED, "srt3d, smle: weighting of the sketched data term; auto: as published.",
-              choices=(AS_PUBLISHED, *WEIGHTINGS), live=True),
     Parameter("warm_start", False, "pooled: start from the last frame's surfaces where the photons confirm them. This "
               "reduces the error while the scene changes little.", live=True),
-    Parameter("pipeline", PIPELINES[0], "latency: publish a frame before the next one starts. throughput: publish it, "
-              "and copy it to and from a GPU, while the next one is reconstructed: more frames per second.",
-              choices=PIPELINES, live=True),
-    Parameter("upsampling", 1, "pooled: finer pixels along each side of a pixel, in `points` and in the images.",
-              low=1, high=MAX_UPSAMPLING, live=True),
-    Parameter("tile", "", "pooled: part of the array to reconstruct, if several reconstructors share a large array. "
-              "`row` and `col` of points count in the whole array. Images and organised clouds show the tile.",
-              form=FORM, live=True, loose=True, refuse=Tile.read),
     Parameter("device", "auto", "Where to compute. auto: on a GPU if there is one.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
-              "col, surface, and t for a scanner (`scan` in `sketch/sensor`).", choices=("xyzi", "full"), live=True),
+              "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "true: `points` as rows × cols with the first point of each pixel, NaN where there "
               "is none. false: a list of all points.", live=True),
     Parameter("min_range_m", 0.0, "Omit points nearer than this along their pixel's ray, from `points` and images; 0 "
               "= no limit.", "m", low=0.0, live=True),
     Parameter("max_range_m", 0.0, "Omit points farther than this; 0 = no limit.", "m", low=0.0, live=True),
-    Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
-    Parameter("save_folder", "", "Folder for `~/save_cloud`; the working directory if empty.",
+    Parameter("save_folder", "", "Folder for `~/save_cloud`, which writes .ply; the working directory if empty.",
               form="a folder that exists"),         # not live: whoever starts the node decides where files go
-    Parameter("save_format", "ply", "File format of `~/save_cloud`. ply and pcd have x, y, z and intensity, npz has "
-              "everything.", choices=("ply", "pcd", "npz"), live=True),
-    LOSSLESS,
 )
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 OPTIONS = tuple(sorted({name for method in SKETCH_METHODS for name in METHODS[method].options}))
@@ -67,8 +50,6 @@ def check_together(values: dict[str, Value]) -> None:
     for name in OPTIONS:
         require(name in method.options or values[name] == DEFAULTS[name], name, values[name],
                 f"{DEFAULTS[name]}, as {method.name} has no such option")
-    require(method.name == DEFAULT_METHOD or Tile.read(values["tile"]) == Tile(), "tile", values["tile"],
-            f"empty, as {method.name} does not reconstruct parts")
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
@@ -79,18 +60,15 @@ def limits_m(values: dict[str, Value]) -> tuple[float, float]:
 
 def options(values: dict[str, Value]) -> dict[str, Value]:
     """The values on which the reconstruction itself depends."""
-    names = ("method", "surfaces", "device", "tile", *METHODS[values["method"]].options)
-    return {name: values[name] for name in names if (name, values[name]) != ("weighting", AS_PUBLISHED)}
+    names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
+    return {name: values[name] for name in names}
 
 
-def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> TileReconstruction:
+def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Callable:
     """The reconstruction that these parameters ask for; InvalidInput if there is none.
 
     Args:
         described: sensor and frequencies of the sketches; None while they are not known: of any.
     """
     chosen = options(values)
-    method, tile = METHODS[chosen.pop("method")], Tile.read(chosen.pop("tile"))
-    sensor, frequencies = described or (ANY_SENSOR, (1, 2, 3))
-    return TileReconstruction(sensor, tile if described else Tile(),
-                              lambda part: method.build(part, frequencies, **chosen))
+    return METHODS[chosen.pop("method")].build(*(described or (ANY_SENSOR, (1, 2, 3))), **chosen)

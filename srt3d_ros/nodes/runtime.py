@@ -17,7 +17,6 @@ from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.parameters import file_warnings
-from srt3d_ros.parent import Parent
 
 WAKE_S = 0.1            # longest time until a signal is seen
 SWALLOWED_S = 2.0       # a start that goes on for so long after an interrupt has swallowed it
@@ -69,8 +68,7 @@ def run(node_class: type[PipelineNode]) -> int:
     """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
 
     rclpy's own signal handlers invalidate the context at once; these let the node finish its frames, its recording and
-    its last diagnostics first. A parent process (srt3d_ros.processes) gets a report when the node has started; the node
-    ends when its parent does.
+    its last diagnostics first.
 
     Returns:
         The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
@@ -79,7 +77,6 @@ def run(node_class: type[PipelineNode]) -> int:
     os.nice(node_class.niceness)        # before there are other threads, which inherit it
     stop = _Stop()
     transport.prepare_process()
-    parent = Parent.of_this_process()
     node = None
     try:
         _init(sys.argv)
@@ -89,8 +86,6 @@ def run(node_class: type[PipelineNode]) -> int:
             node.get_logger().warning(line)
         _start(node)
         stop.starting = False
-        if parent and not stop.requested:
-            parent.report(_facts(node))
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while not (stop.requested or node.finished.is_set()):
@@ -101,8 +96,7 @@ def run(node_class: type[PipelineNode]) -> int:
     except KeyboardInterrupt:
         pass
     except InvalidInput as error:
-        # A parent puts the node's name before its lines; alone, it speaks as the commands do.
-        print(error if parent else f"srt3d: error: {error}", file=sys.stderr)
+        print(f"srt3d: error: {error}", file=sys.stderr)
         return BAD_INPUT
     except Exception:
         if not stop.requested:      # a compiler that is interrupted swallows the interrupt and then fails with anything
@@ -122,7 +116,7 @@ def _make(node_class: type[PipelineNode]) -> PipelineNode:
         if os.environ.get("ROS_SECURITY_ENABLE") != "true":
             raise
         raise InvalidInput("ROS_SECURITY_ENABLE", "true", "a middleware with DDS security and a keystore that it "
-                           f"accepts, see docs/security.md ({' '.join(str(error).split())})") from None
+                           f"accepts, see docs/deployment.md ({' '.join(str(error).split())})") from None
 
 
 def _start(node: PipelineNode) -> None:
@@ -134,16 +128,6 @@ def _start(node: PipelineNode) -> None:
         node.get_logger().info(f"unconfigured, as autostart is false: ros2 lifecycle set "
                                f"{node.get_fully_qualified_name()} configure")
     node.diagnostics.report()
-
-
-def _facts(node: PipelineNode) -> dict:
-    """The report for the parent: name, state, the final names of all topics, and those that exist by now."""
-    inputs, outputs = ({topic.name: node.resolve_topic_name(topic.name) for topic in topics}
-                       for topics in (node.spec.inputs, node.spec.outputs))
-    read, published = ({entity.topic_name for entity in made} for made in (node.subscriptions, node.publishers))
-    return {"name": node.get_fully_qualified_name(), "state": node.state, "topics": inputs | outputs,
-            "in": [name for name in inputs.values() if name in read],
-            "out": [name for name in outputs.values() if name in published]}
 
 
 def _init(given: list[str]) -> None:

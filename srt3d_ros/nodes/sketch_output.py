@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from srt3d_ros.core.framing import OpenFrame
 from srt3d_ros.core.gate import in_ranges
 from srt3d_ros.core.link_budget import LinkBudget
-from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.window import UnsentWindows, WindowSketcher
 from srt3d_ros.messages import sketch as sketch_message
@@ -148,8 +147,6 @@ class SketchOutput:
     def _describe(self, sketcher: WindowSketcher) -> None:
         node, gate, frames = self._node, sketcher.gate, sketcher.window_frames
         sensor = sketcher.sketch_sensor
-        if isinstance(sketcher, MovingSketcher):
-            sensor = sensor.replace(scan=None)      # all pixels' photons are moved to one instant
         self._sketch_sensor.publish(sketch_message.encode_sensor(sensor, sketcher.frequencies, frames))
         self._described = sketcher
         node.diagnostics.show(rows=sensor.rows, cols=sensor.cols, num_bins=sensor.num_bins, window_frames=frames,

@@ -17,7 +17,7 @@ from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes.base import LOG_EVERY_S, PipelineNode
 from srt3d_ros.nodes.parameters import Value
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sensor_choice import SensorChoice, read_lens
+from srt3d_ros.nodes.sensor_choice import SensorChoice
 from srt3d_ros.nodes.sketch_output import SketchOutput
 from srt3d_ros.nodes.sketcher_parameters import SPEC, AnySketcher, design_settings, make_sketcher
 from srt3d_ros.nodes.waiting_frames import WaitingFrames
@@ -25,11 +25,10 @@ from srt3d_ros.nodes.worker import Dropped
 
 CHECK_SILENCE_S = 0.05
 LIKELY_PACKETS = 8          # of a period, before the first has ended
-STAMP = slice(4, 12)        # of a serialised message with a header
 
 
 class SketcherNode(PipelineNode):
-    """Follows `sensor` and the lens, also when they change, and publishes `sketch/sensor` and a `sketch` a frame.
+    """Follows `sensor`, also when it changes, and publishes `sketch/sensor` and a `sketch` a frame.
 
     Every packet and photon that came in waits, alone or in an ended frame, is in a published frame or in the open one,
     or was dropped for a cause.
@@ -44,7 +43,7 @@ class SketcherNode(PipelineNode):
     _silence: Timer | None = None
 
     def configure(self) -> None:
-        self._choice = SensorChoice(self, self._refuse_lens)
+        self._choice = SensorChoice(self)
         self._check(self.parameters.as_dict())
         precompile.sketching()
         if self.parameters["motion"] != OFF:
@@ -61,7 +60,7 @@ class SketcherNode(PipelineNode):
         self._framing = self._make_framing()
         self.worker.messages_per_frame = max(self.parameters["packets_per_frame"],
                                              LIKELY_PACKETS if self.parameters["frame_period_s"] else 1)
-        self._frame_id, self._last_packet_ns, self._last_camera_info = "", 0, b""
+        self._frame_id, self._last_packet_ns = "", 0
         self._own_description = ""      # as published on `sensor`, from where it comes back
         if self.parameters["motion"] != OFF:
             self._waiting = WaitingFrames(self, self.failed)
@@ -75,7 +74,6 @@ class SketcherNode(PipelineNode):
             self._own_description = message.data
             self.worker.call(self._update_sensor)
         self.follow("sensor", self._on_sensor)
-        self.listen("sensor/camera_info", self._on_raw_camera_info)
         for topic, codec in CODECS.items():
             self.subscribe(topic, partial(self._on_packet, codec), getattr(codec, "announced", lambda raw: 0))
         self._start_silence_timer()
@@ -90,11 +88,6 @@ class SketcherNode(PipelineNode):
     def forget(self) -> None:
         """Begin a new frame and a new window."""
         self._drop_incomplete(self._framing.clear())
-
-    def open_frame(self) -> tuple[int, int]:
-        """Packets of the open frame and of those that wait for motion or to be sent, and their photons."""
-        waiting = self._waiting.open if self._waiting else OpenFrame()
-        return tuple(map(sum, zip(self._framing.open, self._output.waiting, waiting))) if self._framing else (0, 0)
 
     def _reset(self) -> str:
         self.forget()
@@ -128,28 +121,9 @@ class SketcherNode(PipelineNode):
             self._choice.agree(f"nobody else publishes {topic} any more")
         return self._choice.contradiction
 
-    def _on_raw_camera_info(self, raw: bytes, _: dict) -> None:
-        content = raw[:STAMP.start] + raw[STAMP.stop:]
-        if content != self._last_camera_info:       # most drivers send the same with every image
-            self._last_camera_info = content
-            self.worker.call(self._on_camera_info, raw)
-
-    def _on_camera_info(self, raw: bytes) -> None:
-        self._choice.lens = None
-        try:
-            self._choice.lens = read_lens(raw)
-        except InvalidInput as problem:
-            self._refuse_lens(str(problem))
-        self._update_sensor()
-
-    def _refuse_lens(self, problem: str) -> None:
-        self.diagnostics.count(camera_info_refused=1)
-        self.diagnostics.error(problem, counted=False)
-        self.get_logger().warning(f"sensor/camera_info is not used: {problem}")
-
     def _update_sensor(self) -> None:
-        """Combine the sensor and the lens in force."""
-        self._sensor = self._choice.sensor()
+        """Use the sensor in force."""
+        self._sensor = self._choice.sensor
         self._apply()
 
     def _apply(self) -> None:
@@ -181,8 +155,6 @@ class SketcherNode(PipelineNode):
     def _sketch_by_design(self) -> None:
         """Begin a new window with the gate and the frequencies in force."""
         self._sketcher = make_sketcher(self._sensor, self._design, self.parameters.as_dict())
-        if self._waiting is not None:
-            self._waiting.expect(self._sensor)
 
     def _check(self, values: dict[str, Value]) -> None:
         """Refuse parameters with which the present sensor, or any, cannot be sketched."""
@@ -190,8 +162,7 @@ class SketcherNode(PipelineNode):
         make_sketcher(sensor, SketchDesign(sensor, *design_settings(values)), values)
 
     def _make_framing(self) -> Framing:
-        period_ns, gap_ns = (round(self.parameters[name] * 1e9) for name in ("frame_period_s", "gap_s"))
-        return Framing(self.parameters["packets_per_frame"], period_ns, gap_ns)
+        return Framing(self.parameters["packets_per_frame"], round(self.parameters["frame_period_s"] * 1e9))
 
     # ---- Packets
 
@@ -205,7 +176,7 @@ class SketcherNode(PipelineNode):
         placed = self._framing.place(header.stamp_ns, raw)
         self._end_frame(placed.ended)
         if placed.began_again:
-            self.get_logger().info("stamps leapt over gap_s: new frame, new window", throttle_duration_sec=LOG_EVERY_S)
+            self.get_logger().info("stamps leapt: new frame, new window", throttle_duration_sec=LOG_EVERY_S)
             self._drop_incomplete(placed.forgotten)
         if not placed.dropped:
             self._sketcher.add(photons)
@@ -224,7 +195,7 @@ class SketcherNode(PipelineNode):
             self.worker.call(self._end_after_silence)
 
     def _is_silent(self) -> bool:
-        return self.now_ns() - self._last_packet_ns > self.parameters["silence_s"] * 1e9
+        return self.now_ns() - self._last_packet_ns > self._framing.silence_ns
 
     def _end_after_silence(self) -> None:
         if self._is_silent():
@@ -243,7 +214,7 @@ class SketcherNode(PipelineNode):
             if self._waiting is None:
                 publish(ended)
             else:
-                self._waiting.add(frame, ended, sketcher, self.parameters["frame_id"] or self._frame_id, publish)
+                self._waiting.add(frame, ended, sketcher, publish)
         except Exception as error:
             self.failed(error, *frame)
             self._sketcher.reset()

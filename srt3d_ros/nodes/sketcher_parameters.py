@@ -4,17 +4,16 @@ from dataclasses import replace
 
 from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES
 from srt3d_ros.core.gate import FORM, OFF
-from srt3d_ros.core.moving_sketcher import DESKEW_TO, MovingSketcher
+from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_SKETCH_SIZE
 from srt3d_ros.core.sketch_design import SketchDesign
-from srt3d_ros.core.window import WINDOW_STAMPS, WindowSketcher
+from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import require
 from srt3d_ros.messages.coded_sketch import DEFAULT_STEP, MAX_STEP, MIN_STEP
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.frame_accounting import PACKETS, PHOTONS
 from srt3d_ros.nodes.motion_input import MOTIONS, parse_extrinsics
-from srt3d_ros.nodes.node_spec import LOSSLESS, NodeSpec
+from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter, Value
 
 AnySketcher = WindowSketcher | MovingSketcher
@@ -40,28 +39,14 @@ PARAMETERS = (
               "the first packet of a later period, or when packets_per_frame have arrived. If the packets of a frame "
               "share one stamp, use any value up to the time between frames. 0: define frames by number only.",
               "s", 0, 1000, live=True),
-    Parameter("silence_s", 0.5, "With frame_period_s: a frame also ends after this time without a packet.", "s", 0.05,
-              1000, live=True),
-    Parameter("gap_s", 1.0, "Start a new frame and a new window if stamps fall back or leap ahead by more than this, "
-              "because the driver, bag or clock restarted. Must exceed the time between packets.",
-              "s", 1e-3, 10_000, live=True),
     Parameter("window_frames", 1, "Frames (not messages) in the sliding window of a sketch. With packets_per_frame 2, "
-              "a window of 3 frames covers 6 messages.", low=1, high=1000, live=True),
-    Parameter("window_stamp", "newest", "Stamp of a window, for tf and for latencies in /diagnostics: start of "
-              "acquisition of its newest frame, of its oldest, or half-way between. With newest, tf is right for the "
-              "newest photons, and the oldest are off by the sensor's motion since. With middle, both are off by half "
-              "of it.", choices=tuple(WINDOW_STAMPS)),
+              "a window of 3 frames covers 6 messages. With motion: 1.", low=1, high=1000, live=True),
     Parameter("motion", "off", "Source of the sensor's motion. Photons of a frame of several packets are moved to the "
-              "sensor's pose at the frame's stamp before they are added. odom: nav_msgs/Odometry. imu: rotation only. "
-              "estimate: fit of the photons to the last cloud (`depth`).", choices=MOTIONS, loose=True),
-    Parameter("subframes", 10, "With motion: most parts of a frame that are moved separately.", low=1, high=1000),
-    Parameter("deskew_to", "middle", "With motion: instant to which the photons of a frame are moved; it is also the "
-              "stamp. To the middle, they move by half as much.", choices=DESKEW_TO),
-    Parameter("motion_timeout_s", 0.1, "With motion: longest time, in real time, that a complete frame waits for "
-              "reports of its motion. After that it is published undeskewed and counted.", "s", 0, 10, live=True),
+              "sensor's pose in the middle of the frame, which becomes the stamp, before they are added. odom: "
+              "nav_msgs/Odometry. imu: rotation only.", choices=MOTIONS, loose=True),
     Parameter("extrinsics", "", "With motion: pose of the sensor in an Odometry's child_frame_id or an Imu's frame. "
-              "If empty, /tf_static gives it. If tf2_msgs is not installed either, the sensor is assumed to coincide "
-              "with that frame.", form="x y z qx qy qz qw in metres, or nothing", loose=True, refuse=parse_extrinsics),
+              "If empty, the sensor is assumed to coincide with that frame.",
+              form="x y z qx qy qz qw in metres, or nothing", loose=True, refuse=parse_extrinsics),
     Parameter("layout", "float32", "Layout of `sketch`. int16 halves the bandwidth. coded needs about a tenth: it "
               "rounds to a fraction of the photon noise and compresses.",
               choices=("float32", "int16", "coded"), live=True),
@@ -71,18 +56,17 @@ PARAMETERS = (
     Parameter("max_mbit_s", 0.0, "Limit of the mean rate of `sketch`, for a link to another machine. If the link or a "
               "reliable reader is slower, a frame waits, later frames are added to it, and `coding_step` doubles up "
               "to 1.6, until there is room again (WARN in /diagnostics). 0: no limit, every frame is sent as it is. "
-              "Not with motion or lossless.", "Mbit/s", 0, 100_000, live=True),
+              "Not with motion.", "Mbit/s", 0, 100_000, live=True),
     Parameter("frame_id", "", "tf frame of the published messages; if empty, that of the received ones.", live=True),
-    LOSSLESS,
 )
 
 SPEC = NodeSpec(
     "sketcher",
-    inputs=(topics.SENSOR, topics.LENS, *topics.FRAMES, *topics.MOTION, topics.IMAGES[0]),
+    inputs=(topics.SENSOR, *topics.FRAMES, *topics.MOTION, topics.IMAGES[0]),
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     services=("reset",),
     parameters=PARAMETERS,
-    balances=(PACKETS, PHOTONS),
+    published="packets",
 )
 
 
@@ -95,9 +79,9 @@ def design_settings(values: dict[str, Value]) -> tuple[str, str, int | None]:
 def make_sketcher(sensor: SensorModel, design: SketchDesign, values: dict[str, Value]) -> AnySketcher:
     """The sketcher of a design; InvalidInput if its window is too large, or parameters contradict each other."""
     frequencies, frames, still = design.frequencies, values["window_frames"], values["motion"] == OFF
-    for reason, fits in (("lossless, which sends every frame", not values["lossless"]),
-                         ("motion, which has frames seen from different places", still)):
-        require(fits or not values["max_mbit_s"], "max_mbit_s", values["max_mbit_s"], f"0 with {reason}")
+    require(still or not values["max_mbit_s"], "max_mbit_s", values["max_mbit_s"],
+            "0 with motion, which has frames seen from different places")
     if still:
-        return WindowSketcher(sensor, frequencies, frames, values["window_stamp"], design.gate)
-    return MovingSketcher(sensor, frequencies, frames, values["subframes"], values["deskew_to"], design.gate)
+        return WindowSketcher(sensor, frequencies, frames, design.gate)
+    require(frames == 1, "window_frames", frames, "1 with motion, which has frames seen from different places")
+    return MovingSketcher(sensor, frequencies, design.gate)

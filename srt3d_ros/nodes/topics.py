@@ -47,17 +47,13 @@ class Topic:
 
 
 SENSOR = Topic("sensor", TEXT, "the sensor's description (JSON)", latched=True)
-LENS = Topic("sensor/camera_info", CAMERA, "the sensor's pinhole and lens, instead of the description's projection",
-             when="a calibrated camera publishes it")
 PHOTONS = Topic("photons", CLOUD, "photons as events: row, col, time of arrival (ToA)")
 GATES = Topic("gates", IMAGE, "photons as the ToA words of a gated SPAD array")
 HISTOGRAMS = Topic("histograms", IMAGE, "photons as counts in bins, from a histogramming sensor")
 FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
 ODOM = Topic("odom", "nav_msgs/msg/Odometry", "where the robot is", when="`motion` is odom")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "how fast the robot turns", when="`motion` is imu")
-TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "where the sensor is on the robot", latched=True,
-                  when="there is `motion`, and `extrinsics` is empty")
-MOTION = (ODOM, IMU, TF_STATIC)
+MOTION = (ODOM, IMU)
 SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "sensor, frequencies and window of the sketches (JSON)", latched=True)
 SKETCH = Topic("sketch", CLOUD, "of each pixel, the number of photons and m complex numbers")
 POINTS = Topic("points", CLOUD, "the surfaces' points, metres, in the sensor's frame")
@@ -72,7 +68,6 @@ CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{W
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept for 10 s", latched=True)
-PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", "changes of the nodes' parameters")
 
 
 def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:

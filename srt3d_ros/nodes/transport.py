@@ -10,26 +10,25 @@ import fcntl
 import os
 import re
 import socket
+import tempfile
 import time
-from importlib.metadata import version
 from pathlib import Path
 
 from srt3d_ros import shared_files
 from srt3d_ros.private_network import FIRST_PORT, PORTS
 
-# Jazzy has rclpy 7.1 and Fast DDS 2, Kilted rclpy 9.1 and Fast DDS 3, for which a profile of the other is an error.
-FAST_DDS_3 = int(version("rclpy").split(".")[0]) >= 9
-PROFILE_VARIABLE = "FASTDDS_DEFAULT_PROFILES_FILE" if FAST_DDS_3 else "FASTRTPS_DEFAULT_PROFILES_FILE"
-PROFILES = "config/kilted" if FAST_DDS_3 else "config"
-SEGMENT = "fastdds_" if FAST_DDS_3 else "fastrtps_"         # how files in /dev/shm are named
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"      # read by Fast DDS 2; its FASTDDS_ name does nothing there
+PROFILE = "config/fastdds_shm.xml"
+SEGMENT = "fastrtps_"   # prefix of Fast DDS's files in /dev/shm
 SHARED_MEMORY = Path("/dev/shm")
-SEGMENTS_MB = (64, 32, 16, 4)
+SEGMENT_BYTES = 64 << 20        # of PROFILE: holds several of the largest messages, 8 to 25 MB
+LEAST_SEGMENT_BYTES = 4 << 20   # below, Fast DDS's own 0.5 MB is no worse for a message that fits neither
 PROCESSES = 4           # that must find room: each allocates its whole segment when it starts
 LEAK_AGE_S = 10.0       # older than any segment whose process is still starting
 
 M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -2, -3, -8     # glibc's malloc.h
 
-_held: list[socket.socket] = []         # open as long as this process lives
+_held: list = []        # sockets and files that stay open as long as this process lives
 
 
 def prepare_process() -> None:
@@ -38,10 +37,9 @@ def prepare_process() -> None:
     A profile that the user chose is kept.
     """
     remove_leaked_segments()
-    avoid_ports_of_the_killed()
-    profile = choose_profile()
-    if profile is not None:
-        os.environ.setdefault(PROFILE_VARIABLE, str(profile))
+    reserve_stale_ports()
+    if PROFILE_VARIABLE not in os.environ and (profile := shared_memory_profile()):
+        os.environ[PROFILE_VARIABLE] = str(profile)
     _keep_freed_memory()
 
 
@@ -51,7 +49,7 @@ def remove_leaked_segments(shared_memory: Path = SHARED_MEMORY) -> None:
         _remove(lock.with_name(lock.name.removesuffix("_el")))
 
 
-def avoid_ports_of_the_killed(shared_memory: Path = SHARED_MEMORY) -> None:
+def reserve_stale_ports(shared_memory: Path = SHARED_MEMORY) -> None:
     """Keep Fast DDS from giving this process a port of shared memory that others still send to for a killed one.
 
     They find out one after the other, and each makes the port anew: a reader that opens it meanwhile may be left with
@@ -111,17 +109,26 @@ def _bind(*ports: int) -> list[socket.socket]:
         return bound
 
 
-def choose_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
-    """fastdds_<size>mb.xml with the largest segment that fits four times into free shared memory, or None."""
+def shared_memory_profile(shared_memory: Path = SHARED_MEMORY) -> Path | None:
+    """A Fast DDS profile whose segment fits PROCESSES times into free shared memory, or None if there is no room.
+
+    That is config/fastdds_shm.xml where 64 MB fit, else a copy with a smaller segment, removed when this process ends.
+    """
     try:
         room = os.statvfs(shared_memory)
     except OSError:
         return None
-    free_mb = room.f_bavail * room.f_frsize / 2**20
-    for size_mb in SEGMENTS_MB:
-        if free_mb >= PROCESSES * size_mb:
-            return shared_files.find(f"{PROFILES}/fastdds_{size_mb}mb.xml")
-    return None
+    segment_bytes = min(SEGMENT_BYTES, room.f_bavail * room.f_frsize // PROCESSES)
+    profile = shared_files.find(PROFILE)
+    if segment_bytes == SEGMENT_BYTES or profile is None:
+        return profile
+    if segment_bytes < LEAST_SEGMENT_BYTES:
+        return None
+    smaller = tempfile.NamedTemporaryFile("w", prefix="srt3d_fastdds_", suffix=".xml")
+    smaller.write(profile.read_text(encoding="utf-8").replace(f">{SEGMENT_BYTES}<", f">{segment_bytes}<"))
+    smaller.flush()
+    _held.append(smaller)
+    return Path(smaller.name)
 
 
 def _keep_freed_memory() -> None:

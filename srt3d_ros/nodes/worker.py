@@ -10,7 +10,6 @@ NEWEST_ONLY = 1
 CATCH_UP_S = 0.25       # how long frames may wait while a busy machine catches up
 RECOVERY_S = 1.0        # without a dropped frame: the worker has caught up
 MAX_WAITING = 64        # messages that wait while it catches up: bounds the memory
-LOSSLESS = 256          # frames that may wait where none may be dropped: bounds the memory if the sender does not
 
 
 class Dropped(Exception):
@@ -50,26 +49,21 @@ class Worker:
             frame to all else here.
         failed: called with (exception, frames, size) when a job raises, frames 1 or 0; the worker goes on.
         dropped: called with (cause, frames, size) for dropped frames; the cause is "queue" if newer ones push them
-            out. A frame's size is what its node counts beside frames, such as photons or bytes.
-        done: called after each job, when none is running.
-
-    Attributes:
-        lock: held while frames are queued, taken or dropped; whoever counts frames beside that holds it too.
+            out, or that of `hold_frames`. A frame's size is what its node counts beside frames, such as photons or
+            bytes.
     """
 
     def __init__(self, limit: int, failed: Callable[[Exception, int, int], None],
-                 dropped: Callable[[str, int, int], None], catch_up_s: float = 0.0,
-                 done: Callable[[], None] = lambda: None):
+                 dropped: Callable[[str, int, int], None], catch_up_s: float = 0.0):
         self.limit, self._failed, self._dropped, self._catch_up_s = limit, failed, dropped, catch_up_s
-        self._done = done
         self.messages_per_frame = 1
         self.waiting = 0, 0         # frames in the queue, and their sizes' sum
         self._recovered_from_s = 0.0
         self._jobs: deque[_Job] = deque()
         self._current: _Job | None = None
-        self._holding = False
+        self._held_for = ""
         self._closing = False
-        self.lock = self._changed = threading.Condition()
+        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
         self._thread.start()
 
@@ -88,19 +82,14 @@ class Worker:
         """Run function(*args) for a frame of a size, unless newer frames push it out first."""
         self._put(_Job(function, args, 1, size))
 
-    @property
-    def busy(self) -> bool:
-        """Whether a job is running."""
-        return self._current is not None
-
-    def hold_frames(self) -> None:
-        """Let frames wait in the queue, but no other jobs, until `release_frames`."""
-        self._holding = True
+    def hold_frames(self, cause: str) -> None:
+        """Let frames wait in the queue, but no other jobs, until `release_frames`; those pushed out go for `cause`."""
+        self._held_for = cause
 
     def release_frames(self) -> None:
         """Take frames again."""
         with self._changed:
-            self._holding = False
+            self._held_for = ""
             self._changed.notify_all()
 
     def clear(self, cause: str) -> None:
@@ -117,7 +106,7 @@ class Worker:
     def close(self, timeout_s: float) -> None:
         """End the thread after all jobs, held frames among them; after `timeout_s`, drop what is left."""
         with self._changed:
-            self._holding = False
+            self._held_for = ""
             self._closing = True
             self._changed.notify_all()
         self._thread.join(timeout_s)
@@ -146,7 +135,7 @@ class Worker:
         may_catch_up = now_s >= self._recovered_from_s and now_s - frames[0].since_s < self._catch_up_s
         if may_catch_up and len(frames) < MAX_WAITING:
             return
-        self._drop("queue", frames[:len(frames) - most + 1])
+        self._drop(self._held_for or "queue", frames[:len(frames) - most + 1])
         self._recovered_from_s = now_s + RECOVERY_S
 
     def _drop(self, cause: str, frames: list[_Job]) -> None:
@@ -167,7 +156,7 @@ class Worker:
         """The next job that may run, or None when closed and nothing is left."""
         with self._changed:
             while True:
-                job = next((job for job in self._jobs if not (job.frames and self._holding)), None)
+                job = next((job for job in self._jobs if not (job.frames and self._held_for)), None)
                 if job is not None:
                     self._remove(job)
                     self._current = job
@@ -182,4 +171,3 @@ class Worker:
             except Exception as error:      # whatever a frame does to a job, the next frame is served
                 self._failed(error, job.frames, job.size)
             self._current = None
-            self._done()

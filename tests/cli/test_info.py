@@ -1,13 +1,11 @@
 """`srt3d info` and `srt3d convert`: any photon file in figures, and as an npz photon file."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import npz, open_photons
 from srt3d_ros.datasets.scene import StaticScene
@@ -54,19 +52,6 @@ def test_words_say_the_same_and_what_was_assumed(srt3d, cube):
     assert code == 0 and words.count("\n") == 4 and "12 × 20 pixels, T = 600 bins of 50 ps" in words
     assert "IRF estimated" in err and "geometry taken to be a pinhole of 30°" in err
     assert "SBR 4" in words or "SBR 3" in words
-
-
-def test_a_scan_and_the_instants_of_photons_are_told(srt3d, wall, tmp_path):
-    photons = open_photons(wall)
-    scanner = SENSOR.replace(scan=ScanRate(row_period_s=0.002, start_s=0.001))
-    t = np.linspace(5e6, 33e6, photons.frame.photons).astype(np.uint32)
-    npz.save(tmp_path / "scanned.npz", scanner, replace(photons.frame, t=t))
-    facts = json.loads(srt3d("info", tmp_path / "scanned.npz", "--json")[1])
-    assert facts["scan_s"] == pytest.approx([0.001, 0.023]) and facts["t_s"] == pytest.approx([0.005, 0.033])
-    words = srt3d("info", tmp_path / "scanned.npz")[1]
-    assert "pixels look from 0.001 to 0.023 s after the stamp\nphotons come from 0.005 to 0.033 s after" in words
-    facts = json.loads(srt3d("info", wall, "--json")[1])
-    assert facts["scan_s"] is facts["t_s"] is None
 
 
 def test_the_picture_is_drawn(srt3d, wall, tmp_path):

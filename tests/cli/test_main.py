@@ -22,7 +22,7 @@ def failing_with(error: BaseException):
     (PermissionError(13, "Permission denied", "a.npz"), 2, "srt3d: error: a.npz: Permission denied\n"),
     (KeyboardInterrupt(), 130, ""),
     (ModuleNotFoundError(name="rerun"), 1, "srt3d: error: rerun is not installed: pip install 'srt3d_ros[record]'\n"),
-    (ModuleNotFoundError(name="ptufile"), 1, "srt3d: error: ptufile is not installed: pip install 'srt3d_ros[ptu]'\n"),
+    (ModuleNotFoundError(name="ptufile"), 1, "srt3d: error: ptufile is not installed: pip install 'srt3d_ros[lab]'\n"),
     (ModuleNotFoundError(name="rclpy"), 1,
      "srt3d: error: rclpy is not installed: source a ROS 2 installation, or pip install 'srt3d_ros[ros]'\n"),
 ])

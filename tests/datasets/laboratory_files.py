@@ -36,28 +36,6 @@ def ptu(path: Path, records: list[int], record_type: int, tags: dict | None = No
     return path
 
 
-def phu(path: Path, curves: np.ndarray, bin_width_s: float) -> Path:
-    """A .phu file of these histograms, [curves, bins]."""
-    size, (count, bins) = 16 + 48 * (3 * len(curves) + 2), curves.shape
-    content = b"PQHISTO\0001.0.00\0\0" + _tag("HistoResult_NumberOfCurves", count)
-    for k in range(count):
-        content += _tag("HistResDscr_DataOffset", size + 4 * bins * k, k) + _tag("HistResDscr_HistogramBins", bins, k)
-        content += _tag("HistResDscr_MDescResolution", bin_width_s, k)
-    path.write_bytes(content + _tag("Header_End", None) + curves.astype("<u4").tobytes())
-    return path
-
-
-def spc(path: Path, records: list[int], bin_width_s: float) -> Path:
-    """An .spc file of an SPC-150 with its .set file."""
-    settings = np.zeros(1, "<u2")
-    settings[0] = 0x28 << 4
-    text = f"*IDENTIFICATION\r\nID : SPC\r\n*END\r\n*SETUP\r\nSYS_PARA_BEGIN:\n#SP [SP_TAC_TC,F,{bin_width_s}]\n" \
-        "SYS_PARA_END:\n*END\r\n"
-    path.with_suffix(".set").write_bytes(settings.tobytes().ljust(42, b"\0") + text.encode())
-    path.write_bytes(np.array([250, *records], "<u4").tobytes())
-    return path
-
-
 def sdt(path: Path, blocks: list[np.ndarray], tac_range_s: float) -> Path:
     """An .sdt file of these images uint16 [rows, cols, bins], one data block each."""
     from sdtfile import sdtfile

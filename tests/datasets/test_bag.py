@@ -297,7 +297,6 @@ def with_topics(path: Path, topics: dict[str, str]) -> Path:
      ("photons", "/photons", "/sensor")),
     ({"/a/photons": "photons", "/b/photons": "photons", "/a/sensor": "sensor", "/b/sensor": "sensor"},
      {"photons_topic": "/b/photons"}, ("photons", "/b/photons", "/b/sensor")),
-    ({"/photons": "photons", "/x": "sensor", "/y": "sensor"}, {"sensor_topic": "/y"}, ("photons", "/photons", "/y")),
     ({"/tof/raw": "histograms", "/image": "picture"}, {}, ("histograms", "/tof/raw", None)),
     ({"/a/sketch": "sketch", "/a/sketch/sensor": "sketch/sensor", "/b/sketch/sensor": "sketch/sensor",
       "/a/sensor": "sensor"}, {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
@@ -312,11 +311,11 @@ def test_the_photons_are_found_under_whatever_name(tmp_path, topics, given, foun
 
 
 @pytest.mark.parametrize("topics, given, words", [
-    ({}, {}, ["photons_topic is not given: expected ", "; bag has no messages"]),
+    ({}, {}, ["bag bag is with 0 topics of photons: expected one", "; it has no messages"]),
     ({"/a/photons": "photons", "/b/gates": "gates"}, {},
-     ["photons_topic is not given", f"/a/photons ({CLOUD}, 1), /b/gates ({IMAGE}, 1)"]),
+     ["with 2 topics of photons", "--photons-topic", f"/a/photons ({CLOUD}, 1), /b/gates ({IMAGE}, 1)"]),
     ({"/photons": "photons"}, {"photons_topic": "/raw"}, ["photons_topic is /raw", "/photons"]),
-    ({"/photons": "photons", "/x": "sensor", "/y": "sensor"}, {}, ["sensor_topic is not given", "/x", "/y"])])
+    ({"/photons": "photons", "/x": "sensor", "/y": "sensor"}, {}, ["with 2 topics of sensor", "/x", "/y"])])
 def test_what_cannot_be_told_apart_is_listed(tmp_path, topics, given, words):
     with Bag(with_topics(tmp_path / "bag", topics)) as opened, pytest.raises(InvalidInput) as error:
         find_photons(opened, **given)

@@ -28,9 +28,8 @@ GIGABYTES = {
     "d.mcap": (b"\x89MCAP0\r\n", "bag d.mcap is unreadable", ""),
     "e.db3": (b"SQLite format 3\0", "bag e.db3 is unreadable", ""),
     "f.npz": (b"", "f.npz.json is 1073741824 bytes: expected at most", ""), "f.npz.json": (b"{", "", ""),
-    "g.npy": (b"", "g.npy counts is unreadable", ""), "h.dat": (b"\xff", "num_bins is missing", ""),
+    "g.npy": (b"", "g.npy counts is unreadable", ""),
     "i.ptu": (b"PQTTTR\0\0001.0.00\0\0", "i.ptu is unreadable", "ptufile"),
-    "j.phu": (b"PQHISTO\0001.0.00\0\0", "j.phu is unreadable", "ptufile"),
     "k.sdt": (b"\x8f\x02", "k.sdt is unreadable", "sdtfile"),
     "l.h5": (b"\x89HDF\r\n\x1a\n", "l.h5 is unreadable", "h5py"),
     "m.mat": (b"MATLAB 7.3 MAT-file", "m.mat is unreadable", "h5py")}

@@ -1,4 +1,4 @@
-"""Photons kept from the reconstruction judge clouds: exact values, the sensor's maps, standard errors, rim and rest."""
+"""Photons kept from the reconstruction judge clouds: exact values, the sensor's maps, standard errors."""
 
 from dataclasses import replace
 
@@ -60,7 +60,6 @@ def test_background_alone_is_worth_nothing():
     frame, _ = scene_photons()
     found = held_out.gain(cloud_of(SENSOR, (np.nan, 0.0)), SENSOR, *held_out.split(frame, 0.3), 0.3)
     assert found["held_out_nats"] == pytest.approx(0, abs=1e-9) and found["held_out_std"] == 0
-    assert found["held_out_rim_percent"] == found["held_out_interior_percent"] == 0
 
 
 def test_a_cloud_that_is_wrong_scores_lower():
@@ -101,8 +100,6 @@ def test_masked_pixels_do_not_count():
     apart = frame.pixel % 24 != 5
     stray = replace(frame, toa=np.where(apart, frame.toa, 17).astype(np.uint16))
     assert nats(cloud, sensor, stray) == nats(cloud, sensor, frame) != nats(cloud, SENSOR, frame)
-    rim, _ = held_out.zones(cloud_of(sensor, (np.where(sensor.mask, DEPTH, np.nan), 1.0)), sensor)
-    assert not rim[:, :11].any()
 
 
 def test_a_known_background_is_expected_where_it_lies():
@@ -135,17 +132,3 @@ def test_a_split_is_the_same_every_time_and_of_the_share():
     both = np.concatenate([[part.pixel, part.toa] for part in (seen, kept)], axis=1)
     assert sorted(both.T.tolist()) == sorted(np.array([frame.pixel, frame.toa]).T.tolist())
     assert np.array_equal(held_out.split(frame, 0.25)[1].toa, kept.toa) and seen.stamp_ns == frame.stamp_ns
-
-
-def test_the_rim_is_where_two_neighbours_are_missing_or_far_and_beside_it():
-    sensor = SensorModel(7, 9, 200, 1e-10, [1.0, 2.0, 1.0])         # 3 bins at half its peak: a surface within 9
-    depth = np.full((7, 9), np.nan)
-    depth[:, :4] = 3 + 9 * np.arange(4)                             # a slope, still one surface
-    depth[3, 1] = np.nan                                            # a hole of one pixel
-    depth[1:4, 6:] = 190 + np.arange(3)                             # around the end of the period it is near 3
-    rim, interior = held_out.zones(cloud_of(sensor, (depth, 1.0)), sensor)
-    assert [".ri"[r + 2 * i] for r, i in zip(rim[2], interior[2])] == list("iiirrrrii")
-    assert rim[3, 3] and interior[3, 0] and not rim[3, 1] and not interior[3, 1]       # the hole is neither
-    assert rim[4, 6] and not rim[5:, 6:].any()                      # empty pixels beside the rim, and farther ones
-    layered = cloud_of(sensor, (depth, 1.0), (np.full((7, 9), 100.0), 0.5))
-    assert not held_out.zones(layered, sensor)[0][:, 5].any()       # behind, there is a plane without a rim

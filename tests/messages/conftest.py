@@ -13,7 +13,6 @@ from sensor_msgs.msg import Image, PointCloud2
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.messages import gates, histograms, images, photons, points, sketch
@@ -21,7 +20,6 @@ from srt3d_ros.messages import gates, histograms, images, photons, points, sketc
 STAMP_NS = 1_700_000_000_250_000_000
 SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=np.array([1, 2, 1]),
                      gates=GateWords(first_word=10, no_detection=65_535), histograms=HistogramBins(5))
-SCANNER = SENSOR.replace(scan=ScanRate(row_period_s=0.25, col_period_s=0.0625))
 FREQUENCIES = (1, 3)
 
 
@@ -74,9 +72,8 @@ CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint
 IMAGE = np.array([[1, np.nan], [0.5, -2], [3, 4]], np.float32)
 
 
-def _photons(toa: list, dtype, t: list | None = None) -> Codec:
-    t = None if t is None else np.array(t, np.uint32)
-    events = PhotonEvents(np.array([11, 0, 6], np.uint32), np.array(toa, dtype), STAMP_NS, t)
+def _photons(toa: list, dtype) -> Codec:
+    events = PhotonEvents(np.array([11, 0, 6], np.uint32), np.array(toa, dtype), STAMP_NS)
     return _codec(photons, PointCloud2, events, (SENSOR, "lidar"), (SENSOR,))
 
 
@@ -87,11 +84,7 @@ def _histograms(dtype, least: int) -> Codec:
 
 CODECS = {
     "photons_uint16": _photons([99, 0, 7], np.uint16),
-    "photons_uint32": _photons([99, 0, 7], np.uint32),
     "photons_float32": _photons([99.5, 0, 7.25], np.float32),
-    "photons_uint16_t": _photons([99, 0, 7], np.uint16, [0, 4_000_000_000, 258]),
-    "photons_uint32_t": _photons([99, 0, 7], np.uint32, [5, 0, 258]),
-    "photons_float32_t": _photons([99.5, 0, 7.25], np.float32, [0, 0, 0]),
     "gates": _codec(gates, Image, PhotonGates(WORDS, STAMP_NS), (SENSOR, "lidar"), (SENSOR,)),
     "histograms_8UC5": _histograms(np.uint8, 190),
     "histograms_16UC5": _histograms(np.uint16, 990),
@@ -102,7 +95,6 @@ CODECS = {
     "sketch_coded": _codec(sketch, PointCloud2, SKETCH, ("lidar", "coded"), (FREQUENCIES, SENSOR)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
-    "points_full_t": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SCANNER), ()),
     "points_xyzi_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "xyzi", None, True), ()),
     "points_full_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR, True), ()),
     "image_32FC1": _codec(images, Image, IMAGE, (STAMP_NS, "lidar"), ()),

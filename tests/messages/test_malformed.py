@@ -53,8 +53,6 @@ def change(message, what: str, value) -> None:
     ("photons_float32", "toa.number", np.float32(np.nan), "toa"),
     ("photons_float32", "toa.number", np.float32(-0.5), "toa"),
     ("photons_float32", "toa.number", np.float32(100), "toa"),
-    ("photons_uint16_t", "t.offset", 6, "toa offset"),
-    ("photons_float32_t", "t.number", np.uint32(4_000_000_001), "t"),
     ("gates", "encoding", "mono8", "encoding"),
     ("gates", "is_bigendian", 2, "is_bigendian"),
     ("gates", "width", 3, "width"),

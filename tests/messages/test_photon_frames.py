@@ -26,12 +26,11 @@ def events(draw):
                          num_bins=draw(st.integers(2, 65_535)), bin_width_s=1e-10, irf=np.ones(1))
     count = draw(st.integers(0, 50))
     pixel = draw(arrays.arrays(np.uint32, count, elements=st.integers(0, sensor.pixels - 1)))
-    dtype = draw(st.sampled_from([np.uint16, np.uint32, np.float32]))
+    dtype = draw(st.sampled_from([np.uint16, np.float32]))
     bins = st.floats(0, sensor.num_bins, width=32, exclude_max=True) if dtype is np.float32 else \
         st.integers(0, sensor.num_bins - 1)
-    t = draw(st.none() | arrays.arrays(np.uint32, count, elements=st.integers(0, core_photons.MAX_T_NS)))
     toa = draw(arrays.arrays(dtype, count, elements=bins))
-    return photons, sensor, PhotonEvents(pixel, toa, draw(st.integers(0, 2**60)), t)
+    return photons, sensor, PhotonEvents(pixel, toa, draw(st.integers(0, 2**60)))
 
 
 @st.composite
@@ -95,15 +94,13 @@ def test_other_order_padding_and_further_fields_are_read(small_sensor, order, co
         "names": list(kinds), "offsets": list(offsets.values()), "itemsize": 23,
         "formats": [order + kind for kind, _ in kinds.values()]}))
     points["row"], points["col"], points["toa"] = [2, 0, 1], [3, 0, 2], [99.5, 0, 7.25]
-    points["t"] = [0, 33_000_000, 5]
     fields = [PointField(name=name, offset=offsets[name], datatype=code, count=1) for name, (_, code) in kinds.items()]
     fields.append(PointField(name="_", offset=7, datatype=PointField.UINT8, count=1))       # a second of this name
     message = PointCloud2(height=1, width=count, fields=fields, is_bigendian=order == ">", point_step=23,
                           row_step=23 * count, data=points[:count].tobytes())
     _, found = photons.decode_cdr(serialize_message(message), small_sensor)
     assert found.pixel.tolist() == [11, 0, 6][:count] and found.toa.tolist() == [99.5, 0, 7.25][:count]
-    assert found.t.tolist() == [0, 33_000_000, 5][:count]
-    assert (found.toa.dtype, found.t.dtype) == (np.float32, np.uint32)
+    assert found.toa.dtype == np.float32
 
 
 def test_last_row_and_column_of_the_largest_side_fit():

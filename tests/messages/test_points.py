@@ -8,7 +8,6 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.messages import points
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.messages.packing import unpack_cloud
@@ -36,26 +35,6 @@ def test_columns_hold_the_cloud_in_metres(codecs, small_sensor):
     np.testing.assert_allclose(columns["depth_std"], np.array([1, 2]) * metres, rtol=1e-6)
     for column in columns.values():
         assert column.flags.c_contiguous and column.flags.writeable and column.flags.aligned
-
-
-def test_t_is_when_the_pixel_of_the_point_looks(two_in_one_pixel, small_sensor):
-    scanner = small_sensor.replace(scan=ScanRate(row_period_s=0.25, col_period_s=0.0625, start_s=0.5))
-    _, columns = points.decode_cdr(points.encode_cdr(two_in_one_pixel, "lidar", "full", scanner))
-    assert columns["t"].tolist() == [0.5625, 0.5625, 1.1875] and columns["t"].dtype == np.float32
-    grid = read_cloud(points.encode_cdr(two_in_one_pixel, "lidar", "full", scanner, organised=True))
-    times = unpack_cloud(grid, [cloud_layouts("points")["full+t"]])["t"]
-    assert times.tolist() == scanner.pixel_times_s.tolist()         # of pixels without a point, too
-
-
-@pytest.mark.parametrize("organised", [False, True])
-def test_points_of_one_instant_have_no_t(two_in_one_pixel, small_sensor, organised):
-    """KISS-ICP 1.3 divides by the span of t, and ends the process if all are the same."""
-    scanner = small_sensor.replace(scan=ScanRate(row_period_s=0.25))
-    deskewed, plain = (points.encode_cdr(two_in_one_pixel, "lidar", "full", sensor, organised)
-                       for sensor in (scanner.replace(scan=None), small_sensor))
-    assert deskewed == plain and "t" not in [field.name for field in read_cloud(plain).fields]
-    assert points.encode_cdr(two_in_one_pixel, "lidar", "xyzi", scanner) == \
-        points.encode_cdr(two_in_one_pixel, "lidar", "xyzi", small_sensor)
 
 
 def test_is_dense_says_whether_every_point_is_finite(codecs, small_sensor):
@@ -87,14 +66,6 @@ def test_organised_cloud_has_the_first_point_of_each_pixel_in_its_place(two_in_o
         metres = np.array([0.5, 0.25]) * small_sensor.bin_width_m
         np.testing.assert_allclose(grid["depth_std"][~nothing], metres, rtol=1e-6)
         assert np.isnan(grid["depth_std"][nothing]).all()
-
-
-@pytest.mark.parametrize("organised", [False, True])
-def test_rows_and_columns_of_a_tile_count_from_its_first_pixel(two_in_one_pixel, small_sensor, organised):
-    message = points.encode_cdr(two_in_one_pixel, "lidar", "full", small_sensor, organised, (30_000, 70))
-    columns = points.decode_cdr(message)[1]         # without the pixels that have no point
-    assert {len(values) for values in columns.values()} == {2 if organised else 3}
-    assert set(zip(columns["row"].tolist(), columns["col"].tolist())) == {(30_000, 71), (30_002, 73)}
 
 
 def test_empty_cloud_is_valid(codecs, small_sensor):

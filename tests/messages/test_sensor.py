@@ -15,7 +15,6 @@ from std_msgs.msg import String
 from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.core.scan_rate import ScanRate
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import json_text, sensor
@@ -45,8 +44,7 @@ def refused(content) -> InvalidInput:
     ("sensor", FULL), ("sensor_edge", FULL.replace(toa_reference="bin_edge")),
     ("sensor_lens", FULL.replace(projection=Pinhole(10.5, 11.5, 1.0, 0.5, PlumbBob(-0.25, 0.125, 0.5, -0.5, 0.01)))),
     ("sensor_histograms", FULL.replace(gates=None, histograms=HistogramBins(
-        4, np.arange(6, dtype=np.float32).reshape(2, 3) / 2, 1.5, np.array([3, 1.5, 0, 0], np.float32)))),
-    ("sensor_scan", FULL.replace(scan=ScanRate(-0.25, 0.0625, 0.5)))])
+        4, np.arange(6, dtype=np.float32).reshape(2, 3) / 2, 1.5, np.array([3, 1.5, 0, 0], np.float32))))])
 def test_text_is_the_golden_one(name, content):
     golden = (GOLDEN / f"{name}.json").read_text()
     assert sensor.to_json(content) == golden.strip()
@@ -54,7 +52,7 @@ def test_text_is_the_golden_one(name, content):
 
 
 @pytest.mark.parametrize("changes", [
-    {"gain": None, "delay_bins": None, "mask": None, "gates": None, "scan": ScanRate(1 / 3, -0.1, 0.7)},
+    {"gain": None, "delay_bins": None, "mask": None, "gates": None},
     {"irf": np.random.default_rng(3).random((6, 100)), "irf_ref": 99, "background_shape": np.arange(100)}])
 def test_optional_parts_make_the_trip(changes):
     content = FULL.replace(**changes)
@@ -134,7 +132,6 @@ def packed(**changes) -> dict:
     ({"projection": {"kind": "angular_scan", "azimuth_start_rad": 0, "azimuth_step_rad": 1, "elevation_start_rad": 0,
                      "elevation_step_rad": 1, "distortion": {}}}, "projection.unknown key is"),
     ({"gates": {"first_word": 0}}, "gates.no_detection is absent"),
-    ({"scan": {"row_period_s": "1 ms"}}, "scan.row_period_s is"), ({"scan": {"col_period_s": -1e-3}}, "scan is"),
     ({"toa_reference": 0.5}, "toa_reference is 0.5"), ({"frame_id": "a\0b"}, "frame_id is"),
 ])
 def test_malformed_sensor_gives_one_error_that_names_the_field(changes, said):

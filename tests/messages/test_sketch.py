@@ -41,16 +41,6 @@ def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
     assert same_header == header and (counts == content.photons).all()
 
 
-@pytest.mark.parametrize("layout", ["float32", "int16", "coded"])
-def test_a_window_of_a_message_is_that_of_its_sketch(layout):
-    message, window = sketch.encode_cdr(random_sketch(2, 6, 9, 4), "spad", layout), (slice(1, 4), slice(3, None))
-    whole = sketch.decode_cdr(message, (1, 2, 3, 4))[1]
-    part = sketch.decode_cdr(message, (1, 2, 3, 4), window=window)[1]
-    for name in ("sums", "photons"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[window])
-    assert (part.stamp_ns, part.added_variance) == (whole.stamp_ns, whole.added_variance)
-
-
 def test_counts_above_two_billion_are_kept():
     content = Sketch((1,), np.full((1, 1, 1), 3e9 + 0j, np.complex64), np.full((1, 1), 3_000_000_000, np.uint32))
     back = sketch.decode_cdr(sketch.encode_cdr(content, "lidar"), (1,))[1]

@@ -26,10 +26,10 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.frame_accounting import FRAMES
 from srt3d_ros.nodes.specs import SPECS
 from srt3d_ros.nodes.topics import LATCHED
-from srt3d_ros.processes import Process, node_command, parameter_arguments, wait
+from srt3d_ros.processes import node_command, parameter_arguments
+from tests.processes import Process, wait
 
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
 ATTEMPTS = 5            # to have a description overtake frames
@@ -70,7 +70,7 @@ class Graph:
         arguments = ["-r", f"__ns:={self.namespace}", *ros_args]
         command = (node_command(name, *arguments, **parameters) if is_node else
                    [sys.executable, name, *parameter_arguments(parameters), *arguments])
-        self.processes.append(Process(command, is_node=is_node))
+        self.processes.append(Process(command))
         renamed = [arg.removeprefix("__node:=") for arg in ros_args if arg.startswith("__node:=")]
         self._nodes[renamed[0] if renamed else Path(name).stem] = name, self.processes[-1]
         return self.processes[-1]
@@ -173,7 +173,7 @@ class Graph:
         return self.report(name)
 
     def close(self) -> None:
-        """End the nodes and check the frame accounting of each in its last report."""
+        """End the nodes; what came into each was published or dropped, by its last report."""
         for process in self.processes:
             process.send(signal.SIGTERM)
         for process in self.processes:
@@ -184,8 +184,8 @@ class Graph:
                 self.reports(name, "state", "finalized")
         finally:
             self._leave()
-        for name, (kind, _) in self._nodes.items():
-            check_accounts(name, kind, self.all_reports(name), ended=name in ended)
+        for name in ended:
+            check_accounts(self._nodes[name][0], self.report(name))
 
     def _leave(self) -> None:
         self._stop = True
@@ -242,19 +242,19 @@ def check_outdated(graph: Graph, name: str, counted: str, describe: Callable[[Se
     assert all(bytes(one.data) == right for one in made[:before]) and read_as_new != right
 
 
-def check_accounts(name: str, kind: str, reports: list[dict[str, str]], ended: bool) -> None:
-    """Nothing has gone astray in a node, by its own account; by ours all has gone out or was dropped when it ended."""
-    for report in reports:
-        astray = {key: value for key, value in report.items() if key.startswith("unaccounted_") and value != "0"}
-        assert not astray, f"the frame accounting of {name} does not add up: {astray} in {report}"
-    for balance in (SPECS[kind].balances if kind in SPECS else (FRAMES,)) if ended else ():
-        came, out, dropped = (int(report.get(key, 0)) for key in (balance.came_in, balance.out, balance.dropped))
-        assert came == out + dropped, f"{kind} ended: expected {came} = {out} + {dropped}, as {balance}: {report}"
+def check_accounts(kind: str, report: dict[str, str]) -> None:
+    """What came into a node that has ended was published or dropped for a cause."""
+    spec = SPECS.get(Path(kind).stem)
+    published = spec.published if spec else "frames_out"
+    for received, out, dropped in (("frames_in", published, "dropped"), ("photons_in", "photons", "photons_dropped")):
+        if received in report:
+            came, went, lost = (int(report.get(key, 0)) for key in (received, out, dropped))
+            assert came == went + lost, f"{kind}: expected {received} = {out} + {dropped}: {report}"
 
 
 @pytest.fixture
 def graph(ros):
-    """An empty graph; whatever is started in it is ended with the test, and its frame accounting must add up then."""
+    """An empty graph; whatever is started in it is ended with the test, and has lost no frame then."""
     graph = Graph()
     yield graph
     graph.close()

@@ -15,7 +15,7 @@ def state(graph, name: str) -> str:
 
 
 def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_active(graph, sensor, events):
-    node = graph.start("reconstructor", autostart=False, lossless=True).says("unconfigured, as autostart is false")
+    node = graph.start("reconstructor", autostart=False).says("unconfigured, as autostart is false")
     sketch = sketch_photons(events, sensor, choose("auto", sensor, 10))
     graph.latched("sketch/sensor").publish(sketch_message.encode_sensor(sensor, sketch.frequencies, 1))
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
@@ -28,7 +28,6 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
     assert graph.trigger("reconstructor/reset") == (False, f"{name} is inactive: ros2 lifecycle set {name} activate")
     for round_ in (1, 2):
         assert graph.change("reconstructor", "activate")
-        graph.reports("reconstructor", "rows", sensor.rows)
         graph.matched(sketches).publish(sketch_message.encode_cdr(sketch, "spad"))
         graph.wait(lambda: len(clouds) == round_, "a cloud")
         assert graph.change("reconstructor", "deactivate") and state(graph, "reconstructor") == "inactive"

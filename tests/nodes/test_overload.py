@@ -72,7 +72,7 @@ def test_overload_drops_the_oldest_counts_every_packet_and_passes(graph, packet)
                 and reconstructor["frames_in"] == reconstructor["frames_out"] + reconstructor["dropped"]
                 and reconstructor["frames_out"] == len(clouds))
 
-    graph.wait(balanced, "frame accounting that adds up")
+    graph.wait(balanced, "counters that add up")
     sketcher, reconstructor = accounting()
     assert sketcher["errors"] == reconstructor["errors"] == 0
     causes = {node: {key for key in graph.report(node) if key.startswith("dropped.") and not key.endswith("_per_s")}

@@ -40,7 +40,7 @@ def declare(ros):
         node.destroy_node()
 
 
-def test_defaults_and_overrides_with_lossless_conversion(declare):
+def test_defaults_and_overrides_of_other_types(declare):
     _, parameters = declare(rate_hz=20, list=3, size=100)
     assert parameters.as_dict() == {"size": 100, "rate_hz": 20.0, "tiny": 1e-7, "layout": "float32", "list": "3",
                                     "loop": True, "range": "off"}

@@ -8,7 +8,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
-from srt3d_ros.processes import Process
+from tests.processes import Process
 
 SCRIPT = """
 import sys, time

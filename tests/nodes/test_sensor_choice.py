@@ -1,17 +1,14 @@
-"""Which sensor the sketcher reads photons with: a file's or a driver's, whoever starts first, and whose lens."""
+"""Which sensor the sketcher reads photons with: a file's or a driver's, whoever starts first."""
 
 import dataclasses
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.messages.camera import camera_info
 
 
 def start_with_file(graph, sensor, folder):
@@ -20,32 +17,13 @@ def start_with_file(graph, sensor, folder):
     return graph.start("sketcher", sensor_file=path).ready()
 
 
-def test_the_sensor_may_come_from_a_file_and_its_lens_from_a_camera_info(graph, sensor, tmp_path):
+def test_the_sensor_may_come_from_a_file(graph, sensor, tmp_path):
     described = graph.collect_latched(String, "sketch/sensor")
     published = graph.collect_latched(String, "sensor")
-    process = start_with_file(graph, sensor, tmp_path)
+    start_with_file(graph, sensor, tmp_path)
     graph.wait(lambda: described and published, "the sensor of the file")
     assert sketch_message.decode_sensor(described[0])[0].same_as(sensor)
     assert sensor_message.decode(published[0]).same_as(sensor) and "x_writer" in published[0].data
-
-    cameras = graph.matched(graph.publisher(CameraInfo, "sensor/camera_info"))
-    lens = Pinhole(30.0, 31.0, 5.5, 7.5, PlumbBob(k1=-0.1))
-    for stamp_ns in (0, 1, 2):
-        cameras.publish(camera_info(sensor.replace(projection=lens), stamp_ns, "spad"))
-    graph.wait(lambda: len(described) == 2, "the sensor with the lens")
-    wrong = sensor.replace(rows=8, projection=lens)
-    for stamp_ns in (3, 4):
-        cameras.publish(camera_info(wrong, stamp_ns, "spad"))
-    graph.wait(lambda: len(described) == 3, "the sensor without a lens that does not fit")
-    graph.reports("sketcher", "camera_info_refused", 1)
-    cameras.publish(b"\0\1\0\0\5\0")
-    assert graph.reports("sketcher", "camera_info_refused", 2)["last_error"] == (
-        "message is 8 bytes: expected a serialised CameraInfo")
-    assert "its pixels are 8 × 12: expected 16 × 12" in process.text
-    assert [sketch_message.decode_sensor(message)[0].projection for message in described[1:]] == [
-        lens, sensor.projection]
-    assert process.text.count("sensor/camera_info replaces the projection: fx 30, fy 31, cx 5.5, cy 7.5 pixels") == 1
-    assert graph.report("sketcher")["errors"] == "0"
 
 
 def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph, sensor, events, tmp_path):

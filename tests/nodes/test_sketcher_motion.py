@@ -2,11 +2,11 @@
 
 import dataclasses
 import signal
-from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Quaternion, Vector3
+from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
@@ -14,26 +14,24 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from srt3d_ros.core.deskew import moved_ranges
 from srt3d_ros.core.gate import Gate, parse
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
-from srt3d_ros.core.range_guide import moved_ranges
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.datasets.motion_profiles import Measured
 from srt3d_ros.messages import images
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import moving_source
-from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.nodes.waiting_frames import crowded
 
-HAS_TF = find_spec("tf2_msgs") is not None
+PATIENT = str(Path(__file__).with_name("patient") / "sketcher.py")
 MS = 1_000_000
 START_NS = 1_700_000_000_000 * MS
 SPEED_M_S, TURN_RAD_S = np.array([0.3, 0.0, 1.0]), np.array([0.0, 0.5, 0.0])
 PACKET_MS, PACKETS = 25, 4
 FREQUENCIES = (1, 3)
-PATIENT_S = 10.0            # for odometry that comes
 
 
 def pose_at(ms: float) -> Pose:
@@ -49,25 +47,29 @@ def stamp(message, ms: float, frame_id: str = "odom"):
 def odometry(ms: float, offset_m=(0, 0, 0), body="spad") -> Odometry:
     pose = pose_at(ms)
     moved = Pose(pose.rotation, pose.translation + offset_m)
-    message = stamp(moving_source.odometry(Measured(ms / 1e3, ms / 1e3, moved, SPEED_M_S, TURN_RAD_S)), ms)
+    message = stamp(moving_source.odometry(Measured(ms / 1e3, moved, SPEED_M_S, TURN_RAD_S)), ms)
     message.child_frame_id = body
     return message
 
 
 class Moving:
-    """A sketcher with motion, and what is sent to it."""
+    """A sketcher with motion, and what is sent to it.
 
-    def __init__(self, graph, sensor, events, **parameters):
+    Args:
+        node: "sketcher", or PATIENT.
+    """
+
+    def __init__(self, graph, sensor, events, node: str = PATIENT, **parameters):
         self.graph, self.sensor = graph, sensor
         self.events = np.array_split(np.random.default_rng(2).permutation(events.photons), PACKETS)
         self.all = events
         self.sketches = graph.collect(PointCloud2, "sketch")
         self.motion = parameters.setdefault("motion", "odom")
-        values = {"packets_per_frame": PACKETS, "frequencies": "1,3", "motion_timeout_s": PATIENT_S, "gap_s": 10.0}
+        values = {"packets_per_frame": PACKETS, "frequencies": "1,3"}
         # Best effort loses what is sent before the reader, too, has matched: tests send some things once.
         reliable = {f"qos_overrides.{graph.namespace}/{topic}.subscription.reliability": "reliable"
                     for topic in {"odom": ("odom", "depth"), "imu": ("imu",)}[self.motion]}
-        self.process = graph.start("sketcher", **values | reliable | parameters).ready()
+        self.process = graph.start(node, **values | reliable | parameters).ready()
         graph.introduce(sensor)
         self.photons = graph.matched(graph.publisher(PointCloud2, "photons"))
         self.reports = graph.matched(graph.publisher(Odometry if self.motion == "odom" else Imu, self.motion))
@@ -148,7 +150,7 @@ def test_a_frame_waits_for_the_odometry_that_covers_it_and_is_deskewed_as_the_co
 
 
 def test_late_odometry_and_none_cost_no_frame_and_frames_keep_their_order(start):
-    moving = start(motion_timeout_s=0.2, lossless=True)
+    moving = start(node="sketcher")
     moving.frame(0)
     check_same(moving.decoded(0), moving.expected(0, None))         # though nothing else comes
     moving.told("1 frames undeskewed: nothing has come on ")
@@ -180,7 +182,7 @@ def test_what_is_wrong_with_odometry_is_refused_counted_and_told(start):
     assert "/odom: stamp is " in report["last_error"] and "odom: position is " in moving.process.text
     moving.odometry(140, 160, *range(180, 221, 20), offset_m=(2, 0, 0))     # a jump before the frame ends
     moving.frame(1)
-    check_same(moving.decoded(1), moving.expected(1, None))             # at once, not after PATIENT_S
+    check_same(moving.decoded(1), moving.expected(1, None))             # at once, though the node is patient
     moving.odometry(240, 260, 280, 300, 320, offset_m=(2, 0, 0))
     moving.frame(2)
     report = moving.counts(frames_deskewed=2, frames_undeskewed=1, motion_restarts=1)
@@ -192,8 +194,8 @@ def test_what_is_wrong_with_odometry_is_refused_counted_and_told(start):
     assert "/odom: stamps fell back by 90." in report["last_error"] and "Traceback" not in moving.process.text
 
 
-def test_frames_that_wait_go_on_with_a_reset_another_window_and_the_end(start, graph):
-    moving = start(window_frames=2)
+def test_frames_that_wait_go_on_with_a_reset_and_the_end(start, graph):
+    moving = start()
     moving.odometry(0, 20)
     for number in range(7):
         moving.frame(number)
@@ -205,12 +207,7 @@ def test_frames_that_wait_go_on_with_a_reset_another_window_and_the_end(start, g
     for number in (7, 8, 9):
         moving.frame(number)
     moving.counts(frames_deskewed=3)
-    trajectory, before = trajectory_of(*range(700, 1041, 20)), MovingSketcher(moving.sensor, FREQUENCIES, 2)
-    for number in range(10):
-        for packet in range(number * PACKETS, (number + 1) * PACKETS):
-            before.add(moving.packet(packet))
-        expected = before.finish(before.end_frame(), trajectory if number > 6 else None)
-    check_same(moving.decoded(9), expected)             # both of its frames, from where the sensor is now
+    check_same(moving.decoded(9), moving.expected(9, trajectory_of(*range(700, 1041, 20))))
     moving.frame(10)
     moving.counts(under_way=PACKETS)
     assert moving.process.end(signal.SIGTERM) == 0
@@ -248,7 +245,7 @@ def test_more_frames_wait_the_less_memory_they_take():
 def test_the_place_of_the_sensor_is_a_parameter_and_the_last_depths_give_parallax(start, graph, sensor):
     text = "0.2 0 0.1 0.5 -0.5 0.5 -0.5"
     extrinsics = Pose.from_quaternion((0.5, -0.5, 0.5, -0.5), (0.2, 0, 0.1))
-    moving = start(extrinsics=text, deskew_to="start", subframes=2)
+    moving = start(extrinsics=text)
     depth = np.full((sensor.rows, sensor.cols), 0.75, np.float32)
     graph.matched(graph.publisher(Image, "depth")).publish(images.encode_cdr(depth, START_NS - 10 * MS, "spad"))
     moving.odometry(*AROUND[:-4], body="base_link")
@@ -258,17 +255,30 @@ def test_the_place_of_the_sensor_is_a_parameter_and_the_last_depths_give_paralla
     graph.wait(lambda: len(graph.all_reports("sketcher")) > reports + 1, "two more reports")
     moving.odometry(*AROUND[-4:], body="base_link")
     trajectory = trajectory_of(*AROUND, extrinsics=extrinsics)
-    ranges = moved_ranges(depth, sensor, trajectory.motion(START_NS - 10 * MS, START_NS))
-    options = {"subframes": 2, "deskew_to": "start"}
-    check_same(moving.decoded(0), moving.expected(0, trajectory, ranges, **options))
-    assert moving.decoded(0).stamp_ns == START_NS
+    middle_ns = START_NS + PACKETS * PACKET_MS * MS // 2
+    ranges = moved_ranges(depth, sensor, trajectory.motion(START_NS - 10 * MS, middle_ns))
+    check_same(moving.decoded(0), moving.expected(0, trajectory, ranges))
+    assert moving.decoded(0).stamp_ns == middle_ns
     moving.counts(frames_with_parallax=1)
-    assert "is taken to be where" not in moving.process.text
-    node = graph.start("sketcher", "-r", "__node:=second", motion="odom", extrinsics="1 2 3")
-    assert node.code() == 2 and "extrinsics is 1 2 3: expected x y z" in node.text
+    assert "extrinsics is empty" not in moving.process.text
 
 
-@pytest.mark.skipif(HAS_TF, reason="tf2_msgs is installed, and /tf_static says where the sensor is")
+@pytest.mark.parametrize(("parameters", "said"), [
+    ({"extrinsics": "1 2 3"}, "extrinsics is 1 2 3: expected x y z"),
+    ({"window_frames": 3}, "window_frames is 3: expected 1 with motion, which has frames seen from different places")])
+def test_what_cannot_go_with_motion_is_refused_in_one_line(graph, parameters, said):
+    node = graph.start("sketcher", motion="odom", **parameters)
+    assert node.code() == 2 and said in node.text
+
+
+def test_a_window_is_refused_while_frames_are_deskewed(start, graph):
+    moving = start()
+    assert graph.set("sketcher", window_frames=3).startswith("window_frames is 3: expected 1 with motion")
+    moving.odometry(*AROUND)
+    moving.frame(0)
+    check_same(moving.decoded(0), moving.expected(0, trajectory_of(*AROUND)))
+
+
 def test_an_imu_turns_the_frames_of_a_sensor_which_is_taken_to_be_where_it_is_if_nobody_says(start):
     moving = start(motion="imu")
     trajectory = Trajectory()
@@ -278,26 +288,5 @@ def test_an_imu_turns_the_frames_of_a_sensor_which_is_taken_to_be_where_it_is_if
         trajectory.add_turn(START_NS + ms * MS, np.array([0, 0.5, 0]))
     moving.frame(0)
     check_same(moving.decoded(0), moving.expected(0, trajectory))
-    warning = "extrinsics is empty and tf2_msgs is not installed: spad (x right, y down, z forward) is taken to be"
-    assert f"{warning} where imu_link is, and turned alike" in moving.process.text
+    assert "extrinsics is empty: the sensor is taken to be where the body is that" in moving.process.text
     assert moving.counts(frames_deskewed=1)["motion_restarts"] == "0"
-
-
-@pytest.mark.skipif(not HAS_TF, reason="tf2_msgs is not installed")
-def test_tf_static_says_where_the_sensor_is(start, graph):
-    from geometry_msgs.msg import Transform, TransformStamped
-    from tf2_msgs.msg import TFMessage
-
-    moving = start(motion_timeout_s=0.2)
-    moving.odometry(*AROUND, body="base_link")
-    moving.frame(0)
-    moving.told("1 frames undeskewed: /tf_static does not connect spad to base_link")
-    at, turn = Vector3(x=0.2, z=0.1), Quaternion(x=0.5, y=-0.5, z=0.5, w=-0.5)
-    message = TransformStamped(child_frame_id="spad", transform=Transform(translation=at, rotation=turn))
-    message.header.frame_id = "base_link"
-    graph.node.create_publisher(TFMessage, "/tf_static", LATCHED).publish(TFMessage(transforms=[message]))
-    moving.process.says("spad is at [0.2, 0.0, 0.1] m in base_link")
-    moving.odometry(*range(100, 241, 20), body="base_link")
-    moving.frame(1)
-    extrinsics = Pose.from_quaternion((0.5, -0.5, 0.5, -0.5), (0.2, 0, 0.1))
-    check_same(moving.decoded(1), moving.expected(1, trajectory_of(*range(100, 241, 20), extrinsics=extrinsics)))

@@ -2,7 +2,6 @@
 
 from itertools import islice
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,8 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
 
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.datasets import open_sensor
 from srt3d_ros.datasets.bag_writer import BagWriter, Offer
 from srt3d_ros.datasets.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -18,7 +18,7 @@ from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
-from srt3d_ros.nodes.sources import Item, open_source, reports_first
+from srt3d_ros.nodes.sources import open_source
 
 START_NS = 1_600_000_000_000_000_000
 MS = 1_000_000
@@ -76,11 +76,11 @@ def bag(described, frames, tmp_path_factory) -> Path:
         (40, "/spad/raw", frames[3])])
 
 
-def test_frames_of_a_file_are_due_at_its_rate_until_the_time_is_over(source, photon_file, events):
-    played = source(input=photon_file, rate_hz=50.0, duration_s=0.05)
-    items = list(played.items())
-    assert [(item.topic, item.due_ns, item.acquired_ns, item.stamp_ns) for item in items] == [
-        ("photons", k * 20 * MS, k * 20 * MS, None) for k in range(3)]
+def test_the_frame_of_a_file_is_repeated_at_its_rate(source, photon_file, events):
+    played = source(input=photon_file, rate_hz=50.0)
+    items = list(islice(played.items(), 3))
+    assert [(item.topic, item.due_ns, item.stamp_ns) for item in items] == [
+        ("photons", k * 20 * MS, k * 20 * MS) for k in range(3)]
     assert {item.photons for item in items} == {events.photons} and len({id(item.raw) for item in items}) == 1
 
 
@@ -108,13 +108,12 @@ def test_the_simulator_has_no_end_and_is_played_with_its_parameters(source):
 
 def test_a_bag_is_played_as_it_was_recorded(source, bag, described, frames):
     played = source(input=bag)
-    assert (played.output, played.sensor, played.rate, played.start_ns) == ("photons", described[0], 1.0, START_NS)
+    assert (played.output, played.sensor, played.recorded_ns) == ("photons", described[0], START_NS)
     assert [(item.topic, item.due_ns // MS, item.raw) for item in played.items()] == [
         ("photons", 10, frames[0]), ("photons", 20, frames[1]), ("sensor", 25, described[1]),
         ("photons", 30, frames[2]), ("photons", 40, frames[3])]
-    stamps = [(item.stamp_ns, item.acquired_ns, item.time_ns) for item in played.items() if item.topic == "photons"]
-    assert stamps == [(START_NS + (10 * k + 7) * MS, (10 * k + 7) * MS, START_NS + (10 * k + 10) * MS)
-                      for k in range(4)]
+    stamps = [item.stamp_ns for item in played.items() if item.topic == "photons"]
+    assert stamps == [START_NS + (10 * k + 7) * MS for k in range(4)]
 
 
 @pytest.fixture(scope="module")
@@ -131,52 +130,17 @@ def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, fr
     assert (opened.others, opened.notes) == (("odom",), ())
     items = list(opened.items())
     assert [(item.topic, item.due_ns // MS) for item in items] == [("photons", 10), ("odom", 11)]
-    assert (items[1].raw, items[1].stamp_ns, items[1].acquired_ns) == (report, START_NS + 5 * MS, 5 * MS)
+    assert (items[1].raw, items[1].stamp_ns) == (report, START_NS + 5 * MS)
 
 
 @pytest.mark.parametrize(("name", "holds"), [("odom", "nav_msgs/msg/Odometry"), ("imu", "sensor_msgs/msg/Imu")])
-def test_of_several_topics_of_motion_a_line_asks_for_one_and_the_chosen_is_played(source, described, frames, tmp_path,
-                                                                                 report, name, holds):
+def test_of_several_topics_of_motion_none_is_played_and_a_line_names_them(source, described, frames, tmp_path, report,
+                                                                         name, holds):
     bag = write(tmp_path / "bag", TYPES | dict.fromkeys(("/raw", "/filtered"), holds), [
         (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (11, "/raw", report), (12, "/filtered", report)])
     opened = source(input=bag)
-    assert opened.notes == (f"nothing is played on {name}: bag_{name}_topic can be /raw or /filtered",)
+    assert opened.notes == (f"nothing is played on {name}: the bag has /raw and /filtered",)
     assert [item.topic for item in opened.items()] == ["photons"]
-    chosen = source(input=bag, **{f"bag_{name}_topic": "/filtered"})
-    assert (chosen.others, chosen.notes) == ((name,), ())
-    assert [(item.topic, item.due_ns // MS) for item in chosen.items()] == [("photons", 10), (name, 12)]
-    with pytest.raises(InvalidInput, match=f"bag_{name}_topic is /spad/raw: expected a topic of {holds}"):
-        source(input=bag, **{f"bag_{name}_topic": "/spad/raw"})
-
-
-def test_reports_of_the_motion_come_before_the_frames_that_wait_for_them_and_a_loop_holds_nothing_back():
-    turn = [("photons", 0), ("photons", 100), ("odom", 150), ("photons", 250), ("odom", 440)]
-    played = [Item(topic, b"", 0, time_ns=ms * MS) for topic, ms in turn * 2]
-    moving = SimpleNamespace(others=("odom",), items=lambda: iter(played))
-    once = [("odom", 150), ("photons", 0), ("photons", 100), ("odom", 440), ("photons", 250)]
-    assert [(item.topic, item.time_ns // MS) for item in reports_first(moving)] == once * 2
-
-
-def test_the_pace_of_a_bag_can_be_changed(source, bag):
-    twice = [(item.due_ns, item.acquired_ns) for item in source(input=bag, bag_rate=2.0).items()]
-    assert twice[:2] == [(5 * MS, 3.5 * MS), (10 * MS, 8.5 * MS)]
-    assert {item.due_ns for item in source(input=bag, bag_rate=0.0, lossless=True).items()} == {0}
-
-
-def test_a_part_of_a_bag_begins_with_the_sensor_in_force(source, bag, described, frames):
-    early = source(input=bag, bag_start_s=0.015, duration_s=0.012)
-    assert early.sensor == described[0]
-    assert [(item.due_ns // MS, item.raw) for item in early.items()] == [(5, frames[1]), (10, described[1])]
-    late = source(input=bag, bag_start_s=0.03)
-    assert late.sensor == described[1] and [item.raw for item in late.items()] == frames[2:]
-
-
-def test_a_bag_in_a_loop_goes_on_a_mean_interval_after_its_end_with_its_first_sensor(source, bag, described, frames):
-    items = list(islice(source(input=bag, bag_loop=True).items(), 8))
-    assert [item.raw for item in items[5:]] == [described[0], frames[0], frames[1]]
-    # 40 ms long, 7 messages: the next turn begins 40 / 6 ms later
-    assert [item.due_ns - 40 * MS for item in items[5:]] == [6_666_666, 16_666_666, 26_666_666]
-    assert [item.stamp_ns for item in items[6:]] == [START_NS + 7 * MS, START_NS + 17 * MS]
 
 
 def test_a_message_without_a_stamp_is_played_for_others_to_count(source, tmp_path, described, frames):
@@ -187,22 +151,38 @@ def test_a_message_without_a_stamp_is_played_for_others_to_count(source, tmp_pat
     assert played.sensor is None and "no sensor is described beside /photons" in played.notes[0]
 
 
-@pytest.mark.parametrize("given, line", [
-    ({"bag_rate": 0.0}, "bag_rate is 0.0: expected above 0, or lossless"),
-    ({"frame_id": "mast"}, "frame_id is mast: expected nothing: a bag is sent as it was recorded"),
-    ({"bag_photons_topic": "/raw"}, "photons_topic is /raw: expected .*/spad/raw"),
-    ({"bag_start_s": 0.05}, "bag_start_s is 0.05: expected a time after which /spad/raw has messages"),
-    ({"bag_start_s": 0.021, "duration_s": 0.004}, "bag_start_s is 0.021: expected a time after which"),
-])
-def test_a_bag_that_cannot_be_played_so_is_refused(source, bag, given, line):
-    with pytest.raises(InvalidInput, match=line):
-        source(input=bag, **given)
+@pytest.fixture
+def counts(events, sensor, tmp_path) -> Path:
+    """A file of counts alone, pixel after pixel."""
+    np.save(tmp_path / "counts.npy", PhotonHistograms.from_events(events, sensor).counts.reshape(sensor.pixels, -1))
+    return tmp_path / "counts.npy"
+
+
+@pytest.mark.parametrize("kind", ["json", "photon file"])
+def test_a_sensor_file_says_what_a_photon_file_lacks(source, counts, photon_file, sensor, events, tmp_path, kind):
+    with pytest.raises(InvalidInput, match="counts.npy bin_width_s is missing"):
+        source(input=counts)
+    described = photon_file
+    if kind == "json":
+        described = tmp_path / "sensor.json"
+        described.write_text(sensor_message.to_json(sensor))
+    played = source(input=counts, sensor_file=described, loop=False)
+    sent = sensor_message.decode_cdr(played.sensor)
+    frame, = played.items()
+    assert sent.same_as(open_sensor(described)) and sent.irf.tolist() == sensor.irf.tolist()
+    assert same_photons(photons.decode_cdr(frame.raw, sent)[1], events)
+
+
+def test_a_sensor_file_of_other_pixels_is_refused(source, photon_file, sensor, tmp_path):
+    described = sensor_message.to_json(sensor.replace(rows=2 * sensor.rows, projection=None))
+    (tmp_path / "other.json").write_text(described)
+    with pytest.raises(InvalidInput, match=f"rows is {2 * sensor.rows}: expected {sensor.rows}, as in the file"):
+        source(input=photon_file, sensor_file=tmp_path / "other.json")
 
 
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
-    ({"rate_hz": 0.0}, "rate_hz is 0.0: expected above 0 Hz"),
-    ({"rate_hz": 0.0, "lossless": True, "duration_s": 1.0}, "rate_hz is 0.0: expected above 0 Hz with duration_s"),
+    ({"sensor_file": "sensor.json"}, "sensor_file is sensor.json: expected nothing, unless a photon file is played"),
     ({"input": "srt3d_ros"}, "bag is srt3d_ros, without metadata.yaml: expected a complete rosbag2 bag"),
 ])
 def test_what_is_no_source_is_refused(source, repository, monkeypatch, given, line):

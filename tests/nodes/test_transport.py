@@ -1,4 +1,4 @@
-"""What a process is prepared with before rclpy.init, as its distribution's middleware has it."""
+"""What a process is prepared with before rclpy.init, as Fast DDS has it."""
 
 import contextlib
 import fcntl
@@ -15,12 +15,11 @@ from srt3d_ros.nodes import transport
 from srt3d_ros.private_network import claim_domain
 
 
-@pytest.mark.parametrize("free_mb, segment_mb", [
-    (256, 64), (255, 32), (63, 4), (15, None)])
+@pytest.mark.parametrize("free_mb, segment_mb", [(1000, 64), (256, 64), (64, 16), (16, 4), (15, None)])
 def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_mb, segment_mb):
     room = os.statvfs_result((4096, 4096, 0, 0, free_mb * 256, 0, 0, 0, 0, 255))
     monkeypatch.setattr(os, "statvfs", lambda path: room)
-    profile = transport.choose_profile()
+    profile = transport.shared_memory_profile()
     if segment_mb is None:
         assert profile is None
     else:
@@ -29,18 +28,19 @@ def test_the_segment_fits_four_times_into_free_shared_memory(monkeypatch, free_m
 
 
 def test_without_shared_memory_the_default_stays(tmp_path):
-    assert transport.choose_profile(tmp_path / "absent") is None
+    assert transport.shared_memory_profile(tmp_path / "absent") is None
 
 
 @pytest.mark.parametrize("given", [None, "/my/own.xml"])
 def test_a_process_is_prepared_with_the_profile_unless_the_user_chose_one(monkeypatch, given):
     prepared = []
     monkeypatch.setattr(transport, "remove_leaked_segments", lambda: prepared.append("segments"))
-    monkeypatch.setattr(transport, "avoid_ports_of_the_killed", lambda: prepared.append("ports"))
+    monkeypatch.setattr(transport, "reserve_stale_ports", lambda: prepared.append("ports"))
     monkeypatch.setattr(transport, "_keep_freed_memory", lambda: prepared.append("memory"))
     monkeypatch.setattr(os, "environ", {transport.PROFILE_VARIABLE: given} if given else {})
     transport.prepare_process()
-    assert os.environ[transport.PROFILE_VARIABLE] == str(given or transport.choose_profile())
+    profile = os.environ[transport.PROFILE_VARIABLE]
+    assert profile == given or not given and os.path.exists(profile)
     assert prepared == ["segments", "ports", "memory"]
 
 
@@ -85,7 +85,7 @@ def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_the
         reader = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         reader.bind(("", first + 215))
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        transport.avoid_ports_of_the_killed(tmp_path)
+        transport.reserve_stale_ports(tmp_path)
         held = {one.getsockname()[1] - first for one in transport._held}
         left = {int(path.name.removeprefix(f"{transport.SEGMENT}port")) - first for path in tmp_path.glob("*[0-9]")}
     for one in transport._held:
@@ -132,15 +132,9 @@ rclpy.shutdown()
 
 
 def test_the_middleware_takes_the_profile_without_a_word_and_names_its_segment_as_expected(repository):
-    profile = transport.choose_profile()
+    profile = transport.shared_memory_profile()
     if profile is None:
         pytest.skip("no room in /dev/shm")
     (size,) = (int(node.text) for node in ElementTree.parse(profile).iter() if node.tag.endswith("segment_size"))
     done = subprocess.run([sys.executable, "-c", NODE], cwd=repository, capture_output=True, text=True)
     assert done.stderr == "" and any(size <= int(mapped) < 1.1 * size for mapped in done.stdout.split())
-
-
-def test_a_profile_for_kilted_has_nothing_of_the_other_version(repository):
-    for path in (repository / "config" / "kilted").iterdir():
-        text = path.read_text(encoding="utf-8")
-        assert "<heartbeat_period>" in text and "FASTRTPS_" not in text

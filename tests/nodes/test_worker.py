@@ -74,7 +74,7 @@ def test_a_queue_keeps_the_messages_of_its_newest_frames_in_order(probe, limit, 
 
 def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
     holding = probe(limit=8)
-    holding.worker.hold_frames()
+    holding.worker.hold_frames("no_sensor")
     holding.offer(0, 1, 2)
     holding.worker.call(holding.done.append, "sensor")
     holding.worker.call(holding.worker.release_frames)
@@ -83,6 +83,15 @@ def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
     holding.go.set()
     assert last.wait(60)
     assert holding.done == ["sensor", 0, 1, 2]
+
+
+def test_of_held_frames_newer_ones_push_out_the_oldest_for_the_cause_that_holds_them(probe):
+    holding = probe(limit=1)
+    holding.worker.hold_frames("no_sensor")
+    holding.go.set()
+    holding.offer(0, 1)
+    holding.worker.release_frames()
+    assert holding.finish() == [1] and holding.dropped == ["no_sensor"]
 
 
 def test_a_job_that_fails_is_reported_and_the_next_one_runs(probe):
@@ -100,13 +109,13 @@ def test_waiting_and_dropped_frames_are_counted_with_their_sizes_and_other_jobs_
     for size in (1, 10, 100):
         queue.worker.offer(queue.done.append, size, size=size)
     queue.worker.call(queue.done.append, "sensor")
-    assert (queue.worker.waiting, queue.size_dropped, queue.worker.busy) == ((2, 110), 1, True)
+    assert (queue.worker.waiting, queue.size_dropped) == ((2, 110), 1)
     queue.worker.clear("inactive")
     assert (queue.worker.waiting, queue.size_dropped) == ((0, 0), 111)
     queue.finish()
     queue.worker.offer(queue.done.append, 1000, size=1000)
     assert queue.dropped == ["queue", "inactive", "inactive", "shutdown"] and queue.size_dropped == 1111
-    assert not queue.worker.busy and queue.done == ["sensor"]
+    assert queue.done == ["sensor"]
 
 
 def test_the_current_frame_of_a_worker_that_does_not_end_is_dropped_with_those_that_wait(probe):

@@ -1,0 +1,8 @@
+"""The sketcher, which waits longer for motion: a busy machine may take seconds between two steps of a test."""
+
+import sys
+
+from srt3d_ros.nodes import sketcher, waiting_frames
+
+waiting_frames.TIMEOUT_S = 30.0
+sys.exit(sketcher.main())

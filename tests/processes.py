@@ -1,0 +1,136 @@
+"""Programs that tests start: their lines, their ends, and waiting for both."""
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from srt3d_ros.processes import wait_or_kill
+
+DEADLINE_S = 60.0                       # generous: the machine may be busy; nothing waits longer than it has to
+STOP_TIMEOUT_S = 60.0                   # for a recording and a bag to be written
+LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
+POLL_S = 0.01
+SOURCE_TREE = Path(__file__).resolve().parents[1]
+
+
+def wait_until(condition: Callable[[], object], timeout_s: float):
+    """The condition's value once it is true, or as it is after `timeout_s`."""
+    end = time.monotonic() + timeout_s
+    while not (value := condition()) and time.monotonic() < end:
+        time.sleep(POLL_S)
+    return value
+
+
+def wait(condition: Callable[[], object], what: str, describe: Callable[[], str] = str,
+         deadline_s: float = DEADLINE_S):
+    """The condition's value once it is true; TimeoutError names `what` never came, with `describe()`."""
+    if not (value := wait_until(condition, deadline_s)):
+        raise TimeoutError(f"waited {deadline_s:.0f} s for {what}\n{describe()}".rstrip())
+    return value
+
+
+class Process:
+    """A program that runs. Ctrl-C in the terminal does not reach it: whoever started it ends it.
+
+    Args:
+        command: program and arguments. Python finds the srt3d_ros of this source tree.
+        say: called in a thread with each line that it writes; `lines` then holds only the last one.
+
+    Attributes:
+        lines: what it has written so far, stdout and stderr.
+        killed: whether `kill` ended it.
+    """
+
+    def __init__(self, command: list[str], say: Callable[[str], None] | None = None):
+        self.command, self.lines, self.killed, self._say = command, [], False, say
+        variables = os.environ | {"PYTHONUNBUFFERED": "1"}
+        variables["PYTHONPATH"] = os.pathsep.join(filter(None, [variables.get("PYTHONPATH"), str(SOURCE_TREE)]))
+        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                         stderr=subprocess.STDOUT, text=True, errors="replace", env=variables,
+                                         process_group=0)
+        self.pid = self._process.pid
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def text(self) -> str:
+        """All lines."""
+        return "\n".join(self.lines)
+
+    @property
+    def running(self) -> bool:
+        return self.returncode is None
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit code, negative for the signal that killed it; None while it runs."""
+        return self._process.poll()
+
+    def says(self, text: str) -> "Process":
+        """Wait until it has written this; AssertionError if it ends without."""
+        wait(lambda: text in self.text or not self.running, f"{text!r} from {self.command}", lambda: self.text)
+        if not self.running:
+            self._reader.join(LAST_LINES_S)
+        if text not in self.text:
+            raise AssertionError(f"{self.command} ended with {self.returncode}:\n{self.text}")
+        return self
+
+    def ready(self) -> "Process":
+        return self.says("ready")
+
+    def code(self, deadline_s: float = DEADLINE_S) -> int:
+        """Wait until it has ended; its exit code."""
+        wait(lambda: not self.running, f"the end of {self.command}", lambda: self.text, deadline_s)
+        self._reader.join(LAST_LINES_S)
+        return self._process.returncode
+
+    def send(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        self._process.send_signal(number)
+
+    def halt(self) -> None:
+        """SIGSTOP, and wait until none of its threads runs: until one of them has seen the signal, others go on."""
+        self.send(signal.SIGSTOP)
+        wait(lambda: not self.running or self.halted, f"the halt of {self.command}")
+
+    @property
+    def halted(self) -> bool:
+        """Whether it exists and none of its threads runs."""
+        try:
+            stats = [stat.read_text() for stat in Path(f"/proc/{self.pid}/task").glob("*/stat")]
+        except OSError:         # a thread has just ended
+            return False
+        return {stat.rpartition(")")[2].split()[0] for stat in stats} == {"T"}
+
+    def go_on(self) -> None:
+        """SIGCONT, after `halt`."""
+        self.send(signal.SIGCONT)
+
+    def end(self, number: int) -> int:
+        """Send a signal and wait; the exit code."""
+        self.send(number)
+        return self.code()
+
+    def kill(self) -> None:
+        """SIGKILL, and wait."""
+        self.killed = True
+        self._process.kill()
+        self._process.wait()
+
+    def stop(self, number: int = signal.SIGTERM) -> None:
+        """End it in order if it can, and read its last lines: a killed process leaves its shared memory behind."""
+        self.send(number)
+        wait_or_kill(self._process, STOP_TIMEOUT_S)
+        self._reader.join(LAST_LINES_S)
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            line = line.rstrip("\n")
+            if self._say is not None:
+                self.lines.clear()
+                self._say(line)
+            self.lines.append(line)
