@@ -93,8 +93,7 @@ class Background:
         if belief.mean is None:
             return ()
         photons = sketch.photons if belief.photons is None else belief.photons
-        photons = photons.astype(np.float32) if isinstance(photons, np.ndarray) else photons.float()
-        return photons, belief.mean.astype(np.complex64), self._clutter(belief.mean)
+        return photons.astype(np.float32), belief.mean.astype(np.complex64), self._clutter(belief.mean)
 
     def starts(self, sketch: Sketch) -> tuple[Belief, ...]:
         """To begin with, if there is a doubt: what the last cloud left, and that all photons are background.
@@ -104,7 +103,6 @@ class Background:
         """
         if self.belief.doubt is None:
             return ()
-        sketch = sketch.on_host()
         some = slice(None, None, max(round(sketch.photons.size / ENOUGH), 1))
         passed, equaliser = (np.broadcast_to(values, sketch.sums.shape)[some] for values in (
             self._matcher.passed, self._matcher.equaliser))

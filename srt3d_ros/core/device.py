@@ -7,14 +7,12 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, require
 
 DEVICES = ("auto", "cpu", "cuda")
-REFERENCE = "reference"         # for tests: it is slow
 DRIVER = "libcuda.so.1"
 
 
@@ -24,7 +22,7 @@ def kernels_for(device: str) -> tuple[str, ModuleType]:
     Raises:
         InvalidInput: there is no such device, or what it needs is not installed.
     """
-    require(device in (*DEVICES, REFERENCE), "device", device, "auto, cpu or cuda")
+    require(device in DEVICES, "device", device, "auto, cpu or cuda")
     if device == "auto":
         missing = _missing_for_cuda()
         if missing:
@@ -38,11 +36,6 @@ def kernels_for(device: str) -> tuple[str, ModuleType]:
 def on_device(fields: dict, kernels: ModuleType) -> dict:
     """The same fields, NumPy arrays among them on the kernels' device."""
     return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
-
-
-def on_host(values: Any) -> np.ndarray:
-    """The same values as a NumPy array, if they are a tensor on a device."""
-    return values if isinstance(values, np.ndarray) else values.cpu().numpy()
 
 
 def _check_cuda() -> None:

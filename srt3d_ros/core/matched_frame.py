@@ -123,7 +123,6 @@ class Matcher:
     def __call__(self, sketch: Sketch) -> MatchedFrame:
         """The MatchedFrame of a sketch."""
         self.check(sketch)
-        sketch = sketch.on_host()
         counts = sketch.photons.astype(np.float32) * self.used
         return MatchedFrame(self.matched(sketch.sums), counts, **self._constants)
 
@@ -139,10 +138,9 @@ class Matcher:
         require(sketch.frequencies == self.frequencies, "sketch frequencies", list(sketch.frequencies),
                 f"{list(self.frequencies)}")
         require(sketch.photons.shape == shape, "sketch size", tuple(sketch.photons.shape), f"rows × cols = {shape}")
-        if isinstance(sketch.sums, np.ndarray):         # those on a device have been added up there
-            parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
-            longest = float(max(parts.max(), -parts.min()))             # NaN if one is
-            require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
+        parts = np.ascontiguousarray(sketch.sums, np.complex64).view(np.float32)
+        longest = float(max(parts.max(), -parts.min()))             # NaN if one is
+        require(longest <= MAX_SUM, "sketch", longest, "sums of unit vectors, as many as photons, everywhere")
 
     def _map(self, values: np.ndarray) -> np.ndarray:
         """complex [1 or pixels, m] → complex64 [1 or rows, 1 or cols, m]."""

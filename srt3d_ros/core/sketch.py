@@ -6,7 +6,6 @@ from typing import Self
 
 import numpy as np
 
-from srt3d_ros.core.device import on_host
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import MAX_PHOTONS, MAX_SKETCH_SIZE
@@ -36,7 +35,7 @@ class Sketch:
 
     Args:
         frequencies: the integers k_l.
-        sums: complex64 [rows, cols, m]; may lie on a device, as a tensor, like the photons.
+        sums: complex64 [rows, cols, m].
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, see WindowSketcher.
         added_variance: of each part of the sums, by rounding on the way, over the n/2 that photon noise gives it.
@@ -61,10 +60,6 @@ class Sketch:
         # as real numbers: complex ones take four times as long to divide
         return (np.ascontiguousarray(self.sums).view(np.float32) * each).view(np.complex64)
 
-    def on_host(self) -> Self:
-        """The same with NumPy arrays, if these are tensors on a device."""
-        return replace(self, sums=on_host(self.sums), photons=on_host(self.photons))
-
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels, such as sketch[10:40, 20:50]; their sensor: `SensorModel.cropped`."""
         return replace(self, sums=self.sums[pixels], photons=self.photons[pixels])
@@ -88,5 +83,3 @@ def noise_sketch(sensor: SensorModel, frequencies: tuple[int, ...]) -> Sketch:
     rng = np.random.default_rng(0)
     sums = rng.normal(size=(sensor.rows, sensor.cols, len(frequencies), 2)).astype(np.float32)
     return Sketch(frequencies, sums.view(np.complex64)[..., 0], np.full((sensor.rows, sensor.cols), 9, np.uint32))
-
-

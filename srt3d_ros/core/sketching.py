@@ -5,12 +5,11 @@ one table row added per photon. The sums are integers (kernels/cpu/rows.py): wha
 only, bit for bit, not on their order, their packets or the number of threads.
 """
 
-from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.device import DEVICES, REFERENCE, kernels_for, on_host
+from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms, word_wanted
 from srt3d_ros.core.sensor import SensorModel
@@ -26,21 +25,17 @@ class Sketcher:
     Args:
         sensor: pixels, T and gate words.
         frequencies: the integers k_l.
-        device: "cpu", or "cuda": photons are copied to the GPU, sums stay there, and the arrays of `sketch()` are
-            tensors on it.
         gate: of this sensor. Photons outside are dropped: the sketch is one of `gate.sensor`.
     """
 
-    def __init__(self, sensor: SensorModel, frequencies, device: str = "cpu", gate: Gate | None = None):
+    def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
         self.sensor, self.gate = sensor, gate
         self.frequencies = check_frequencies(frequencies, sensor.num_bins if gate is None else gate.num_bins)
-        require(device in (*DEVICES[1:], REFERENCE), "device", device, "cpu or cuda")
-        _, kernels = kernels_for(device)
-        self._kernels = kernels
+        _, self._kernels = kernels_for("cpu")
         table = phase_table(self.frequencies, sensor.num_bins, sensor.first_bin_center) if gate is None else \
             gated_table(self.frequencies, gate)
-        self._rows = kernels.fixed_rows(kernels.array(table))
-        self._sums, self._photons = kernels.new_sums(sensor.pixels, table.shape[1])
+        self._rows = self._kernels.fixed_rows(table)
+        self._sums, self._photons = self._kernels.new_sums(sensor.pixels, table.shape[1])
         self._stamp_ns: int | None = None
         self._subtracted = False            # whether counts may have been negative
 
@@ -57,29 +52,19 @@ class Sketcher:
 
     def add(self, frame: PhotonFrame) -> None:
         """Add the photons of a frame or packet; InvalidInput, and none is added, if one is outside the sensor."""
-        self._copied(frame)()
-        self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
-
-    def _copied(self, frame: PhotonFrame) -> Callable[[], None]:
-        """Copy the photons to the device; the function returned adds them."""
-        on_device = self._kernels.photon_array
         if isinstance(frame, PhotonHistograms):
-            frame.check(self.sensor)
-            return partial(self._add_histograms, on_device(frame.counts.reshape(self.sensor.pixels, -1)),
-                           frame.counts.dtype.kind != "u")
-        if isinstance(frame, PhotonGates):
-            gates, rows, cols = frame.words.shape
-            return partial(self._add_gates, frame, on_device(frame.words.reshape(gates, rows * cols)))
-        if self.gate is not None and frame.toa.dtype.kind == "f":
-            frame.check(self.sensor)        # a kernel has no table here whose rows could be zero
-            frame = self.gate.photons(frame)
-        return partial(self._add_events, frame, on_device(frame.pixel), on_device(frame.toa))
+            self._add_histograms(frame)
+        elif isinstance(frame, PhotonGates):
+            self._add_gates(frame)
+        elif frame.photons > 0:
+            self._add_events(frame)
+        self._stamp_ns = frame.stamp_ns if self._stamp_ns is None else min(self._stamp_ns, frame.stamp_ns)
 
     def sketch(self) -> Sketch:
         """The sketch of all photons added since the last reset."""
         return self._sketch_of(self._sums, self._photons)
 
-    def _sketch_of(self, sums, photons) -> Sketch:
+    def _sketch_of(self, sums: np.ndarray, photons: np.ndarray) -> Sketch:
         rows, cols, m = self.sensor.rows, self.sensor.cols, len(self.frequencies)
         if self.gate is not None:
             photons = self._kernels.counted(sums, 2 * m)
@@ -88,50 +73,65 @@ class Sketcher:
         sums, photons = self._kernels.read_sums(sums, photons, 2 * m)
         return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
 
-    def _at_least_as_seen(self, sums, photons):
+    def _at_least_as_seen(self, sums: np.ndarray, photons: np.ndarray) -> np.ndarray:
         """Photon numbers of histograms from which something was subtracted: as many as the longest sum needs, |z| ≤ 1.
 
         Of what is subtracted the noise stays, and n, which is near 0 in a pixel without a surface, stands for it.
         """
         read, _ = self._kernels.read_sums(sums, photons.clip(1), 2 * len(self.frequencies))
-        longest = np.abs(on_host(read)).max(axis=1) * (1 - ROUNDING)
-        return self._kernels.array(np.maximum(on_host(photons), np.ceil(longest).astype(np.int64)))
+        longest = np.abs(read).max(axis=1) * (1 - ROUNDING)
+        return np.maximum(photons, np.ceil(longest).astype(np.int64))
 
-    def _add_events(self, events: PhotonEvents, pixel, toa) -> None:
-        kernels, sums, photons = self._kernels, self._sums, self._photons
-        if events.photons > 0:
-            inside, ordered = kernels.inspect_events(pixel, toa, self.sensor.pixels, self.sensor.num_bins)
-            if not inside:
-                events.check(self.sensor)           # says which photon
-            if events.toa.dtype.kind == "f":
-                counting = () if self.gate is None else (0,)
-                bins = self.sensor.num_bins if self.gate is None else self.gate.num_bins
-                kernels.sketch_continuous(pixel, toa, self.frequencies + counting, bins, ordered, sums, photons)
-            elif ordered:
-                kernels.sketch_sorted(pixel, toa, self._rows, sums, photons)
-            else:
-                kernels.sketch_unsorted(pixel, toa, self._rows, sums, photons)
+    def _add_events(self, events: PhotonEvents) -> None:
+        kernels, pixel, toa = self._kernels, _read_only(events.pixel), _read_only(events.toa)
+        inside, ordered = kernels.inspect_events(pixel, toa, self.sensor.pixels, self.sensor.num_bins)
+        if not inside:
+            events.check(self.sensor)           # says which photon
+        if events.toa.dtype.kind == "f":
+            self._add_continuous(events, ordered)
+        elif ordered:
+            kernels.sketch_sorted(pixel, toa, self._rows, self._sums, self._photons)
+        else:
+            kernels.sketch_unsorted(pixel, toa, self._rows, self._sums, self._photons)
 
-    def _add_gates(self, gates: PhotonGates, words) -> None:
+    def _add_continuous(self, events: PhotonEvents, ordered: bool) -> None:
+        frequencies, num_bins = self.frequencies, self.sensor.num_bins
+        if self.gate is not None:               # no table whose rows are zero outside; frequency 0 counts those inside
+            events, frequencies, num_bins = self.gate.photons(events), (*frequencies, 0), self.gate.num_bins
+        self._kernels.sketch_continuous(_read_only(events.pixel), _read_only(events.toa), frequencies, num_bins,
+                                        ordered, self._sums, self._photons)
+
+    def _add_gates(self, gates: PhotonGates) -> None:
         gates.check(self.sensor)
         form = self.sensor.gates
-        if gates.words.size > 0:
+        words = _read_only(gates.words).reshape(len(gates.words), self.sensor.pixels)
+        if words.size > 0:
             stray = self._kernels.find_stray(words, form.first_word, form.no_detection, self.sensor.num_bins)
             require(stray < 0, "gates word", stray, word_wanted(self.sensor))
             self._kernels.sketch_gates(words, self._rows, form.first_word, form.no_detection, self._sums, self._photons)
 
-    def _add_histograms(self, counts, signed: bool) -> None:
-        self._kernels.sketch_histograms(counts, *self._histogram_tables, self._sums, self._photons)
-        self._subtracted |= signed or self._histogram_tables[1] is not None
+    def _add_histograms(self, histograms: PhotonHistograms) -> None:
+        histograms.check(self.sensor)
+        counts, (table, of_template) = histograms.counts, self._histogram_tables
+        self._kernels.sketch_histograms(counts.reshape(self.sensor.pixels, -1), table, of_template, self._sums,
+                                        self._photons)
+        self._subtracted |= counts.dtype.kind != "u" or of_template is not None
 
     @cached_property
-    def _histogram_tables(self) -> tuple:
-        """On the device: the phases of the bins of histograms, and the phase sums of the template, or None."""
+    def _histogram_tables(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """The phases of the bins of histograms, and the phase sums of the template, or None."""
         table, bins = histogram_table(self.sensor, self.frequencies, self.gate), self.sensor.histograms
         of_template = None
         if bins is not None and bins.template is not None:
-            of_template = self._kernels.array(np.matmul(bins.template[..., None, :], table)[..., 0, :])
-        return self._kernels.array(table), of_template
+            of_template = np.matmul(bins.template[..., None, :], table)[..., 0, :]
+        return table, of_template
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    """A contiguous view that cannot be written; for arrays that can be, numba would compile the kernels once more."""
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view
 
 
 def phase_table(frequencies, num_bins: int, first_bin_center: float = 0.0) -> np.ndarray:

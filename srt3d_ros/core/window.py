@@ -23,9 +23,8 @@ class WindowSketcher(Sketcher):
     however they were cut into frames and however long this runs. Memory: one set of sums a frame of the window.
 
     Args:
-        sensor, frequencies: as for a Sketcher, on the CPU.
+        sensor, frequencies, gate: as for a Sketcher.
         window_frames: W, 1 or more.
-        gate: as for a Sketcher.
 
     Raises:
         InvalidInput: also if the window would take more than MAX_WINDOW_BYTES.

@@ -23,7 +23,7 @@ def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
     Raises:
         InvalidInput: another suffix than .npz, a sensor of other pixels, or a path that cannot be written.
     """
-    path, sketch = Path(path), sketch.on_host()
+    path = Path(path)
     require(path.suffix.lower() == ".npz", "sketch file", path.name, "a name that ends in .npz")
     _check(sketch, sensor)
     text = np.frombuffer(sensor_message.to_json(sensor).encode(), np.uint8)

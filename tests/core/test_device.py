@@ -14,7 +14,6 @@ from srt3d_ros.core import device
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
@@ -45,8 +44,7 @@ def test_what_cuda_lacks_is_said_in_one_line_and_auto_computes_on_the_cpu(missin
     with caplog.at_level(logging.INFO):
         assert [kernels_for("auto")[0] for _ in range(2)] == ["cpu", "cpu"]
     assert len(caplog.messages) == 1 and re.fullmatch(f"{re.escape(said)}.*: computing on the CPU", caplog.messages[0])
-    for make in (kernels_for, lambda name: Pooled(SENSOR, (1, 2), device=name),
-                 lambda name: Sketcher(SENSOR, (1, 2), device=name)):
+    for make in (kernels_for, lambda name: Pooled(SENSOR, (1, 2), device=name)):
         with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
             make("cuda")
 
@@ -73,15 +71,13 @@ for name in ("numba", "rclpy", "rerun", "scipy", "matplotlib", "tqdm", "PIL"):
     sys.modules[name] = None
 import numpy as np
 from srt3d_ros.core import pooled
-from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.sketch import Sketch
 pooled.WINDOWS, pooled.SLANTS, pooled.FIRST_STEPS = ((2.0, 1),), (), 1           # interpretation is slow
 sensor = SensorModel(1, 2, 32, 1e-10, np.ones(3))
-sketcher = Sketcher(sensor, (1, 2, 3), device="cuda")
-sketcher.add(PhotonEvents(np.arange(2, dtype=np.uint32).repeat(50), np.full(100, 20, np.uint16)))
+sums = np.full((1, 2, 3), 50 * np.exp(2j * np.pi * np.array([1, 2, 3]) * 20 / 32), np.complex64)
 reconstructor = pooled.Pooled(sensor, (1, 2, 3), device="cuda")
-cloud = reconstructor(sketcher.sketch())
+cloud = reconstructor(Sketch((1, 2, 3), sums, np.full((1, 2), 50, np.uint32)))
 assert reconstructor.device == "cuda" and len(cloud) == 2, cloud
 assert np.allclose(cloud.depth_bins, 20, atol=1), cloud.depth_bins
 """

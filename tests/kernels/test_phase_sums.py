@@ -5,10 +5,10 @@ import pytest
 
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import Sketcher, histogram_table, phase_table
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu import phase_sums, rows
 
 PIXELS, T = 40, 50
@@ -16,16 +16,18 @@ EACH = 2e-7         # how far a sum may be off for each photon: rows are rounded
 OF_WAVES = 5e-7     # and for ToA with fractions
 
 
-def sketch(backend, function, *arguments, frequencies, pixels=PIXELS, table=True, times=1):
+def sketch(function, *arguments, frequencies, pixels=PIXELS, table=True, times=1):
     """Sums, numbers of photons and what lies in memory, after a kernel has added photons."""
-    kernels, values = backend.kernels, 2 * len(frequencies)
-    fixed = [kernels.fixed_rows(backend.on(phase_table(frequencies, T)))] if table else []
-    sums, photons = kernels.new_sums(pixels, values)
-    arrays = [kernels.photon_array(each) for each in arguments if isinstance(each, np.ndarray)]
+    values = 2 * len(frequencies)
+    fixed = [cpu.fixed_rows(phase_table(frequencies, T))] if table else []
+    sums, photons = cpu.new_sums(pixels, values)
+    arrays = [each for each in arguments if isinstance(each, np.ndarray)]
     rest = [each for each in arguments if not isinstance(each, np.ndarray)]
+    for array in arrays:
+        array.flags.writeable = False       # as the sketcher gives them: compiled once
     for _ in range(times):
-        getattr(kernels, function)(*arrays, *fixed, *rest, sums, photons)
-    return backend.off((*kernels.read_sums(sums, photons, values), sums))
+        getattr(cpu, function)(*arrays, *fixed, *rest, sums, photons)
+    return *cpu.read_sums(sums, photons, values), sums
 
 
 def draw(count=700, dtype=np.uint16, ordered=False, pixels=PIXELS, seed=2):
@@ -49,26 +51,26 @@ def assert_close(found, pixel, toa, frequencies, each=EACH):
 @pytest.mark.parametrize("frequencies", [(3,), (1, 3, 24), tuple(range(1, 9)), tuple(range(2, 12)), tuple(range(1, 13)),
                                          tuple(range(1, 18)), tuple(range(1, 25))], ids=len)
 @pytest.mark.parametrize("function", ["sketch_sorted", "sketch_unsorted"])
-def test_sketch_sizes_of_every_width(backend, function, frequencies):
+def test_sketch_sizes_of_every_width(function, frequencies):
     pixel, toa = draw(2_000, ordered=function == "sketch_sorted")
     numbers = np.bincount(pixel, minlength=PIXELS)
     assert numbers.max() > rows.MOST and (numbers == 0).any()
-    assert_close(sketch(backend, function, pixel, toa, frequencies=frequencies), pixel, toa, frequencies)
+    assert_close(sketch(function, pixel, toa, frequencies=frequencies), pixel, toa, frequencies)
 
 
 @pytest.mark.parametrize("ordered", [True, False], ids=["sorted", "unsorted"])
 @pytest.mark.parametrize("frequencies", [(1, 3, 24), tuple(range(2, 12))], ids=len)
-def test_times_with_fractions(backend, ordered, frequencies):
+def test_times_with_fractions(ordered, frequencies):
     pixel, toa = draw(400, np.float32, ordered)
-    found = sketch(backend, "sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
+    found = sketch("sketch_continuous", pixel, toa, frequencies, T, ordered, frequencies=frequencies,
                    table=False)
     assert_close(found, pixel, toa, frequencies, OF_WAVES)
 
 
 @pytest.mark.parametrize("k", [1, 1_000, 32_767])
-def test_phases_of_late_times_and_high_frequencies(backend, k):
+def test_phases_of_late_times_and_high_frequencies(k):
     toa = np.array([0, 1 / 3, 65_534.004, 65_534.996], np.float32)
-    found = sketch(backend, "sketch_continuous", np.arange(4, dtype=np.uint32), toa, (k,), 65_535, True,
+    found = sketch("sketch_continuous", np.arange(4, dtype=np.uint32), toa, (k,), 65_535, True,
                    frequencies=(k,), pixels=4, table=False)[0]
     expected = np.exp(2j * np.pi * k * toa.astype(np.float64) / 65_535)
     np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=OF_WAVES + 2 * np.pi * k / 2**31)
@@ -76,78 +78,46 @@ def test_phases_of_late_times_and_high_frequencies(backend, k):
 
 @pytest.mark.parametrize(("cycles", "pixels"), [(7, 1), (7, 130), (2 * phase_sums.CYCLES + 5, 3)])
 @pytest.mark.parametrize(("first_word", "no_detection"), [(0, 65_535), (10, 3), (0, 0), (65_480, 5)])
-def test_gates(backend, cycles, pixels, first_word, no_detection):
+def test_gates(cycles, pixels, first_word, no_detection):
     rng = np.random.default_rng(pixels)
     words = rng.integers(first_word, first_word + T, (cycles, pixels)).astype(np.uint16)
     words[rng.random(words.shape) < 0.3] = no_detection
-    find = backend.kernels.find_stray
-    assert find(backend.kernels.photon_array(words), first_word, no_detection, T) == -1
-    found = sketch(backend, "sketch_gates", words, first_word, no_detection, frequencies=(1, 3, 24), pixels=pixels)
+    assert cpu.find_stray(words, first_word, no_detection, T) == -1
+    found = sketch("sketch_gates", words, first_word, no_detection, frequencies=(1, 3, 24), pixels=pixels)
     cycle, pixel = np.nonzero(words != no_detection)
     assert_close(found, pixel, words[cycle, pixel].astype(int) - first_word, (1, 3, 24))
 
 
 @pytest.mark.parametrize("word", [0, 9, 60, 65_535])
-def test_a_stray_word_is_found_in_any_pixel(backend, word):
+def test_a_stray_word_is_found_in_any_pixel(word):
     for pixel in (0, 8, 16):
         words = np.full((5, 17), 3, np.uint16)
         words[2, pixel] = word
-        assert backend.kernels.find_stray(backend.kernels.photon_array(words), 10, 3, T) == word
+        assert cpu.find_stray(words, 10, 3, T) == word
 
 
-def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(backend, monkeypatch):
+def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):
     pixel, toa = draw(3_000)
     order = np.argsort(pixel, kind="stable")
-    whole = sketch(backend, "sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24))
+    whole = sketch("sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24))
     monkeypatch.setattr(phase_sums, "PART", 50)
     monkeypatch.setattr(phase_sums, "BLOCK", 900)
     monkeypatch.setattr(phase_sums, "BUCKETS", 2)
-    others = [sketch(backend, "sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24)),
-              sketch(backend, "sketch_unsorted", pixel, toa, frequencies=(1, 3, 24)),
-              sketch(backend, "sketch_unsorted", pixel[::-1].copy(), toa[::-1].copy(), frequencies=(1, 3, 24))]
+    others = [sketch("sketch_sorted", pixel[order], toa[order], frequencies=(1, 3, 24)),
+              sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3, 24)),
+              sketch("sketch_unsorted", pixel[::-1].copy(), toa[::-1].copy(), frequencies=(1, 3, 24))]
     for other in others:
         for one, two in zip(whole, other, strict=True):
             assert np.array_equal(one, two)
 
 
-def test_unsorted_photons_of_many_more_pixels_add_to_what_is_there(backend, monkeypatch):
+def test_unsorted_photons_of_many_more_pixels_add_to_what_is_there(monkeypatch):
     monkeypatch.setattr(phase_sums, "BUCKETS", 4)
     pixel, toa = draw(300, pixels=300)
-    once, thrice = (sketch(backend, "sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300, times=times)
+    once, thrice = (sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3), pixels=300, times=times)
                     for times in (1, 3))
     assert_close(once, pixel, toa, (1, 3))
     assert np.array_equal(3 * once[2], thrice[2]) and np.array_equal(3 * once[1], thrice[1])
-
-
-def test_a_sketcher_on_cuda_gives_the_sketch_of_one_on_the_cpu(cuda):
-    sensor = SensorModel(4, 10, T, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
-    pixel, toa = draw(400, seed=5)
-    frames = [PhotonEvents(*draw(dtype=dtype, ordered=ordered), stamp_ns=40)
-              for dtype, ordered in ((np.uint16, True), (np.uint16, False), (np.float32, True), (np.float32, False))]
-    frames += [PhotonGates.from_events(PhotonEvents(pixel, toa), sensor), PhotonEvents(pixel[:0], toa[:0])]
-    sketchers = [Sketcher(sensor, (1, 3, 24), device) for device in ("cpu", "cuda")]
-    for frame in frames:
-        for sketcher in sketchers:
-            sketcher.add(frame)
-    one, other = (sketcher.sketch().on_host() for sketcher in sketchers)
-    assert (one.frequencies, one.stamp_ns) == (other.frequencies, other.stamp_ns)
-    assert np.array_equal(one.photons, other.photons) and other.photons.sum() == 3_200
-    assert (np.abs(one.sums - other.sums) <= OF_WAVES * np.maximum(one.photons, 1)[..., None]).all()
-    sketchers[1].reset()
-    sketch = sketchers[1].sketch().on_host()
-    assert not sketch.sums.any() and not sketch.photons.any()
-
-
-@pytest.mark.parametrize(("frame", "message"), [
-    (PhotonEvents(np.array([0, 40], np.uint32), np.array([1, 2], np.uint16)), "pixel is 40: "),
-    (PhotonEvents(np.array([0, 1], np.uint32), np.array([np.nan, 2], np.float32)), "toa is nan: "),
-    (PhotonGates(np.full((2, 4, 10), 53, np.uint16)), "gates word is 53: ")])
-def test_a_sketcher_on_cuda_names_an_invalid_photon_and_adds_nothing(cuda, frame, message):
-    sensor = SensorModel(4, 10, T, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
-    sketcher = Sketcher(sensor, (1, 3), "cuda")
-    with pytest.raises(InvalidInput, match=f"^{message}"):
-        sketcher.add(frame)
-    assert not sketcher.sketch().sums.any() and not cuda.numpy(sketcher.sketch().photons).any()
 
 
 def histogram_sensor(bins=None, **fields):
@@ -161,7 +131,7 @@ OF_EACH = HistogramBins(12, OWN_BINS.first_bin, 3.5, template=np.random.default_
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
 @pytest.mark.parametrize("bins", [None, OWN_BINS, WIDE_BINS, OF_EACH], ids=["T", "own", "template", "of each"])
-def test_histograms(backend, dtype, bins):
+def test_histograms(dtype, bins):
     sensor, frequencies = histogram_sensor(bins), (1, 3, 11)
     n = T if bins is None else bins.num_bins
     rng = np.random.default_rng(2)
@@ -169,12 +139,11 @@ def test_histograms(backend, dtype, bins):
     counts[7] = 0 if np.dtype(dtype).kind == "u" else -1        # below 0 there are no photons
     table = histogram_table(sensor, frequencies)
     of_template = None if bins is None or bins.template is None else np.matmul(bins.template[..., None, :], table)
-    kernels = backend.kernels
-    sums, photons = kernels.new_sums(40, 6)
+    sums, photons = cpu.new_sums(40, 6)
     for _ in range(2):
-        kernels.sketch_histograms(kernels.photon_array(counts.astype(dtype)), backend.on(table),
-                                  None if of_template is None else backend.on(of_template[..., 0, :]), sums, photons)
-    z, numbers, _ = backend.off((*kernels.read_sums(sums, photons, 6), sums))
+        cpu.sketch_histograms(counts.astype(dtype), table, None if of_template is None else of_template[..., 0, :],
+                              sums, photons)
+    z, numbers = cpu.read_sums(sums, photons, 6)
     scene = counts - (0 if bins is None or bins.template is None else bins.template)
     middle = np.arange(T) if bins is None else bins.centers() - 0.5
     phases = np.exp(2j * np.pi * np.multiply.outer(np.broadcast_to(middle, (40, n)), frequencies) / T)
@@ -187,15 +156,15 @@ def test_histograms(backend, dtype, bins):
 @pytest.mark.parametrize(("bins", "gate", "toa_reference"), [
     (None, None, "bin_edge"), (None, (12, 40), "bin_center"), (OWN_BINS, (12, 40), "bin_edge"),
     (HistogramBins(10, 5.0, 4.0), None, "bin_center")])
-def test_a_histogram_has_the_sketch_of_its_photons(backend, bins, gate, toa_reference):
+def test_a_histogram_has_the_sketch_of_its_photons(bins, gate, toa_reference):
     sensor = histogram_sensor(bins, toa_reference=toa_reference)
     n = T if bins is None else bins.num_bins
     histograms = PhotonHistograms(np.random.default_rng(1).poisson(0.4, (5, 8, n)).astype(np.uint16), stamp_ns=7)
     gate = gate and Gate(sensor, *gate)
-    of_counts, of_events = (Sketcher(sensor, (1, 2, 7), backend.name, gate) for _ in range(2))
+    of_counts, of_events = (Sketcher(sensor, (1, 2, 7), gate) for _ in range(2))
     of_counts.add(histograms)
     of_events.add(histograms.to_events(sensor))
-    found, wanted = of_counts.sketch().on_host(), of_events.sketch().on_host()
+    found, wanted = of_counts.sketch(), of_events.sketch()
     assert np.array_equal(found.photons, wanted.photons) and found.stamp_ns == 7
     assert found.photons.sum() == histograms.photons if gate is None else 0 < found.photons.sum() < histograms.photons
     assert np.abs(found.sums - wanted.sums).max() < 3e-5 * found.photons.max()

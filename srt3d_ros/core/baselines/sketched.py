@@ -48,7 +48,6 @@ class SketchedBaseline:
 
     def __call__(self, sketch: Sketch) -> PointCloud:
         """The point cloud of one frame's sketch."""
-        sketch = sketch.on_host()
         frame = self._matcher(sketch)
         depth, intensity = map(self.kernels.numpy, self._points(frame, frame.on(self.kernels)))
         signal = intensity * frame.exposure[:, None]

@@ -8,7 +8,7 @@ depend on its photons, and results do not depend on the number of threads: no su
 from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
-from srt3d_ros.kernels.cpu.device import ON_HOST, Scratch, array, numpy, photon_array, run_frame
+from srt3d_ros.kernels.cpu.device import ON_HOST, Scratch, array, numpy, run_frame
 from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio

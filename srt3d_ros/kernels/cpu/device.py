@@ -34,13 +34,6 @@ def array(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values)
 
 
-def photon_array(values: np.ndarray) -> np.ndarray:
-    """A view that cannot be written: numba would compile the kernels anew for photons in read-only memory."""
-    view = np.ascontiguousarray(values).view()
-    view.flags.writeable = False
-    return view
-
-
 def numpy(values: np.ndarray) -> np.ndarray:
     return values
 

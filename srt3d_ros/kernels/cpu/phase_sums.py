@@ -27,6 +27,7 @@ _SIN = tuple(F32(-UNIT * c) for c in (6.28318528, -41.3416807, 81.6024807, -76.5
 
 
 def new_sums(pixels, values):
+    """Empty sums of `values` = 2m numbers for each pixel, and numbers of photons, int64 [pixels]."""
     return np.zeros((pixels, lanes(values)), np.int64), np.zeros(pixels, np.int64)
 
 
@@ -41,12 +42,17 @@ def _read_sums(sums, photons, out, numbers):
 
 
 def read_sums(sums, photons, values):
+    """Σ_p exp(i ω_l x_p) · min(1, MAX_PHOTONS / n), complex64 [pixels, m], and min(n, MAX_PHOTONS), uint32.
+
+    `values` may be less than the sums have: the first count.
+    """
     out, numbers = np.empty((len(sums), values), np.float32), np.empty(len(sums), np.uint32)
     _read_sums(sums, photons, out, numbers)
     return out.view(np.complex64), numbers
 
 
 def counted(sums, column):
+    """Photons whose row has a 1 in this column, where all others have 0 there; int64 [pixels]."""
     return (sums[:, column] + UNIT // 2) // UNIT        # cosines of times with fractions may be a unit off
 
 
@@ -70,6 +76,7 @@ def _inspect_events(pixel, toa, pixels, num_bins, found):
 
 
 def inspect_events(pixel, toa, pixels, num_bins):
+    """Whether all photons have a pixel below `pixels` and 0 ≤ x < T, and whether `pixel` never decreases."""
     found = np.empty((_parts(len(pixel)), 2), np.bool_)
     _inspect_events(pixel, toa, pixels, toa.dtype.type(num_bins), found)
     outside, unsorted = found.any(axis=0)
@@ -90,6 +97,7 @@ def _find_stray(words, first_word, no_detection, num_bins, stray):
 
 
 def find_stray(words, first_word, no_detection, num_bins):
+    """The highest word, of uint16 [G, pixels], that is neither `no_detection` nor `first_word` + a bin; else −1."""
     stray = np.full(_parts(words.size), -1, np.int32)
     _find_stray(words.reshape(-1), first_word, np.uint16(no_detection), num_bins, stray)
     return int(stray.max())
@@ -127,6 +135,13 @@ def _sketch_sorted(pixel, toa, rows, sums, photons, parts):
 
 
 def sketch_sorted(pixel, toa, rows, sums, photons):
+    """sums[pixel_p] += rows[x_p], photons[pixel_p] += 1, in place, for photons sorted by pixel.
+
+    Args:
+        pixel: uint32 [N], below the number of pixels, never decreasing.
+        toa: uint16 [N], below T.
+        rows: of `fixed_rows`.
+    """
     _sketch_sorted(pixel, toa, rows, sums, photons, _parts(len(pixel)))
 
 
@@ -188,6 +203,7 @@ def _sketch_unsorted(pixel, toa, rows, sums, photons, shift, block):
 
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
+    """As `sketch_sorted`, for photons in any order."""
     shift = min(max((len(sums) // BUCKETS).bit_length(), 5), 16)        # a pixel of a bucket has 16 bits
     _sketch_unsorted(pixel, toa, rows, sums, photons, shift, max(BLOCK, 8 * len(sums)))
 
@@ -232,7 +248,11 @@ def _fill_rows(toa, turns_per_bin, cycles, lead, widths, rows):
 
 
 def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons):
-    """x / T is rounded to 2⁻³³, 2⁸ times finer than float32 is near T: phases err by less than 2π k · 2⁻³³."""
+    """sums[pixel_p] += exp(2πi k_l x_p / T), photons[pixel_p] += 1, for times x, float32 bins, with fractions.
+
+    Photons are sorted by pixel if `ordered` says so. x / T is rounded to 2⁻³³, 2⁸ times finer than float32 is near T:
+    phases err by less than 2π k · 2⁻³³.
+    """
     width, values = sums.shape[1], 2 * len(frequencies)
     cycles, lead = np.zeros(width, np.uint32), np.full(width, TURN // 4, np.uint32)    # lanes that are not used stay 0
     cycles[:values] = np.repeat(np.asarray(frequencies, np.uint32), 2)
@@ -240,8 +260,8 @@ def sketch_continuous(pixel, toa, frequencies, num_bins, ordered, sums, photons)
     blocks = range(0, width, LANES)
     cycles, lead = (np.stack([np.resize(of[lane:lane + LANES], LANES) for lane in blocks]) for of in (cycles, lead))
     widths = np.array([min(LANES, width - lane) for lane in blocks])
-    chunk = min(len(toa), 2**16)
-    numbers, room = np.arange(chunk, dtype=np.uint16), aligned(_whole(chunk) * width)
+    chunk = 2**16
+    numbers, room = np.arange(chunk, dtype=np.uint16), aligned(_whole(min(len(toa), chunk)) * width)
     numbers.flags.writeable = toa.flags.writeable       # compiled as for ToA in bins
     add = sketch_sorted if ordered else sketch_unsorted
     for first in range(0, len(toa), chunk):
@@ -276,12 +296,27 @@ def _sketch_gates(words, rows, first_word, no_detection, sums, photons):
 
 
 def sketch_gates(words, rows, first_word, no_detection, sums, photons):
+    """As `sketch_sorted`, for the photons x = word − `first_word` of all words that are not `no_detection`.
+
+    `words` are uint16 [G, pixels], a laser cycle a row, without stray ones.
+    """
     _sketch_gates(words, rows, np.uint16(first_word), np.uint16(no_detection), sums, photons)
 
 
 # ---- Histograms: a product of matrices, by BLAS, with its threads
 
 def sketch_histograms(counts, table, of_template, sums, photons):
+    """sums_i += Σ_j counts_ij table_j − of_template, and its last column but one, if above 0, to photons_i.
+
+    In float32: what it costs does not depend on the counts. `sums` may be of 2m values only, then what is behind them
+    counts for `photons` alone.
+
+    Args:
+        counts: uint8, uint16, int32 or float32 [pixels, n].
+        table: float32 [n, 2m + 2] of exp(i ω_l b), re and im interleaved, then 1 and 0; [pixels, n, 2m + 2] if
+            pixels have bins of their own; zeros for bins that do not count.
+        of_template: float32 [2m + 2] or [pixels, 2m + 2], or None.
+    """
     pixels, n = counts.shape
     wanted = min(sums.shape[1], table.shape[-1])
     as_float = np.empty((min(ROWS, pixels), n), np.float32)         # a part in the cache instead of a frame in memory

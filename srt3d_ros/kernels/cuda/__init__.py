@@ -4,36 +4,24 @@ They read and write device memory only and never wait for it.
 """
 
 from srt3d_ros.kernels.cuda.birth_death import birth_death
-from srt3d_ros.kernels.cuda.device import Scratch, array, new_sums, numpy, run_frame
+from srt3d_ros.kernels.cuda.device import Scratch, array, numpy, run_frame
 from srt3d_ros.kernels.cuda.pooled_step import pooled_step
 from srt3d_ros.kernels.reference import (
     ON_HOST,
     apss,
     blur,
     collect,
-    counted,
     drop_weak,
     expand,
     finalise,
-    find_stray,
-    fixed_rows,
-    inspect_events,
     log_likelihood_ratio,
     match,
     pixelwise,
     poisson,
     prepare,
-    read_sums,
     residual,
     search,
-    sketch_continuous,
-    sketch_gates,
-    sketch_histograms,
-    sketch_sorted,
-    sketch_unsorted,
     trim,
     unexplained,
     unpack,
 )
-
-photon_array = array

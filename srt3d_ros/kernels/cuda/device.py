@@ -27,10 +27,6 @@ def numpy(values):
     return values.cpu().numpy()
 
 
-def new_sums(pixels, values):
-    return tuple(each.to(DEVICE) for each in reference.new_sums(pixels, values))
-
-
 class Scratch(reference.Scratch):
     dtype, device = torch.float32, DEVICE
 

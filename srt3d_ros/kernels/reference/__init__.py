@@ -1,5 +1,7 @@
-"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` and `cuda` have the same names,
-but for `move_sketch`, which runs on the CPU only.
+"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` and `cuda` have the same names.
+
+What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums`, and
+`move_sketch`, of which this package has the contract too.
 
 Here arrays are tensors in double precision on the CPU, so that another backend differs by its own rounding only. `cuda`
 runs most of these functions in single precision on a GPU; `birth_death`, `pooled_step` and `move_sketch` are for NumPy
@@ -30,42 +32,16 @@ results that last until the next call with it, which `cpu` uses. Types are those
 kernels' device unless said to be NumPy's: ON_HOST says whether they are.
 """
 
-from srt3d_ros.kernels.reference import move_sketch as moving
 from srt3d_ros.kernels.reference.apss import apss
-from srt3d_ros.kernels.reference.arrays import (
-    ON_HOST,
-    Scratch,
-    array,
-    in_numpy,
-    numpy,
-    photon_array,
-    run_frame,
-)
+from srt3d_ros.kernels.reference.arrays import ON_HOST, Scratch, array, numpy, run_frame
 from srt3d_ros.kernels.reference.baselines import pixelwise, poisson
 from srt3d_ros.kernels.reference.birth_death import birth_death
 from srt3d_ros.kernels.reference.blur import blur
 from srt3d_ros.kernels.reference.finalise import collect, finalise, unexplained, unpack
 from srt3d_ros.kernels.reference.likelihood import expand, log_likelihood_ratio, trim
-from srt3d_ros.kernels.reference.phase_sums import (
-    counted,
-    find_stray,
-    fixed_rows,
-    inspect_events,
-    new_sums,
-    read_sums,
-    sketch_continuous,
-    sketch_gates,
-    sketch_histograms,
-    sketch_sorted,
-    sketch_unsorted,
-)
 from srt3d_ros.kernels.reference.pooled_step import pooled_step
 from srt3d_ros.kernels.reference.search import drop_weak, match, prepare, residual, search
 
-move_sketch = in_numpy(moving.move_sketch)
-
-__all__ = ["ON_HOST", "Scratch", "apss", "array", "birth_death", "blur", "collect",
-           "counted", "drop_weak", "expand", "finalise", "find_stray", "fixed_rows", "inspect_events",
-           "log_likelihood_ratio", "match", "move_sketch", "new_sums", "numpy", "photon_array", "pixelwise", "poisson",
-           "pooled_step", "prepare", "read_sums", "residual", "run_frame", "search", "sketch_continuous",
-           "sketch_gates", "sketch_histograms", "sketch_sorted", "sketch_unsorted", "trim", "unexplained", "unpack"]
+__all__ = ["ON_HOST", "Scratch", "apss", "array", "birth_death", "blur", "collect", "drop_weak", "expand", "finalise",
+           "log_likelihood_ratio", "match", "numpy", "pixelwise", "poisson", "pooled_step", "prepare", "residual",
+           "run_frame", "search", "trim", "unexplained", "unpack"]

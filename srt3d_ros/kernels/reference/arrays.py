@@ -18,11 +18,6 @@ def array(values):
     return torch.from_numpy(np.array(values, DOUBLE.get(values.dtype, values.dtype), order="C"))
 
 
-def photon_array(values):
-    """The same for the pixels, times or words of photons, which the kernels only read."""
-    return torch.from_numpy(np.array(values, order="C"))
-
-
 def numpy(values):
     """The NumPy array of an array on the device; waits for the kernels that write it."""
     return values.to(SINGLE.get(values.dtype, values.dtype)).numpy()
