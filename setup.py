@@ -58,7 +58,8 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"], f"{NAME}.review": ["report.html"]},
     python_requires=">=3.11",
-    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5", ZSTD],
+    install_requires=["numpy>=1.26,<3", "scipy>=1.11,<2", "numba>=0.60,<1", "tqdm>=4.66,<5", "jsonschema>=4.10,<5",
+                      ZSTD],
     extras_require=EXTRAS,
     entry_points={"console_scripts": ["srt3d = srt3d_ros.cli.main:main"]},
     data_files=[

@@ -23,74 +23,65 @@ def filled(page: Path, make: Callable[[str], str]) -> str:
 def tables(name: str) -> str:
     """All tables of one schema."""
     schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
-    make = {"sensor_msgs/msg/PointCloud2": cloud_tables, "sensor_msgs/msg/Image": image_tables,
-            "std_msgs/msg/String": json_tables}[schema["type"]]
-    return f"{schema['purpose']}\n`{schema['type']}`, schema version {schema['schema_version']}; {make(schema)}"
+    layout = schema.get("x-layout", {})
+    version = schema["x-version"] if layout else schema["properties"]["schema_version"]["const"]
+    if "layouts" in layout:
+        made = cloud_tables(layout)
+    else:
+        made = image_tables(name, layout) if layout else json_tables(schema)
+    return f"{schema['description']}\n`{schema['x-type']}`, schema version {version}; {made}"
 
 
-def cloud_tables(schema: dict) -> str:
+def cloud_tables(topic: dict) -> str:
     """The layouts of a PointCloud2 topic and one byte table of all, in which a field that several share is one row."""
-    layouts = schema["layouts"]
+    layouts = topic["layouts"]
     purposes = "".join(f"* **{name}**, `point_step` {layout['point_step']}: {layout['purpose']}\n"
                        for name, layout in layouts.items())
     shared: dict[tuple, list[str]] = {}
     for name, layout in layouts.items():
         for field in layout["fields"]:
-            row = (field["offset"], _size(field), f"`{field['name']}`", field["datatype"], field["count"],
-                   field["unit"], field["meaning"])
+            row = (field["offset"], f"`{field['name']}`", field["datatype"], field["count"], field["unit"],
+                   field["meaning"])
             shared.setdefault(row, []).append(name)
     rows = [[", ".join(names), *row] for row, names in shared.items()]
     inside = "".join(f"The bytes of {name}, little-endian:\n\n" + table(
         ["byte", "datatype", "count", "name", "unit", "meaning"],
         [[part[key] for key in ("offset", "datatype", "count", "name", "unit", "meaning")] for part in layout["bytes"]])
         for name, layout in layouts.items() if "bytes" in layout)
-    return f"`height` {schema['height']}; `width` {schema['width']}.\n\n{purposes}\n" + table(
-        ["layout", "byte", "size", "field", "datatype", "count", "unit", "meaning"], rows) + inside
+    return f"`height` {topic['height']}; `width` {topic['width']}.\n\n{purposes}\n" + table(
+        ["layout", "byte", "field", "datatype", "count", "unit", "meaning"], rows) + inside
 
 
-def _size(field: dict) -> int | str:
-    one, count = _bytes(field["datatype"]), field["count"]
-    return one * count if isinstance(count, int) else f"{one * int(count.removesuffix('m'))}m"
-
-
-def _bytes(datatype: str) -> int:
-    return int(re.sub(r"\D", "", datatype)) // 8
-
-
-def image_tables(schema: dict) -> str:
+def image_tables(name: str, topic: dict) -> str:
     """What an Image topic holds."""
-    pixel = schema["pixel"]
-    topics = schema.get("topics", {schema.get("topic"): pixel})
-    encodings = " or ".join(f"`{encoding}` ({kind})" for encoding, kind in schema["encodings"].items())
-    return (f"`height` {schema['height']}; `width` {schema['width']}; `encoding` {encodings}.\n\n"
+    topics = topic.get("topics", {name: topic["pixel"]})
+    encodings = " or ".join(f"`{encoding}` ({kind})" for encoding, kind in topic["encodings"].items())
+    return (f"`height` {topic['height']}; `width` {topic['width']}; `encoding` {encodings}.\n\n"
             + table(["topic", "unit", "meaning of a pixel"],
                     [[f"`{name}`", topic["unit"], topic["meaning"]] for name, topic in topics.items()]))
 
 
 def json_tables(schema: dict) -> str:
-    """The keys of a JSON topic, those of the objects in it, and what these objects are."""
-    rows, notes = _keys(schema["fields"]), []
-    for kind, projection in schema.get("projection", {}).items():
-        rows += _keys(projection["fields"], "projection.", f" ({kind})")
-        notes.append(f"* `projection` of the kind `{kind}`: {projection['purpose']}\n")
-    for name, prefix in (("distortion", "projection."), ("gates", ""), ("histograms", "")):
-        if name in schema:
-            rows += _keys(schema[name]["fields"], f"{prefix}{name}.")
-        if "purpose" in schema.get(name, {}):
-            notes.append(f"* `{prefix}{name}`: {schema[name]['purpose']}\n")
-    return (f"QoS: {schema['qos']}.\n\n" + table(["key", "type", "required", "unit", "meaning"], rows)
-            + "".join(notes) + "\n" * bool(notes))
+    """The keys of a JSON topic, then those of the objects in it, and what these objects are."""
+    rows, notes = _keys("", schema), ""
+    for kind, part in schema["$defs"].items():
+        if "title" in part:
+            rows += _keys(f"{part['title']}.", part)
+            of_kind = "" if part["title"].endswith(kind) else f" of the kind `{kind}`"
+            notes += f"* `{part['title']}`{of_kind}: {part['description']}\n"
+    return f"QoS: {schema['x-qos']}.\n\n{table(['key', 'type', 'required', 'unit', 'meaning'], rows)}{notes}\n"
 
 
-def _keys(fields: list[dict], prefix: str = "", where: str = "") -> list[list]:
+def _keys(prefix: str, schema: dict) -> list[list[str]]:
     """A row for each key of a JSON object."""
-    return [[f"`{prefix}{field['name']}`", _type(field),
-             ("yes" if field["required"] else "no") + where, field["unit"], field["meaning"]] for field in fields]
+    return [[f"`{prefix}{name}`", _type(part), "yes" if name in schema["required"] else "no", part.get("x-unit", ""),
+             part["description"]] for name, part in schema["properties"].items()]
 
 
-def _type(field: dict) -> str:
-    return ("number or " if "or_number" in field else "") + (
-        f"array of {field['dtype']}" if "dtype" in field else field["type"])
+def _type(part: dict) -> str:
+    if "x-dtype" in part:
+        return "number or " * ("number" in part["type"]) + f"array of {part['x-dtype']}"
+    return part.get("type", "object" if "$ref" in part else "string")
 
 
 def table(head: list[str], rows: list[list]) -> str:

@@ -1,19 +1,21 @@
-"""Untrusted JSON: bounded, strict, and checked against the fields of a schema."""
+"""Untrusted JSON: bounded and strict, checked by a JSON Schema of msg_schemas/, its arrays as lists or in base64."""
 
 import base64
 import binascii
 import json
 import math
 from collections import Counter
+from functools import cache
 
 import numpy as np
 
 from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.messages.schema import load
 
 MAX_BYTES = 64 * 2**20
 MAX_VALUES = 2**20              # outside base64: a parsed number takes 32 bytes, a key with its value 150
-EXTENSION_PREFIX = "x_"
-ARRAY_KEYS = ["base64", "dtype", "shape"]
+MAX_NUMBER = 1e300
+IN_WORDS = {"integer": "an integer", "number": "a number", "string": "a string", "array": "a list"}
 
 
 def dump(content: dict) -> str:
@@ -40,112 +42,109 @@ def parse(text: str, what: str) -> dict:
     return content
 
 
-def check_version(content: dict, schema: dict) -> None:
-    """Raise InvalidInput unless `content` is of the schema's version. Call it first: other fields may have changed."""
-    known = schema["schema_version"]
-    said = shown(content, "schema_version")
-    require(type(content.get("schema_version")) is int and said == known, "schema_version", said, str(known))
+def check(content: dict, name: str) -> None:
+    """Raise InvalidInput for the first thing in a parsed object that the JSON Schema `name` forbids."""
+    try:
+        error = next(_validator(name).iter_errors(content), None)
+    except RecursionError:
+        raise InvalidInput(name, "an object nested too deeply", "what its schema describes") from None
+    if error is not None:
+        raise _in_one_line(error)
 
 
-def shown(content: dict, key: str) -> object:
-    """What a key holds, as messages show it: 'absent', or a text in quotes."""
-    return quoted(content[key]) if key in content else "absent"
+def read_object(content: dict, properties: dict[str, dict], where: str = "") -> dict:
+    """The values of an object that was checked, by the properties of its schema: arrays, int, float, str and dict.
 
-
-def read_object(content: dict, fields: list[dict], where: str = "") -> dict:
-    """The values of the fields that are present, each of the type that the schema gives it.
-
-    A key that is not in the schema is refused, since a misspelt optional field would change every depth in silence;
-    keys that begin with `x_` belong to the writer and are left out. Messages put `where`, such as "projection.", before
-    names.
+    Keys of the writer's own, which begin with `x_`, are left out. Errors put `where`, as "projection.", before names.
     """
-    known = {field["name"]: field for field in fields}
-    for key in content:
-        require(key in known or key.startswith(EXTENSION_PREFIX), f"{where}unknown key", quoted(key),
-                f"one of {', '.join(known)}, or a name of your own that begins with {EXTENSION_PREFIX}")
-    for name, field in known.items():
-        require(name in content or not field["required"], where + name, "absent", f"the field (type {field['type']})")
-    return {name: _value(content[name], field, where + name) for name, field in known.items() if name in content}
+    return {name: _value(content[name], schema, where + name) for name, schema in properties.items() if name in content}
 
 
-def write_object(value, fields: list[dict]) -> dict:
-    """The fields of an object that are not None, arrays in the compact form."""
+def write_object(value, properties: dict[str, dict]) -> dict:
+    """The attributes of an object that are not None, arrays in base64."""
     content = {}
-    for field in fields:
-        part = getattr(value, field["name"])
+    for name, schema in properties.items():
+        part = getattr(value, name)
         if part is not None:
-            is_array = field["type"] == "array" and np.ndim(part) > 0
-            content[field["name"]] = write_array(np.asarray(part), field["dtype"]) if is_array else part
+            content[name] = _to_base64(np.asarray(part), schema["x-dtype"]) if np.ndim(part) > 0 else part
     return content
 
 
-def write_array(array: np.ndarray, dtype: str) -> dict:
-    """The compact form of an array: its little-endian bytes in base64."""
-    return {"dtype": dtype, "shape": list(array.shape),
-            "base64": base64.b64encode(array.astype(_stored(dtype)).tobytes()).decode()}
+@cache
+def _validator(name: str):
+    from jsonschema import Draft202012Validator  # here, as it takes 50 ms
+
+    return Draft202012Validator(load(name))
 
 
-def _value(value, field: dict, name: str):
-    kind = field["type"]
-    if kind == "array":
-        return float(value) if field.get("or_number") and _is_number(value) else _array(value, field["dtype"], name)
-    if kind == "integers":
-        require(isinstance(value, list), name, quoted(value), "a list of integers")
-        for number in value:
-            require(_is_integer(number), name, quoted(number), "integers only")
-        return [int(number) for number in value]
-    fits = {"integer": _is_integer, "number": _is_number, "string": lambda v: isinstance(v, str),
-            "object": lambda v: isinstance(v, dict)}[kind]
-    require(fits(value), name, quoted(value), f"{'an' if kind[0] in 'io' else 'a'} {kind}")
-    return int(value) if kind == "integer" else float(value) if kind == "number" else value
+def _in_one_line(error) -> InvalidInput:
+    """What jsonschema found."""
+    where, keyword, schema = list(error.absolute_path), error.validator, error.schema
+    value, expected = quoted(error.instance), _expected(schema)
+    if keyword == "required":
+        missing = next(key for key in error.validator_value if key not in error.instance)
+        where, value = [*where, missing], "absent"
+        expected = _expected(schema.get("properties", {}).get(missing, {}))
+    elif keyword == "additionalProperties":
+        known, own = schema["properties"], "patternProperties" in schema
+        unknown = next(key for key in error.instance if key not in known and not (own and key.startswith("x_")))
+        where, value = [*where, "unknown key"], quoted(unknown)
+        expected = f"one of {', '.join(known)}{', or a name of your own that begins with x_' * own}"
+    return InvalidInput(".".join(map(str, where)), value, expected)
 
 
-def _is_number(value) -> bool:
-    return type(value) in (int, float) and abs(value) < 1e300
+def _expected(schema: dict) -> str:
+    """What a value must be, in words."""
+    if "enum" in schema or "const" in schema:
+        return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
+    if "x-dtype" in schema:
+        number = "a number, " * ("number" in schema["type"])
+        return f"{number}nested lists of {schema['x-dtype']}, or an object {{dtype, shape, base64}}"
+    return schema.get("x-expected") or IN_WORDS.get(schema.get("type"), "an object")
 
 
-def _is_integer(value) -> bool:
-    return _is_number(value) and abs(value) < 2**63 and value == int(value)
+def _value(value, schema: dict, name: str):
+    kind = schema.get("type")
+    if "x-dtype" in schema and isinstance(value, (list, dict)):
+        array = (_from_base64 if isinstance(value, dict) else _from_lists)(value, schema, name)
+        with np.errstate(over="ignore"):        # what float32 cannot hold becomes Inf, which SensorModel refuses
+            return array.astype(schema["x-dtype"])
+    if isinstance(value, (int, float)):
+        require(abs(value) < MAX_NUMBER, name, value, _expected(schema))
+        return int(value) if kind == "integer" else float(value)
+    return value
 
 
-def _array(value, dtype: str, name: str) -> np.ndarray:
-    array = (_from_base64 if isinstance(value, dict) else _from_lists)(value, dtype, name)
-    with np.errstate(over="ignore"):        # what float32 cannot hold becomes Inf, which SensorModel refuses
-        return array.astype(dtype)
-
-
-def _from_lists(value, dtype: str, name: str) -> np.ndarray:
-    wanted = f"nested lists of {dtype}, or an object {{{', '.join(ARRAY_KEYS)}}}"
-    require(isinstance(value, list), name, quoted(value), wanted)
+def _from_lists(value: list, schema: dict, name: str) -> np.ndarray:
     # Checked one by one: NumPy would take "1.5" and true for numbers, and lists of long texts for gigabytes.
-    kinds = (bool,) if dtype == "bool" else (int, float)
+    kinds = (bool,) if schema["x-dtype"] == "bool" else (int, float)
     for row in value if all(isinstance(row, list) for row in value) else [value]:
         for number in row:
-            require(type(number) in kinds, name, quoted(number), wanted)
+            require(type(number) in kinds, name, quoted(number), _expected(schema))
     try:
-        return np.array(value, bool if dtype == "bool" else np.float64)
+        return np.array(value, bool if kinds == (bool,) else np.float64)
     except (ValueError, OverflowError):
-        raise InvalidInput(name, "lists of unequal lengths, or numbers too large", wanted) from None
+        raise InvalidInput(name, "lists of unequal lengths, or numbers too large", _expected(schema)) from None
 
 
-def _from_base64(value: dict, dtype: str, name: str) -> np.ndarray:
-    require(sorted(value) == ARRAY_KEYS, name, f"an object of {', '.join(value)}", f"the keys {', '.join(ARRAY_KEYS)}")
-    require(value["dtype"] == dtype, f"{name}.dtype", quoted(value["dtype"]), dtype)
-    shape = value["shape"]
-    require(isinstance(shape, list) and 0 < len(shape) <= 2 and all(_is_integer(n) and n >= 0 for n in shape),
-            f"{name}.shape", quoted(shape), "a list of one or two sizes")
-    require(isinstance(value["base64"], str), f"{name}.base64", value["base64"], "a string")
+def _from_base64(value: dict, schema: dict, name: str) -> np.ndarray:
+    dtype, shape = schema["x-dtype"], [int(size) for size in value["shape"]]
+    require(value["dtype"] == dtype, f"{name}.dtype", value["dtype"], dtype)
     try:
         raw = base64.b64decode(value["base64"], validate=True)
     except (binascii.Error, ValueError) as error:
         raise InvalidInput(f"{name}.base64", f"broken ({error})", "base64 (RFC 4648)") from None
-    stored = np.dtype(_stored(dtype))
-    count = math.prod(map(int, shape))
+    count, stored = math.prod(shape), np.dtype(_stored(dtype))
     require(len(raw) == count * stored.itemsize, f"{name}.base64", f"{len(raw)} bytes",
             f"{count} numbers of {stored.itemsize} bytes for the shape {shape}")
-    array = np.frombuffer(raw, stored).reshape([int(n) for n in shape])
+    array = np.frombuffer(raw, stored).reshape(shape)
     require(dtype != "bool" or bool((array <= 1).all()), name, "not 0 or 1 in places", "bytes 0 and 1")
     return array
+
+
+def _to_base64(array: np.ndarray, dtype: str) -> dict:
+    return {"dtype": dtype, "shape": list(array.shape),
+            "base64": base64.b64encode(array.astype(_stored(dtype)).tobytes()).decode()}
 
 
 def _stored(dtype: str) -> str:

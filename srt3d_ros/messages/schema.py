@@ -1,4 +1,4 @@
-"""The schemas in msg_schemas/: the one place where field names, types and offsets of the topics are written."""
+"""The JSON Schemas in msg_schemas/: of JSON texts, and under `x-layout` of the bytes of clouds and images."""
 
 import json
 from functools import cache
@@ -29,14 +29,14 @@ def cloud_layouts(name: str, sketch_size: int = 0) -> dict[str, np.dtype]:
         "formats": [_format(field, sketch_size) for field in layout["fields"]],
         "offsets": [field["offset"] for field in layout["fields"]],
         "itemsize": size(layout["point_step"], sketch_size),
-    }) for key, layout in load(name)["layouts"].items()}
+    }) for key, layout in load(name)["x-layout"]["layouts"].items()}
 
 
 @cache
 def encodings(name: str, channels: int = 1) -> dict[str, np.dtype]:
     """The encodings of an Image topic of so many channels, each with the type of its numbers."""
     return {encoding.replace("Cn", f"C{channels}"): np.dtype(DATATYPES[kind][1])
-            for encoding, kind in load(name)["encodings"].items()}
+            for encoding, kind in load(name)["x-layout"]["encodings"].items()}
 
 
 def size(text: int | str, sketch_size: int) -> int:

@@ -6,7 +6,6 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.schema import load
@@ -52,51 +51,47 @@ def from_json(text: str) -> SensorModel:
 
 def to_object(sensor: SensorModel) -> dict:
     """The JSON object of a sensor."""
-    schema = load("sensor")
-    content = {"schema_version": schema["schema_version"]}
-    for field in schema["fields"][1:]:
-        value = getattr(sensor, field["name"])
-        if value is None or "default" in field and value == field["default"]:
-            continue
-        if field["type"] == "array":
-            value = json_text.write_array(value, field["dtype"])
-        elif field["name"] == "projection":
-            value = _projection_parts(value, schema)
-        elif field["name"] in OBJECTS:
-            value = json_text.write_object(value, schema[field["name"]]["fields"])
-        content[field["name"]] = value
-    return content
+    version, *properties = load("sensor")["properties"].items()
+    content = json_text.write_object(sensor, dict(properties))
+    for name, schema in properties:
+        if "default" in schema and content[name] == schema["default"]:
+            del content[name]
+    for name in OBJECTS.keys() & content.keys():
+        content[name] = json_text.write_object(content[name], _properties(name))
+    content["projection"] = _projection_parts(sensor.projection)
+    return {version[0]: version[1]["const"]} | content
 
 
 def from_object(content: dict) -> SensorModel:
     """The sensor of a parsed JSON object; InvalidInput names the field that cannot be used."""
-    schema = load("sensor")
-    json_text.check_version(content, schema)
-    values = json_text.read_object(content, schema["fields"])
+    json_text.check(content, "sensor")
+    values = json_text.read_object(content, load("sensor")["properties"])
     del values["schema_version"]
     for name in OBJECTS.keys() & values.keys():
-        values[name] = OBJECTS[name](**json_text.read_object(values[name], schema[name]["fields"], f"{name}."))
+        values[name] = OBJECTS[name](**json_text.read_object(values[name], _properties(name), f"{name}."))
     if "projection" in values:
-        values["projection"] = _projection(values["projection"], schema)
+        values["projection"] = _projection(values["projection"])
     check_frame_id("frame_id", values.get("frame_id", ""))
     return SensorModel(**values)
 
 
-def _projection_parts(projection: Projection, schema: dict) -> dict:
-    parts = json_text.write_object(projection, schema["projection"][projection.kind]["fields"])
+def _properties(name: str) -> dict[str, dict]:
+    """The properties of an object in the sensor's."""
+    return load("sensor")["$defs"][name]["properties"]
+
+
+def _projection_parts(projection: Projection) -> dict:
+    parts = json_text.write_object(projection, _properties(projection.kind))
     distortion = parts.pop("distortion", None)
     if distortion:
-        parts["distortion"] = json_text.write_object(distortion, schema["distortion"]["fields"])
+        parts["distortion"] = json_text.write_object(distortion, _properties("distortion"))
     return parts
 
 
-def _projection(content: dict, schema: dict) -> Projection:
-    kind, kinds = content.get("kind"), schema["projection"]
-    known = isinstance(kind, str) and kind in kinds
-    require(known, "projection.kind", json_text.shown(content, "kind"), " or ".join(kinds))
-    values = json_text.read_object(content, kinds[kind]["fields"], "projection.")
+def _projection(content: dict) -> Projection:
+    values = json_text.read_object(content, _properties(content["kind"]), "projection.")
     del values["kind"]
     if "distortion" in values:
         values["distortion"] = PlumbBob(**json_text.read_object(
-            values["distortion"], schema["distortion"]["fields"], "projection.distortion."))
-    return PROJECTIONS[kind](**values)
+            values["distortion"], _properties("distortion"), "projection.distortion."))
+    return PROJECTIONS[content["kind"]](**values)

@@ -11,7 +11,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, coded_sketch, json_text
 from srt3d_ros.messages import sensor as sensor_codec
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
-from srt3d_ros.messages.schema import cloud_layouts, load
+from srt3d_ros.messages.schema import cloud_layouts
 
 if TYPE_CHECKING:
     from std_msgs.msg import String
@@ -96,9 +96,8 @@ def encode_sensor(sensor: SensorModel, frequencies: tuple[int, ...], window_fram
     """The `sketch/sensor` message, which says what the numbers of `sketch` are."""
     from std_msgs.msg import String
 
-    schema = load("sketch_sensor")
     return String(data=json_text.dump({
-        "schema_version": schema["schema_version"], "frequencies": list(frequencies), "window_frames": window_frames,
+        "schema_version": 1, "frequencies": list(frequencies), "window_frames": window_frames,
         "sensor": sensor_codec.to_object(sensor)}))
 
 
@@ -108,13 +107,10 @@ def decode_sensor(message: "String") -> tuple[SensorModel, tuple[int, ...], int]
     Raises:
         InvalidInput: the message does not keep the schema.
     """
-    schema = load("sketch_sensor")
     content = json_text.parse(message.data, "sketch/sensor")
-    json_text.check_version(content, schema)
-    values = json_text.read_object(content, schema["fields"])
-    sensor = sensor_codec.from_object(values["sensor"])
-    require(values["window_frames"] >= 1, "window_frames", values["window_frames"], "1 or more")
-    return sensor, check_frequencies(values["frequencies"], sensor.num_bins), values["window_frames"]
+    json_text.check(content, "sketch_sensor")
+    sensor = sensor_codec.from_object(content["sensor"])
+    return sensor, check_frequencies(content["frequencies"], sensor.num_bins), content["window_frames"]
 
 
 def decode_sensor_cdr(raw: bytes) -> tuple[SensorModel, tuple[int, ...], int]:

@@ -1,20 +1,30 @@
-"""The schemas: the same as the tables that people read."""
+"""The schemas: JSON Schemas, with the same tables as people read."""
+
+import pytest
+from jsonschema import Draft202012Validator
 
 from srt3d_ros.messages import schema
 from tools import schema_tables
 
-NAMES = ["gates", "histograms", "images", "photons", "points", "sensor", "sketch", "sketch_sensor"]
+VERSIONS = {"gates": 1, "histograms": 1, "images": 2, "photons": 1, "points": 1, "sketch": 1}   # of images: see README
 
 
 def test_every_topic_has_a_schema_with_a_version(repository):
-    assert sorted(path.stem for path in (repository / "msg_schemas").glob("*.json")) == NAMES
-    # of images 1, `depth` was the range along the ray for pinhole cameras, too
-    assert {name: schema.load(name)["schema_version"] for name in NAMES} == dict.fromkeys(NAMES, 1) | {"images": 2}
+    names = sorted(path.stem for path in (repository / "msg_schemas").glob("*.json"))
+    assert names == sorted([*VERSIONS, "sensor", "sketch_sensor"])
+    assert {name: schema.load(name)["x-version"] for name in VERSIONS} == VERSIONS
+    assert schema.load("sensor")["properties"]["schema_version"] == {
+        "type": "integer", "const": 1, "x-unit": "1", "description": "1"}
+
+
+@pytest.mark.parametrize("name", [*VERSIONS, "sensor"])
+def test_schemas_are_of_the_draft_that_they_name(name):
+    assert schema.load(name)["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
+    Draft202012Validator.check_schema(schema.load(name))
 
 
 def test_readme_has_the_tables_of_the_schemas(repository):
     text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
     assert text == schema_tables.readme(), "run `python -m tools.generate_docs`"
-    assert sorted(name for _, name, _ in schema_tables.MARKED.findall(text)) == NAMES
-
-
+    names = [name for _, name, _ in schema_tables.MARKED.findall(text)]
+    assert sorted(names) == sorted([*VERSIONS, "sensor", "sketch_sensor"])

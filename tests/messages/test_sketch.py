@@ -64,7 +64,7 @@ def test_sensor_frequencies_and_window_make_the_trip(small_sensor):
 @pytest.mark.parametrize(("change", "named"), [
     (lambda content: content.pop("frequencies"), "frequencies"),
     (lambda content: content.update(frequencies=[1, 50]), "frequencies"),
-    (lambda content: content.update(frequencies=[1, 2.5]), "frequencies"),
+    (lambda content: content.update(frequencies=[1, 2.5]), "frequencies.1"),
     (lambda content: content.update(frequencies=[]), "sketch size"),
     (lambda content: content.update(window_frames=0), "window_frames"),
     (lambda content: content.update(schema_version=2), "schema_version"),

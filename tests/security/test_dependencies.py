@@ -12,7 +12,7 @@ from packaging.version import Version
 import srt3d_ros
 
 WHEEL = {"ros2launch": None, "launch": None, "launch_ros": None, "python3-numpy": "numpy", "python3-scipy": "scipy",
-         "python3-tqdm": "tqdm"}
+         "python3-tqdm": "tqdm", "python3-jsonschema": "jsonschema"}
 
 
 def bounded(requirement: Requirement) -> bool:
