@@ -11,7 +11,7 @@ from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets.scene import default_sensor
+from srt3d_ros.datasets.simulation.scene import default_sensor
 
 FRAME_NS = 100_000_000
 WARM_UP = 10            # frames that are not timed

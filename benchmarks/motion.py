@@ -33,11 +33,11 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher, sketch_photons
 from srt3d_ros.core.viewpoint import look_at
-from srt3d_ros.datasets.motion_profiles import Path, hand, trajectory, walk
-from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
-from srt3d_ros.datasets.room import Room, World
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.motion_profiles import Path, hand, trajectory, walk
+from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor, read_relief
+from srt3d_ros.datasets.simulation.room import Room, World
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 
 FRAME_S, PARTS, VIEWS = 0.1, 10, 3          # of a frame; views of a part

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.benchmark import PPP, photons_of, sensor_of
-from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.private_network import join_private_network
 from srt3d_ros.processes import LoggedNodes
 

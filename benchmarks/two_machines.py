@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
 from srt3d_ros.benchmark import photons_of, sensor_of
-from srt3d_ros.datasets import npz
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.nodes.pipeline_probe import Arrival
 
 OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      # of the sketcher; docs/deployment.md

@@ -16,8 +16,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.datasets import Photons, arrays, open_stream
 from srt3d_ros.datasets.arrays import SensorOptions
-from srt3d_ros.datasets.bag import is_bag
-from srt3d_ros.datasets.bag_photons import BagFrames, FramePlace
+from srt3d_ros.datasets.bags.bag import is_bag
+from srt3d_ros.datasets.bags.frames import BagFrames, FramePlace
 from srt3d_ros.datasets.files import readable
 from srt3d_ros.datasets.photons import OPTIONS as FILE_OPTIONS
 from srt3d_ros.datasets.photons import outside_note

@@ -14,10 +14,11 @@ from pathlib import Path
 from tqdm import tqdm
 
 from srt3d_ros import api
-from srt3d_ros.datasets import Photons, histogram_logs
-from srt3d_ros.datasets.bag import is_bag
-from srt3d_ros.datasets.bag_photons import BagFrames
+from srt3d_ros.datasets import Photons
+from srt3d_ros.datasets.bags.bag import is_bag
+from srt3d_ros.datasets.bags.frames import BagFrames
 from srt3d_ros.datasets.photons import gather_options
+from srt3d_ros.datasets.readers import histogram_logs
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import file_errors
 from srt3d_ros.recording import cloud_files

@@ -14,8 +14,8 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, Photo
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher, sketch_photons
-from srt3d_ros.datasets.scene import default_sensor, net_sensor
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.results import aligned
 from srt3d_ros.versions import machine
 

@@ -17,9 +17,10 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz, stream, survey
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets import stream, survey
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 
 SENSOR = srt3d_ros.Sensor(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = 80 + np.arange(20.0) + np.zeros((12, 1))

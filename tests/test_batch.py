@@ -21,9 +21,9 @@ from srt3d_ros.cli import main
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.bag_writer import BagWriter, Offer
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches

@@ -14,7 +14,7 @@ import pytest
 
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.programs import nodes_of
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}

@@ -20,7 +20,8 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.datasets import npz, open_stream
+    from srt3d_ros.datasets import open_stream
+    from srt3d_ros.datasets.readers import npz
     from srt3d_ros.new_files import atomic_write, check_not_input, check_place
 
     output = Path(args.output)

@@ -18,10 +18,10 @@ from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.motion_profiles import MOTIONS
-from srt3d_ros.datasets.moving import MovingView, moving_sensor
-from srt3d_ros.datasets.room import Room
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
+from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
+from srt3d_ros.datasets.simulation.room import Room
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.messages import points
 from srt3d_ros.private_network import join_private_network

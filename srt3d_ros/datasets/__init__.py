@@ -4,11 +4,11 @@ from importlib import import_module
 from pathlib import Path
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import histogram_logs
-from srt3d_ros.datasets.bag import is_bag
-from srt3d_ros.datasets.bag_photons import BagFrames
+from srt3d_ros.datasets.bags.bag import is_bag
+from srt3d_ros.datasets.bags.frames import BagFrames
 from srt3d_ros.datasets.files import naming_file, read_text, readable, require_file
 from srt3d_ros.datasets.photons import Photons, gather_options
+from srt3d_ros.datasets.readers import histogram_logs
 from srt3d_ros.datasets.stream import PhotonStream
 from srt3d_ros.errors import require
 from srt3d_ros.messages import sensor as sensor_message
@@ -60,7 +60,7 @@ def open_stream(path: str | Path, frame: int = 0, photons_topic: str = "", guess
         options = gather_options(path, overrides)
         require(frame == 0, "frame", frame, "0: a photon file has one frame")
         require_file(path, "photon file")
-        found = import_module(f"srt3d_ros.datasets.{reader}").read(path, options)
+        found = import_module(f"srt3d_ros.datasets.readers.{reader}").read(path, options)
         if isinstance(found, Photons):
             return found.with_options(options)
         stream = PhotonStream(found, options, guess_irf)

@@ -12,9 +12,9 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import Photons, open_photons
-from srt3d_ros.datasets.scene import NetScene, default_sensor, net_sensor, read_scene
-from srt3d_ros.datasets.silhouettes import house, lattice, silhouette_sensor
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import NetScene, default_sensor, net_sensor, read_scene
+from srt3d_ros.datasets.simulation.silhouettes import house, lattice, silhouette_sensor
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.evaluation import held_out
 

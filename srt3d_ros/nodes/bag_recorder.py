@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.errors import require
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode

@@ -7,10 +7,10 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.datasets.motion_profiles import MOTIONS, OPTICAL, Measured, measured
-from srt3d_ros.datasets.moving import MovingView, moving_sensor
-from srt3d_ros.datasets.room import Room
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
+from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
+from srt3d_ros.datasets.simulation.room import Room
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import require
 from srt3d_ros.nodes.sources import NS_PER_S, SIMULATOR, FrameSource, Item
 

@@ -6,7 +6,7 @@ from functools import partial
 
 from rclpy.publisher import Publisher
 
-from srt3d_ros.datasets.motion_profiles import MOTIONS
+from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics

@@ -17,10 +17,10 @@ from typing import NamedTuple
 from srt3d_ros import datasets
 from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.bag import Bag, is_bag
-from srt3d_ros.datasets.bag_photons import find_photons
+from srt3d_ros.datasets.bags.bag import Bag, is_bag
+from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor as sensor_message

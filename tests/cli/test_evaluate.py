@@ -10,9 +10,9 @@ from srt3d_ros.cli import main
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import npz
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import run as evaluation
 from srt3d_ros.evaluation.run import reconstruct

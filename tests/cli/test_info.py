@@ -7,9 +7,10 @@ import pytest
 from PIL import Image
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import npz, open_photons
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 
 SENSOR = SensorModel(12, 20, 600, 5e-11, np.exp(-np.linspace(-2, 2, 21)**2), toa_offset_bins=1_000)
 FWHM_BINS = 2 * np.sqrt(np.log(2)) / 0.2        # of exp(−x²) with steps of 0.2

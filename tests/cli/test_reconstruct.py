@@ -10,10 +10,10 @@ import srt3d_ros
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import npz
-from srt3d_ros.datasets.bag_writer import BagWriter, Offer
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import cdr, photon_frames, sketch
 from srt3d_ros.messages import sensor as sensor_message
 from tests.datasets.made_logs import tmf8829_log, zones_16

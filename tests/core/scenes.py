@@ -12,8 +12,8 @@ from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 
 T = 586
 IRF = np.exp(-0.5 * ((np.arange(40) - 15) / np.where(np.arange(40) < 15, 3, 5))**2)     # steep rise, slow decay

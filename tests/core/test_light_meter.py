@@ -8,8 +8,8 @@ from srt3d_ros.core.frequency_design import Light, highest_passed
 from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.core.scenes import light_of
 
 T = 400

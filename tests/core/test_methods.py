@@ -7,8 +7,8 @@ from srt3d_ros.core.methods import METHODS, SKETCH_METHODS
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import IRF, T, assert_finite, errors, make_sensor, ramp, run, simulate, with_photons
 

@@ -11,8 +11,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.irf import spad
-from srt3d_ros.datasets.scene import StaticScene, default_sensor
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
+from srt3d_ros.datasets.simulation.simulator import Simulator
 
 MEASURED = {        # tolerance τ, bins; then TD at least, FD and DAE (bins) at most
     "polystyrene_head_142_1ppp": (10, 0.992, 0.010, 0.85), "polystyrene_head_142_10ppp": (10, 0.996, 0.005, 0.42),

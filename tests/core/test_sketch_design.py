@@ -8,8 +8,8 @@ from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import CHANGE_NS, SMALLER, SketchDesign, design_for
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import light_of
 

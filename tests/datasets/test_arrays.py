@@ -8,8 +8,8 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import arrays
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([0.2, 0.5, 0.3])

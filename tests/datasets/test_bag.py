@@ -18,11 +18,11 @@ from srt3d_ros import zstd
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import bag as bags
 from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.bag_photons import BagFrames, find_photons
-from srt3d_ros.datasets.bag_writer import STORAGES, BagWriter, Offer
+from srt3d_ros.datasets.bags import bag as bags
+from srt3d_ros.datasets.bags.bag import Bag
+from srt3d_ros.datasets.bags.frames import BagFrames, find_photons
+from srt3d_ros.datasets.bags.writer import STORAGES, BagWriter, Offer
 from srt3d_ros.datasets.photons import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
@@ -370,7 +370,7 @@ def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path, place, words):
 
 def test_a_bag_that_the_disk_cannot_hold_ends_with_an_oserror(tmp_path, storage):
     script = ("import resource, sys\n"
-              "from srt3d_ros.datasets.bag_writer import BagWriter, Offer\n"
+              "from srt3d_ros.datasets.bags.writer import BagWriter, Offer\n"
               "resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))\n"
               f"writer = BagWriter({str(tmp_path / 'bag')!r}, {storage!r})\n"
               f"writer.add_topic('/photons', {CLOUD!r}, [Offer()])\n"

@@ -6,10 +6,11 @@ import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import mat, npz, open_photons
+from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.photons import OPTIONS
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.readers import mat, npz
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 
 
 def test_the_snippet_writes_a_photon_file(repository, tmp_path, monkeypatch):

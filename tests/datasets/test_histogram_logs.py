@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros import datasets
-from srt3d_ros.datasets import histogram_logs
+from srt3d_ros.datasets.readers import histogram_logs
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs
 

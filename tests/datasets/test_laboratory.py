@@ -5,7 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets import open_photons, open_stream, ptu
+from srt3d_ros.datasets import open_photons, open_stream
+from srt3d_ros.datasets.readers import ptu
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.datasets.motion_profiles import MOTIONS, OPTICAL, hand, measured, trajectory, walk
-from srt3d_ros.datasets.moving import MovingView, moving_sensor, read_relief
-from srt3d_ros.datasets.room import FURNITURE, WALLS, Relief, Room
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, hand, measured, trajectory, walk
+from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor, read_relief
+from srt3d_ros.datasets.simulation.room import FURNITURE, WALLS, Relief, Room
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = moving_sensor(side=31)

@@ -11,8 +11,9 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import files, npz, open_photons
+from srt3d_ros.datasets import files, open_photons
 from srt3d_ros.datasets.photons import ASSUMED_FOV
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([0.25, 0.5, 0.25], np.float32)

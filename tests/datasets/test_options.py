@@ -8,7 +8,8 @@ import pytest
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import npz, open_photons
+from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([1, 2, 1], np.float32) / 4

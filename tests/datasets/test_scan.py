@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets.scan import FRAME, LINE, STOP, LineScan, Records, chosen_channel, look_at_marks
+from srt3d_ros.datasets.readers.line_scan import FRAME, LINE, STOP, LineScan, Records, chosen_channel, look_at_marks
 from srt3d_ros.errors import InvalidInput
 
 # Two frames of two lines of three pixels, four ticks each: (time, mark).

@@ -7,7 +7,8 @@ from srt3d_ros.core.frequencies import choose, irf_spectrum
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import npz, open_sensor
+from srt3d_ros.datasets import open_sensor
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 

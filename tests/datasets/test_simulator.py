@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
 T = 200

@@ -10,8 +10,8 @@ from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets import PhotonStream, open_photons, open_stream, stream, survey
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(16, 24, 200, 5e-11, np.exp(-np.linspace(-2, 3, 11)**2))
@@ -35,7 +35,7 @@ def cube(events):
 def few_kept(monkeypatch):
     """Files of more than 2000 photons are streams, read in several chunks."""
     monkeypatch.setattr(survey, "MAX_KEPT", 2000)
-    monkeypatch.setattr("srt3d_ros.datasets.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
+    monkeypatch.setattr("srt3d_ros.datasets.readers.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
 
 
 @pytest.fixture

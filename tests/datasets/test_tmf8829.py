@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets import histogram_logs, tmf8829
+from srt3d_ros.datasets.readers import histogram_logs, tmf8829
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs as made
 from tests.datasets.made_logs import zones_by_design_mm

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.frequency_design import highest_passed
-from srt3d_ros.datasets import Photons, histogram_logs, tmf882x
+from srt3d_ros.datasets import Photons
+from srt3d_ros.datasets.readers import histogram_logs, tmf882x
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import made_logs as made
 

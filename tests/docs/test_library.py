@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from srt3d_ros import api
-from srt3d_ros.datasets import npz
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.docs import pages
 
 

@@ -8,7 +8,7 @@ import pytest
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.scene import default_sensor, net_sensor
+from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, photons_near, simulated, tolerance_bins
 

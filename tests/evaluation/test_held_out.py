@@ -8,8 +8,8 @@ import pytest
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation import held_out
 from tests.core.scenes import reconstruct
 

@@ -15,8 +15,8 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import weighted_steps
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.kernels import cpu, reference
 from tests.core.scenes import reconstruct
 

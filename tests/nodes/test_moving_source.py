@@ -10,7 +10,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.datasets.motion_profiles import OPTICAL, walk
+from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, walk
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import sensor as sensor_message

@@ -13,8 +13,8 @@ from srt3d_ros.core.projection import AngularScan
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.scene import NetScene, StaticScene, net_sensor
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, net_sensor
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sketch as sketch_message

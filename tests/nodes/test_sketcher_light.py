@@ -10,8 +10,8 @@ from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets.scene import StaticScene
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.scene import StaticScene
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message

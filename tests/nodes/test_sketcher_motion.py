@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
 from sensor_msgs.msg import Image, Imu, PointCloud2
+from srt3d_ros.nodes.waiting_frames import crowded
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -19,12 +20,11 @@ from srt3d_ros.core.gate import Gate, parse
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets.motion_profiles import Measured
+from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.messages import images
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import moving_source
-from srt3d_ros.nodes.waiting_frames import crowded
 
 PATIENT = str(Path(__file__).with_name("patient") / "sketcher.py")
 MS = 1_000_000

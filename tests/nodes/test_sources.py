@@ -11,8 +11,8 @@ from rclpy.time import Time
 
 from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.datasets.bag_writer import BagWriter, Offer
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message

@@ -8,7 +8,7 @@ import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from srt3d_ros.datasets import tmf8829
+from srt3d_ros.datasets.readers import tmf8829
 from srt3d_ros.messages import histograms as histograms_message
 from srt3d_ros.messages import sensor as sensor_message
 from tests.datasets import made_logs as made

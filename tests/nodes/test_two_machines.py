@@ -5,7 +5,7 @@ import re
 import pytest
 
 from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
-from srt3d_ros.datasets.simulator import Simulator
+from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import sensor as sensor_message
 
 SIDE = 141

@@ -12,9 +12,10 @@ import pytest
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets import npz, open_photons, open_sensor, sketch_file
-from srt3d_ros.datasets.bag import Bag
-from srt3d_ros.datasets.bag_writer import BagWriter, Offer
+from srt3d_ros.datasets import open_photons, open_sensor, sketch_file
+from srt3d_ros.datasets.bags.bag import Bag
+from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.readers import npz
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photons, sensor
 from srt3d_ros.recording.writer import RecordingWriter

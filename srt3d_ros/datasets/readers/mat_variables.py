@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.core.sensor import MAX_PIXELS
-from srt3d_ros.datasets.cubes import GIVEN
 from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import MAX_PHOTONS
+from srt3d_ros.datasets.readers.cubes import GIVEN
 from srt3d_ros.errors import InvalidInput, require
 
 EXPECTED = "a MATLAB 5 .mat file, whole (save -v7)"

@@ -8,7 +8,7 @@ import numpy as np
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
 from srt3d_ros.datasets import irf
-from srt3d_ros.datasets.scene import StaticScene
+from srt3d_ros.datasets.simulation.scene import StaticScene
 
 FIELD_M = 10.0          # across the image, at the distance of the scene
 RANGE_M = 400.0         # to the middle of the scene

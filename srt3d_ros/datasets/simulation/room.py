@@ -8,8 +8,8 @@ import numpy as np
 
 from srt3d_ros.core.motion import Pose
 from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.datasets.bust import HEAD, TORSO, Figure
-from srt3d_ros.datasets.motion_profiles import OPTICAL
+from srt3d_ros.datasets.simulation.bust import HEAD, TORSO, Figure
+from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL
 from srt3d_ros.errors import require
 
 TINY = np.float32(1e-9)

@@ -7,9 +7,9 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from srt3d_ros.datasets import tmf882x, tmf8829
 from srt3d_ros.datasets.files import naming_file, require_file
 from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.readers import tmf882x, tmf8829
 from srt3d_ros.errors import require
 
 SUFFIXES = (".json", ".gz")

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.datasets import hdf5
-from srt3d_ros.datasets.cubes import cube, given_by, parts_of
 from srt3d_ros.datasets.files import naming_file
-from srt3d_ros.datasets.mat_variables import CELLS, COUNTS, EXPECTED, LAYOUTS, SPARSE, Layout
 from srt3d_ros.datasets.photons import number, positive_integer, refuse_channel
+from srt3d_ros.datasets.readers import hdf5
+from srt3d_ros.datasets.readers.cubes import cube, given_by, parts_of
+from srt3d_ros.datasets.readers.mat_variables import CELLS, COUNTS, EXPECTED, LAYOUTS, SPARSE, Layout
 from srt3d_ros.datasets.stream import Events, Recording
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.processes import ending
@@ -46,7 +46,7 @@ def read(path: Path, options: dict) -> Recording:
 
 def _variables(path: Path) -> dict[str, np.ndarray]:
     """What mat_variables.py finds in the file, from a child process with the same modules as this one."""
-    command = [sys.executable, "-P", "-m", "srt3d_ros.datasets.mat_variables", str(path), str(MAX_MEMORY_BYTES)]
+    command = [sys.executable, "-P", "-m", "srt3d_ros.datasets.readers.mat_variables", str(path), str(MAX_MEMORY_BYTES)]
     modules = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
     with tempfile.TemporaryFile() as file:
         try:

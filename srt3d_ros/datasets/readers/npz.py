@@ -11,9 +11,9 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import cubes
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
 from srt3d_ros.datasets.photons import ASSUMED_FOV, MAX_PHOTONS, Photons, check_within, pinhole
+from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages.sensor import PROJECTIONS

@@ -9,7 +9,7 @@ import numpy as np
 
 from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.photons import positive_integer
-from srt3d_ros.datasets.scan import FRAME, LINE, STOP, LineScan, Records, look_at_marks, recording
+from srt3d_ros.datasets.readers.line_scan import FRAME, LINE, STOP, LineScan, Records, look_at_marks, recording
 from srt3d_ros.datasets.stream import Recording
 from srt3d_ros.errors import require
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets.bag import Bag, BagTopic, Message
-from srt3d_ros.datasets.in_order import InOrder
+from srt3d_ros.datasets.bags.bag import Bag, BagTopic, Message
+from srt3d_ros.datasets.bags.in_order import InOrder
 from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, gather_options
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, json_text

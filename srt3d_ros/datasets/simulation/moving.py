@@ -9,8 +9,8 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.files import read_npz_arrays, require_file
-from srt3d_ros.datasets.motion_profiles import OPTICAL, Path
-from srt3d_ros.datasets.room import Relief, World
+from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, Path
+from srt3d_ros.datasets.simulation.room import Relief, World
 from srt3d_ros.errors import require
 
 

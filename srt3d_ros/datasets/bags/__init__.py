@@ -1,0 +1,1 @@
+"""rosbag2 bags: reading, writing, and the photons or sketches in them."""
