@@ -5,16 +5,19 @@ for a sensor. A subscriber in this process, which shares the cores with them, no
 """
 
 import argparse
+import subprocess
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros import processes
 from srt3d_ros.benchmark import PPP, photons_of, sensor_of
+from srt3d_ros.cli.node import node_command
 from srt3d_ros.datasets.readers import npz
 from srt3d_ros.private_network import join_private_network
-from srt3d_ros.processes import LoggedNodes
 
 LAST_CLOUD_S = 2.0      # after the player's end: no more will come
 
@@ -30,19 +33,23 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     join_private_network()
     from srt3d_ros.nodes.pipeline_probe import PipelineProbe  # after the network's variables are set: it imports rclpy
 
+    def start(name: str, **parameters) -> subprocess.Popen:
+        return processes.start(node_command(name, **parameters), stderr=subprocess.DEVNULL)
+
     with tempfile.TemporaryDirectory(prefix="srt3d-ros-") as folder, PipelineProbe(keep_every=10**9) as probe, \
-            LoggedNodes(Path(folder) / "logs") as processes:
+            ExitStack() as nodes:
         sensor, photons = sensor_of(args.side), Path(folder) / "frame.npz"
         npz.save(photons, sensor, photons_of(sensor, PPP))
         for name in ("reconstructor", "sketcher"):
-            processes.start(name)
+            nodes.callback(processes.stop, start(name))
             probe.spin_until(lambda: name in probe.statuses, args.seconds + 60)
         for rate_hz in (args.rates[0], *args.rates):        # the first time the nodes learn of the sensor, and compile
             first, sent = len(probe.arrivals), round(rate_hz * args.seconds)
-            processes.start("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)
-            probe.spin_until(lambda: processes.ended("player"), 2 * args.seconds + 60)
+            player = start("player", input=str(photons), rate_hz=float(rate_hz), frames=sent)
+            probe.spin_until(lambda: player.poll() is not None, 2 * args.seconds + 60)
+            processes.stop(player)
             probe.spin_until(lambda: False, LAST_CLOUD_S)
-            latencies = probe.latencies_ms()[first:]
-            if first and len(latencies):
+            latencies = [arrival.latency_ms for arrival in probe.arrivals[first:]]
+            if first and latencies:
                 yield {"side": args.side, "ppp": PPP, "rate_hz": rate_hz, "frames": sent, "clouds": len(latencies),
                        "latency_ms": np.round(np.percentile(latencies, [50, 95, 100]), 1).tolist()}

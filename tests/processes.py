@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from srt3d_ros.processes import wait_or_kill
-
 DEADLINE_S = 60.0                       # generous: the machine may be busy; nothing waits longer than it has to
 STOP_TIMEOUT_S = 60.0                   # for a recording and a bag to be written
 LAST_LINES_S = 5.0                      # for the last lines of a process that has ended
@@ -124,7 +122,10 @@ class Process:
     def stop(self, number: int = signal.SIGTERM) -> None:
         """End it in order if it can, and read its last lines: a killed process leaves its shared memory behind."""
         self.send(number)
-        wait_or_kill(self._process, STOP_TIMEOUT_S)
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self.kill()
         self._reader.join(LAST_LINES_S)
 
     def _read(self) -> None:

@@ -6,7 +6,7 @@ import psutil
 def nodes_of(pid: int) -> dict[str, psutil.Process]:
     """The node processes that a program has started, by name."""
     found = {}
-    for child in psutil.Process(pid).children():
+    for child in psutil.Process(pid).children(recursive=True):
         try:
             words = child.cmdline()
         except psutil.Error:        # it has just ended

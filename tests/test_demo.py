@@ -18,6 +18,7 @@ from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.programs import nodes_of
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}
+LOGS = {"nodes", "player"}
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +81,7 @@ def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
     assert 0 < summary["clouds_per_second"]
     assert summary["true_detections_percent"] > 90 and summary["dae_bins"] < 2
     assert {path.name for path in out.iterdir()} == {"recording.rrd", "cloud.png", "summary.json", "logs"}
-    assert {path.stem for path in (out / "logs").iterdir()} == NODES
+    assert {path.stem for path in (out / "logs").iterdir()} == LOGS
     assert (out / "cloud.png").read_bytes()[1:4] == b"PNG" and (out / "recording.rrd").read_bytes()[:3] == b"RRF"
     assert f"  frames reconstructed      {summary['frames_reconstructed']}\n" in (tmp_path / "out.txt").read_text()
 
@@ -97,9 +98,10 @@ def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_fi
     demo = start("--photons", str(photon_file), "--duration-s", "60")
     wait_for_cloud(demo, tmp_path / "out.txt")
     nodes = nodes_of(demo.pid)
-    nodes["reconstructor"].kill()
+    nodes["recorder"].kill()
     assert demo.wait() == 1
-    assert "srt3d demo: reconstructor was killed by SIGKILL" in (tmp_path / "out.txt").read_text()
+    said = (tmp_path / "out.txt").read_text()
+    assert "srt3d demo: srt3d up: recorder was killed by SIGKILL: ending all nodes" in said
     assert not any(node.is_running() for node in nodes.values())
 
 

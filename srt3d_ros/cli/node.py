@@ -5,6 +5,7 @@ The executables in lib/srt3d_ros, which `ros2 run` starts, call `srt3d node`.
 
 import argparse
 import importlib
+import json
 import os
 import re
 import signal
@@ -13,7 +14,6 @@ from functools import partial
 
 from srt3d_ros.errors import require
 from srt3d_ros.node_names import NODES
-from srt3d_ros.processes import parameter_arguments
 
 NO_PARAMETERS = ("run", "typed", "namespace", "ros_args")       # all other options are the node's parameters
 
@@ -86,6 +86,19 @@ def start(name: str, ros_args: list[str]) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.argv = [name, *ros_args]
     return importlib.import_module(f"srt3d_ros.nodes.{name}").main()
+
+
+def parameter_arguments(parameters: dict[str, object]) -> list[str]:
+    """Parameters as command-line arguments of a node. Values are YAML there, of which JSON is a part."""
+    arguments = ["--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False, default=str)}"]
+    return arguments
+
+
+def node_command(name: str, *ros_args: str, **parameters) -> list[str]:
+    """The command that runs a node with these parameters, and other arguments of ROS 2."""
+    return [sys.executable, "-m", "srt3d_ros.cli.main", "node", name, *parameter_arguments(parameters), *ros_args]
 
 
 def exit_at_once_on_signals() -> None:

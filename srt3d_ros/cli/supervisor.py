@@ -1,12 +1,11 @@
 """Several nodes as one program: started together, watched, and ended in order."""
 
 import signal
-import subprocess
 import sys
 import time
-from collections import deque
 
 from srt3d_ros import processes
+from srt3d_ros.cli.node import node_command
 
 POLL_S = 0.05           # how long a signal or the end of a node may go unnoticed
 BAD_INPUT = 2           # a node's exit code for what will not become right by another try
@@ -26,38 +25,25 @@ def supervise(names: list[str], ros_args: list[str]) -> int:
     Returns:
         0, or the exit code of the node that failed.
     """
-    endings, failed = [], 0
+    signals, ended, deaths_s = [], "", {name: [] for name in RESTARTED}
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda number, frame: endings.append(number))
-    nodes = {name: _start(name, ros_args) for name in names}
-    deaths = {name: deque(maxlen=MOST_RESTARTS) for name in RESTARTED}
-    restart_at: dict[str, float] = {}
-    while not endings:
+        signal.signal(number, lambda number, frame: signals.append(number))
+    nodes = {name: processes.start(node_command(name, *ros_args)) for name in names}
+    while not signals and not ended:
         time.sleep(POLL_S)
-        now_s = time.monotonic()
-        for name in [name for name, at_s in restart_at.items() if now_s >= at_s]:
-            del restart_at[name]
-            nodes[name] = _start(name, ros_args)
-        for name in nodes.keys() - restart_at.keys():
-            code = nodes[name].poll()
-            if code is None:
-                continue
-            recent = deaths.get(name)
-            often = recent is None or len(recent) == MOST_RESTARTS and now_s - recent[0] < RECENT_S
-            if often or code in (0, BAD_INPUT):
+        for name in [name for name, node in nodes.items() if node.poll() is not None]:
+            recent_s = [died_s for died_s in deaths_s.get(name, ()) if time.monotonic() - died_s < RECENT_S]
+            if name not in RESTARTED or nodes[name].returncode in (0, BAD_INPUT) or len(recent_s) == MOST_RESTARTS:
                 _say(f"{name} {processes.ending(nodes[name])}: ending all nodes")
-                endings.append(name)
-                failed = SIGNALLED - code if code < 0 else code
+                ended = name
                 break
-            recent.append(now_s)
-            restart_at[name] = now_s + DELAY_S
             _say(f"{name} {processes.ending(nodes[name])}: it is started again")
-    processes.stop(reversed(nodes.values()))
-    return failed or max(0, *(node.returncode for node in nodes.values()))
-
-
-def _start(name: str, ros_args: list[str]) -> subprocess.Popen:
-    return processes.start(processes.node_command(name, *ros_args))
+            deaths_s[name] = [*recent_s, time.monotonic()]
+            time.sleep(DELAY_S)
+            nodes[name] = processes.start(node_command(name, *ros_args))
+    processes.stop_in_order(reversed(nodes.values()))
+    code = nodes[ended].returncode if ended else 0
+    return SIGNALLED - code if code < 0 else code or max(0, *(node.returncode for node in nodes.values()))
 
 
 def _say(text: str) -> None:

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from srt3d_ros import processes
 from srt3d_ros.errors import require
-from srt3d_ros.processes import wait_or_kill
 
 PORT = 9876             # rerun's own
 LOOPBACK = "127.0.0.1"
@@ -102,8 +102,7 @@ def _serve(recordings: list[Path]) -> int:
     except KeyboardInterrupt:
         return 0
     finally:
-        server.terminate()
-        wait_or_kill(server, TIMEOUT_S)         # seen once: it does not always heed this either
+        processes.stop(server, TIMEOUT_S)
 
 
 def _viewer(*arguments: str) -> list[str]:

@@ -22,13 +22,13 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from srt3d_ros.cli.node import node_command, parameter_arguments
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.specs import SPECS
 from srt3d_ros.nodes.topics import LATCHED
-from srt3d_ros.processes import node_command, parameter_arguments
 from tests.processes import Process, wait
 
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
