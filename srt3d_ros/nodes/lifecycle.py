@@ -118,20 +118,18 @@ class ManagedNode(LifecycleNode):
         return self._step(self.cleanup, "finalized", "finalized")
 
     def _refuse_impossible_transitions(self) -> None:
-        """Answer no. rclpy lets the exception for a transition that the state does not have end the process."""
-        service = self._service_change_state
-        change = service.callback
+        """Answer no. rclpy 7.1 lets its exception end the process where a transition is asked for by number."""
+        change = self._service_change_state.callback
 
         def guarded(request, response):
             try:
                 return change(request, response)
             except rclpy_implementation.RCLError:
-                self.get_logger().warning(f"no such transition while {self.state}: {request.transition.label or ''}"
-                                          f" ({request.transition.id})")
+                self.get_logger().warning(f"no transition {request.transition.id} while {self.state}")
                 response.success = False
                 return response
 
-        service.callback = guarded
+        self._service_change_state.callback = guarded
 
     def _step(self, step: Callable[[], None], state: str, done: str, undo: Callable[[], None] = lambda: None):
         """Take a step. `start` logs its end itself; a step that a manager asked for logs `done`."""
