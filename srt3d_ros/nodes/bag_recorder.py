@@ -1,6 +1,6 @@
 """bag_recorder: the pipeline's topics → a rosbag2 bag, messages as they came."""
 
-import os
+import shutil
 import time
 from dataclasses import replace
 from functools import partial
@@ -18,15 +18,13 @@ from srt3d_ros.nodes.runtime import run
 MB = 10**6
 QUEUE_MB = 512          # of messages wait for the disk: three seconds of the fastest sensors
 FREE_MB = 256           # of the disk are left to the system and to the bag's index
-NO_LIMIT = 2**31        # messages that may wait: their bytes are bounded
 INPUTS = (topics.SENSOR, topics.SKETCH_SENSOR, *topics.FRAMES, topics.SKETCH, topics.POINTS, *topics.IMAGES,
           topics.CAMERA_INFO, topics.ODOM, topics.IMU)
-TOPICS = "photons, gates, histograms, sensor"
 
 SPEC = NodeSpec("bag_recorder", inputs=tuple(replace(one, when="if `topics` names it") for one in INPUTS), parameters=(
     Parameter("path", "", "Folder of the bag, which must not exist yet; if empty, bag_<UTC time> in the working "
               "directory.", form="a path"),
-    Parameter("topics", TOPICS, "Topics of the pipeline to record.", form="names with commas between"),
+    Parameter("topics", "photons, gates, histograms, sensor", "Topics to record.", form="names with commas between"),
 ))
 
 
@@ -38,7 +36,7 @@ class BagRecorderNode(PipelineNode):
     finish_s = 120.0        # a slow disk may have QUEUE_MB to write
 
     def __init__(self):
-        super().__init__(NO_LIMIT)
+        super().__init__(queue_limit=2**31)      # messages: their bytes are bounded
         self._writer: BagWriter | None = None
 
     def configure(self) -> None:
@@ -50,44 +48,30 @@ class BagRecorderNode(PipelineNode):
 
     def activate(self) -> None:
         path = Path(self.parameters["path"] or time.strftime("bag_%Y%m%dT%H%M%SZ", time.gmtime())).absolute()
-        self._room_at = next(folder for folder in path.parents if folder.exists())
-        require(self._has_room(0), "path", str(path), f"a place with more than {FREE_MB} MB free")
-        self._writer, self._is_full, self._lost = BagWriter(path), False, 0
+        self._writer, self._lost = BagWriter(path), 0
         for name, topic in self._topics.items():
             self.listen(topic.name, partial(self._received, name), lost=self._count_lost)
         self.diagnostics.show(path=path)
 
-    def stop_frames(self, cause: str) -> None:
-        """As in every node, but first take the messages that wait in the middleware."""
-        now_ns = time.time_ns()
-        for subscription in self.subscriptions_made:
-            received_ns = 0
-            while received_ns < now_ns:
-                with subscription.handle:
-                    taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
-                subscription.callback(*taken)
-                received_ns = taken[1]["received_timestamp"]
-        super().stop_frames(cause)
-
     def forget(self) -> None:
         """Complete the bag and log what is in it."""
-        writer, self._writer = self._writer, None
+        writer = self._writer
         if writer is None:
             return
         try:
             writer.close()
         except OSError as error:
-            self._give_up(writer, error)
+            self._give_up(error)
             return
-        counts = ", ".join(f"{name} {number}" for name, number in sorted(writer.messages.items())) or "no messages"
-        silent = [name for name, topic in self._topics.items() if topic.latched and name not in writer.messages]
-        missing = [f"{self._lost} lost"] * bool(self._lost) + [f"nothing came on {name}" for name in silent]
-        line = (f"bag {writer.path}: {writer.duration_s:.1f} s, {counts}, {writer.bytes / MB:.1f} MB, "
-                f"{', '.join(missing) or 'nothing lost'}"
-                + f"; ended with less than {FREE_MB} MB free on the disk" * self._is_full)
-        (self.get_logger().warning if missing else self.get_logger().info)(line)
+        self._writer = None
+        counts = [f"{name} {number}" for name, number in sorted(writer.messages.items())] or ["no messages"]
+        missing = [f"{self._lost} lost"] * bool(self._lost) + [
+            f"nothing came on {name}" for name, topic in self._topics.items()
+            if topic.latched and name not in writer.messages]
+        full = [f"ended with less than {FREE_MB} MB free on the disk"] * bool(self.exit_code)
+        (self.get_logger().warning if missing else self.get_logger().info)(
+            f"bag {writer.path}: {writer.duration_s:.1f} s, "
+            + ", ".join([*counts, f"{writer.bytes / MB:.1f} MB", *(missing or ["nothing lost"]), *full]))
 
     def _count_lost(self, messages: int) -> None:
         super()._count_lost(messages)
@@ -106,37 +90,30 @@ class BagRecorderNode(PipelineNode):
     def _write(self, name: str, time_ns: int, raw: bytes) -> None:
         """In the worker's thread: write a message, unless the disk has no room for it, which ends the node."""
         writer, latched = self._writer, self._topics[name].latched
-        if writer is not None and not self._is_full and not self._has_room(len(raw)):
-            self._is_full, self.exit_code = True, 1
+        if writer is None or shutil.disk_usage(writer.path).free < FREE_MB * MB + len(raw):
+            self.diagnostics.drop("disk")
+            self.exit_code = 1
             self.finished.set()
-        if writer is None or self._is_full:
-            self.diagnostics.drop("ended")
             return
         try:
             if name not in writer:
                 offer = Offer(durability="transient_local", depth=1) if latched else Offer(depth=PUBLISH_DEPTH)
                 writer.add_topic(name, self._topics[name].type, [offer])
-                if latched and writer.bytes:
-                    time_ns = min(time_ns, writer.first_ns)         # it describes the frames that overtook it
+                if latched:         # it describes the frames that overtook it
+                    time_ns = min(time_ns, writer.first_ns or time_ns)
             writer.write(name, time_ns, raw)
         except OSError as error:
-            self._writer = None
-            self.diagnostics.drop("error")
-            self._give_up(writer, error)
+            self.diagnostics.drop("disk")
+            self._give_up(error)
         else:
             self.sent(time_ns)
 
-    def _has_room(self, size: int) -> bool:
-        room = os.statvfs(self._room_at)
-        return room.f_bavail * room.f_frsize - size > FREE_MB * MB
-
-    def _give_up(self, writer: BagWriter, error: OSError) -> None:
-        writer.abandon()
-        text = (f"bag {writer.path} cannot be written ({error.strerror}): it was not completed, "
-                "see docs/bags.md for what is left")
+    def _give_up(self, error: OSError) -> None:
+        self._writer.abandon()
+        text = f"bag {self._writer.path} cannot be written ({error.strerror}): docs/bags.md says what is left"
         self.get_logger().error(text)
         self.diagnostics.error(text)
-        self.exit_code = 1
+        self._writer, self.exit_code = None, 1
         self.finished.set()
 
 
