@@ -6,7 +6,7 @@ that no two threads add to one pixel. Per photon of a sorted frame the kernels r
 """
 
 import numpy as np
-from numba import prange
+from numba import get_num_threads, prange
 
 from srt3d_ros.kernels.constants import MAX_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
@@ -14,9 +14,8 @@ from srt3d_ros.kernels.cpu.compiling import inline, parallel, serial
 from srt3d_ros.kernels.cpu.rows import LANES, UNIT, add_run, aligned, lanes
 
 PART = 2**14        # photons that are worth a thread
-BLOCK = 2**21       # unsorted photons that are sorted together: 8 MB of scratch
-STRIPS = 16         # of a block, sorted in parallel
-BUCKETS = 2**8      # about as many streams as can be written at once
+BLOCK = 2**21       # unsorted photons that are sorted together: 4 MB of scratch
+STRIPS = 8          # of a block, sorted in parallel, at most: each takes 4 bytes a pixel
 WIDE, CYCLES = 64, 128      # pixels and cycles of a gated array that are read together, 16 kB
 TURN = 2**32
 TILE = 2**8         # photons whose cosines a thread computes
@@ -145,67 +144,44 @@ def sketch_sorted(pixel, toa, rows, sums, photons):
     _sketch_sorted(pixel, toa, rows, sums, photons, _parts(len(pixel)))
 
 
-# ---- Photons in any order: sorted in two steps, into buckets of pixels that lie in the cache, then in each bucket
-
-@serial
-def _add_bucket(pairs, first, last, rows, sums, photons):
-    """Add the photons `first` to `last` of pairs (pixel of the bucket · 2¹⁶ + ToA)."""
-    own = pairs[first:last]
-    place = np.zeros(len(sums) + 1, np.uint32)
-    for p in range(len(own)):
-        place[(own[p] >> np.uint32(16)) + np.uint32(1)] += np.uint32(1)
-    for i in range(len(sums)):
-        place[i + 1] += place[i]
-        photons[i] += place[i + 1] - place[i]
-    toa = np.empty(len(own), np.uint16)
-    for p in range(len(own)):
-        i = own[p] >> np.uint32(16)
-        at = place[i]
-        toa[at] = own[p]
-        place[i] = at + np.uint32(1)
-    p = 0
-    for i in range(len(sums)):                  # place[i] is now where the pixel's photons end
-        last = np.int64(place[i])
-        while p < last:
-            p = add_run(rows, toa, None, p, last, sums[i])
-
+# ---- Photons in any order: a counting sort first
 
 @parallel
-def _sketch_unsorted(pixel, toa, rows, sums, photons, shift, block):
-    size = 2**shift
-    buckets = (len(sums) + size - 1) // size
-    pairs = np.empty(min(len(pixel), block), np.uint32)
-    shift, inside = np.uint32(shift), np.uint32(size - 1)
-    place = np.empty((STRIPS, buckets), np.uint32)       # where a strip's next photon of a bucket goes
-    for first in range(0, len(pixel), block):
-        count = min(block, len(pixel) - first)
-        for strip in prange(STRIPS):
-            own, number = pixel[first + strip * count // STRIPS:first + (strip + 1) * count // STRIPS], place[strip]
-            number[:] = 0
-            for p in range(len(own)):
-                number[own[p] >> shift] += np.uint32(1)
-        total = np.uint32(0)
-        for bucket in range(buckets):
-            for strip in range(STRIPS):
-                total, place[strip, bucket] = total + place[strip, bucket], total
-        for strip in prange(STRIPS):
-            start, end = first + strip * count // STRIPS, first + (strip + 1) * count // STRIPS
-            own, own_toa, to = pixel[start:end], toa[start:end], place[strip]
-            for p in range(len(own)):
-                k = own[p] >> shift
-                at = to[k]
-                pairs[at] = (own[p] & inside) << np.uint32(16) | own_toa[p]
-                to[k] = at + np.uint32(1)
-        for bucket in prange(buckets):
-            start = 0 if bucket == 0 else place[STRIPS - 1, bucket - 1]
-            _add_bucket(pairs, start, place[STRIPS - 1, bucket], rows, sums[bucket * size:(bucket + 1) * size],
-                        photons[bucket * size:(bucket + 1) * size])
+def _sketch_unsorted(pixel, toa, rows, sums, photons, place):
+    """`place` [strips, pixels], 0: of each strip of photons how many are of a pixel, then where the next goes."""
+    number, strips = len(pixel), len(place)
+    in_order = np.empty(number, np.uint16)
+    for strip in prange(strips):
+        own, counts = pixel[strip * number // strips:(strip + 1) * number // strips], place[strip]
+        for p in range(len(own)):
+            counts[own[p]] += np.uint32(1)
+    total = np.uint32(0)
+    for i in range(len(sums)):
+        for strip in range(strips):
+            total, place[strip, i] = total + place[strip, i], total
+    for strip in prange(strips):
+        first, last = strip * number // strips, (strip + 1) * number // strips
+        own, own_toa, to = pixel[first:last], toa[first:last], place[strip]
+        for p in range(len(own)):
+            i = own[p]
+            at = to[i]
+            in_order[at] = own_toa[p]
+            to[i] = at + np.uint32(1)
+    ends = place[strips - 1]
+    for i in prange(len(sums)):
+        p = np.int64(ends[i - 1]) if i > 0 else 0
+        last = np.int64(ends[i])
+        photons[i] += last - p
+        while p < last:
+            p = add_run(rows, in_order, None, p, last, sums[i])
 
 
 def sketch_unsorted(pixel, toa, rows, sums, photons):
     """As `sketch_sorted`, for photons in any order."""
-    shift = min(max((len(sums) // BUCKETS).bit_length(), 5), 16)        # a pixel of a bucket has 16 bits
-    _sketch_unsorted(pixel, toa, rows, sums, photons, shift, max(BLOCK, 8 * len(sums)))
+    block, strips = max(BLOCK, 8 * len(sums)), min(get_num_threads(), STRIPS)
+    for first in range(0, len(pixel), block):
+        place = np.zeros((strips, len(sums)), np.uint32)
+        _sketch_unsorted(pixel[first:first + block], toa[first:first + block], rows, sums, photons, place)
 
 
 # ---- ToA with fractions: every photon gets a row of its own
