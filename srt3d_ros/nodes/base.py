@@ -55,7 +55,7 @@ class PipelineNode(ManagedNode):
         except BaseException:
             self.destroy_node()     # it must not outlive the context
             raise
-        self.diagnostics = Diagnostics(self, self.spec.published)
+        self.diagnostics = Diagnostics(self)
         self.finished = threading.Event()       # set by a node that is done: its process may end
         self.halted = threading.Event()         # set while the node stops: the worker waits for nothing
         self.exit_code = 0

@@ -3,8 +3,8 @@
 Level, from what happened since the last report:
     ERROR   something failed that should not have, inputs contradict each other, or more than half of the frames that
             came in were dropped or lost
-    WARN    a frame was dropped or lost, the node waits for something, or has waited 2 s for a frame, frames are more
-            than 2 s old when they leave, or stamped ahead of the node's clock, or are degraded
+    WARN    a frame was dropped or lost, the node waits for something, or has waited 2 s for a frame, or frames are more
+            than 2 s old when they leave, or stamped ahead of the node's clock
     OK      otherwise
 """
 
@@ -33,28 +33,22 @@ OLD_S = 2.0             # median latency: a warning
 # Stamps so far ahead of the clock are a warning. Clocks that NTP keeps differ by milliseconds, but a simulated one may
 # tick at only 10 Hz, and be late on a busy machine.
 AHEAD_S = 0.5
-STEADY = ("frames_in", "frames_out", "message_lost", "errors")      # totals that need no rate of their own
+TOTALS, RATED = ("frames_in", "frames_out", "message_lost", "errors"), ("photons", "points")
 
 
 class Diagnostics:
     """Counts what a node does and reports it. Every method may be called from any thread.
 
-    Totals count from the start and never fall. What came in is published, dropped for a cause, or still under way: in a
-    queue, in processing, or part of a frame that is not complete.
-
-    Args:
-        published: the total of what came in and was published: "frames_out" unless several messages make a frame.
+    Totals count from the start and never fall. What came in was published or dropped for a cause once a node has ended.
 
     Attributes:
         find_contradiction: called at each report; the text that it returns, unless empty, is an error. It must not call
             these diagnostics.
         find_warning: likewise for a warning.
-        degraded: how frames are degraded; empty if they are not.
     """
 
-    def __init__(self, node: ManagedNode, published: str = "frames_out"):
+    def __init__(self, node: ManagedNode):
         self._lock = threading.RLock()
-        self._published = published
         self._totals: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()             # frames by cause
         self._photons_dropped: Counter[str] = Counter()
@@ -63,7 +57,6 @@ class Diagnostics:
         self._node = node
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._values: dict[str, object] = {}
-        self.degraded = ""
         self._topics: list[str] = []        # on which frames may come
         self._waiting_for = ""              # beside frames
         # When the node began to wait for what is above, for a frame, and for a clock; of time.monotonic().
@@ -101,8 +94,9 @@ class Diagnostics:
         self._topics.clear()
 
     def wait_for(self, what: str) -> None:
-        """Report that the node waits for this from now on; for nothing if it is empty."""
-        self._waiting_for, self._waiting_since = what, time.monotonic()
+        """Report that the node waits for this, from now on if it is another than before; for nothing if it is empty."""
+        if what != self._waiting_for:
+            self._waiting_for, self._waiting_since = what, time.monotonic()
 
     def sent(self, latency_s: float, **amounts: int) -> None:
         """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
@@ -145,13 +139,12 @@ class Diagnostics:
             self._reported = (now, totals, drops)
             seconds = max(now - since, 1e-3)
             rate_in_hz, rate_out_hz = new["frames_in"] / seconds, new["frames_out"] / seconds
-            per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in totals if name not in STEADY}
-            values = {"state": self._node.state, **dict.fromkeys(STEADY, 0), **totals, **per_s,
-                      **_accounts("", totals["frames_in"], totals[self._published], drops),
-                      "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
+            per_s = {f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals}
+            values = {"state": self._node.state, **dict.fromkeys(TOTALS, 0), **totals, **_by_cause("dropped", drops),
+                      "rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}", **per_s,
                       **self._latency(), **self._values, "last_error": self._last_error}
             if "photons_in" in totals:
-                values |= _accounts("photons_", totals["photons_in"], totals["photons"], self._photons_dropped)
+                values |= _by_cause("photons_dropped", self._photons_dropped)
             waiting_for, since = self._waiting(now)
             if waiting_for:
                 values |= {"waiting_for": waiting_for, "waiting_s": f"{now - since:.1f}"}
@@ -212,16 +205,13 @@ class Diagnostics:
             return DiagnosticStatus.WARN, warning
         if waiting:
             return DiagnosticStatus.WARN, waiting
-        if untimely := self._untimely(new["frames_out"]):
-            return DiagnosticStatus.WARN, untimely
-        return (DiagnosticStatus.WARN, self.degraded) if self.degraded else (DiagnosticStatus.OK, "")
+        untimely = self._untimely(new["frames_out"])
+        return (DiagnosticStatus.WARN, untimely) if untimely else (DiagnosticStatus.OK, "")
 
 
-def _accounts(prefix: str, came: int, published: int, dropped: Counter) -> dict[str, int]:
-    """What was dropped, by cause, and what is under way."""
-    causes = {f"{prefix}dropped.{cause}": amount for cause, amount in dropped.items() if amount}
-    total = dropped.total()
-    return {f"{prefix}dropped": total, **causes, f"{prefix}under_way": came - published - total}
+def _by_cause(name: str, dropped: Counter) -> dict[str, int]:
+    """What was dropped, in all and by cause."""
+    return {name: dropped.total(), **{f"{name}.{cause}": amount for cause, amount in dropped.items() if amount}}
 
 
 def all_acknowledged(publisher: Publisher) -> bool:

@@ -16,7 +16,6 @@ class NodeSpec:
     Args:
         name: of the node and of its executable.
         services: names of each std_srvs/srv/Trigger that it serves as `~/name`.
-        published: the total that counts what came in and was published; see Diagnostics.
     """
 
     name: str
@@ -24,7 +23,6 @@ class NodeSpec:
     outputs: Iterable[Topic] = ()
     services: Iterable[str] = ()
     parameters: Iterable[Parameter] = ()
-    published: str = "frames_out"
 
     @property
     def table(self) -> tuple[Parameter, ...]:

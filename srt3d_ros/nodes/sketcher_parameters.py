@@ -66,7 +66,6 @@ SPEC = NodeSpec(
     outputs=(replace(topics.SENSOR, when="`sensor_file` is set"), topics.SKETCH_SENSOR, topics.SKETCH),
     services=("reset",),
     parameters=PARAMETERS,
-    published="packets",
 )
 
 
