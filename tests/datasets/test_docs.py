@@ -8,7 +8,8 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import open_photons
 from srt3d_ros.datasets.photons import OPTIONS
-from srt3d_ros.datasets.readers import mat, npz
+from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.readers.mat_layouts import LAYOUTS
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -25,7 +26,7 @@ def test_the_snippet_writes_a_photon_file(repository, tmp_path, monkeypatch):
 
 def test_every_array_option_and_layout_is_described(repository):
     text = (repository / "docs" / "photon-file.md").read_text(encoding="utf-8")
-    for name in (*npz.KNOWN, *OPTIONS, *(layout.variable for layout in mat.LAYOUTS)):
+    for name in (*npz.KNOWN, *OPTIONS, *(layout.variable for layout in LAYOUTS)):
         assert f"`{name}`" in text or re.fullmatch(r"ref_depth_bins_[3-8]", name), name
 
 

@@ -6,7 +6,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.readers import mat_variables
+from srt3d_ros.datasets.readers import mat_child
 from srt3d_ros.errors import InvalidInput
 
 ROWS, COLS = 2, 3
@@ -18,7 +18,7 @@ PIXEL, TOA = [0, 0, 2, 3, 4, 4, 4], [12, 15, 10, 19, 13, 13, 14]
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
     """Without a child for each file, which takes a second on a busy machine; test_mat_damaged.py is with it."""
-    monkeypatch.setattr("srt3d_ros.datasets.readers.mat._variables", mat_variables.variables_of)
+    monkeypatch.setattr("srt3d_ros.datasets.readers.mat_child.load", mat_child.variables)
 
 
 def cells(lists, dtype=np.uint16) -> np.ndarray:

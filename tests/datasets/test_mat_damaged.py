@@ -28,7 +28,7 @@ def test_a_damaged_matlab_7_3_file_is_refused_by_its_reader(tmp_path):
 
 
 def test_a_file_that_unpacks_to_more_than_its_reader_may_take_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("srt3d_ros.datasets.readers.mat.MAX_MEMORY_BYTES", 2**25)
+    monkeypatch.setattr("srt3d_ros.datasets.readers.mat_child.MAX_MEMORY_BYTES", 2**25)
     path = write(tmp_path, Y=np.zeros((2**12, 2**14), np.uint8))
     with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(MemoryError"):
         open_photons(path, irf=IRF)
