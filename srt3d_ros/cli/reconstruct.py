@@ -1,7 +1,6 @@
 """`srt3d reconstruct`: a photon file, a frame of a bag, or all its frames, to point cloud files, without ROS."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,7 +53,7 @@ def add_parser(subparsers) -> None:
     common.add_photon_file(parser)
     many = parser.add_argument_group("many frames of a bag or log", "OUT gets a file for each, that of --frame N. The "
                                      "same command goes on where an interrupted one stopped.")
-    many.add_argument("--frames", metavar="all|FIRST:LAST", help="which frames, from 0; LAST is one of them")
+    many.add_argument("--frames", choices=("all",), help="every frame by itself")
     many.add_argument("--format", metavar="SUFFIX", help="of the files: npz, ply, pcd, … as for OUT (npz)")
     many.add_argument("--jobs", type=int, metavar="N", help="processes, among which the cores are divided (1)")
     many.add_argument("--dask", metavar="ADDRESS",
@@ -70,8 +69,8 @@ def run(args: argparse.Namespace) -> int:
 
     check_not_input(args.output, args.input, args.dark, args.irf)
     options = common.given(args, METHOD_OPTIONS) | {"gate": args.gate if args.gate == AUTO else OFF}
-    request = Request(Path(args.input), args.photons_topic, common.overrides(args), options, args.dark,
-                      args.surface_order)
+    dark = args.dark and str(Path(args.dark).absolute())       # workers may have another working directory
+    request = Request(Path(args.input), args.photons_topic, common.overrides(args), options, dark, args.surface_order)
     if args.frames is None:
         for name in MANY_OPTIONS:
             require(getattr(args, name) is None, name, getattr(args, name), "nothing without --frames")
@@ -101,10 +100,7 @@ def _one(request: "Request", args: argparse.Namespace) -> int:
 def _many(request: "Request", args: argparse.Namespace) -> int:
     from srt3d_ros.batch import reconstruct_frames
 
-    if request.dark is not None:
-        request = replace(request, dark=str(Path(request.dark).absolute()))
-    found = reconstruct_frames(request, args.frames, Path(args.output).absolute(), args.format or "npz", args.jobs or 1,
-                               args.dask)
+    found = reconstruct_frames(request, Path(args.output).absolute(), args.format or "npz", args.jobs or 1, args.dask)
     common.print_notes(found["notes"])
     if found["failed"]:
         common.print_notes([f"{found['failed']} of {found['frames']} frames failed; the same command tries them again"])
