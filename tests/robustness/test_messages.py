@@ -1,7 +1,6 @@
-"""Damaged messages, parameter files and command lines: read, or refused in one line."""
+"""Damaged messages and parameter files: read, or refused in one line."""
 
 import contextlib
-import io
 import tempfile
 from pathlib import Path
 
@@ -13,11 +12,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from srt3d_ros import zstd
-from srt3d_ros.cli.main import BAD_INPUT, COMMANDS, parser
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher
-from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import coded_sketch, gates, histograms, images, odometry, photons, points, sensor, sketch
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.specs import SPECS
@@ -28,9 +25,7 @@ GOLDEN = Path(__file__).resolve().parents[1] / "messages" / "golden"
 SENSOR = SensorModel(rows=3, cols=4, num_bins=100, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(10, 65_535),
                      histograms=HistogramBins(5))
 FREQUENCIES = (1, 3)        # of the golden sketches
-COMMAND_LINES = [b"reconstruct a.npz -o out.ply --sketch-size 2 --device auto", b"review a.rrd --no-report --json",
-                 b"reconstruct a.npz -o out.ply --gate 5:44 --frequencies 1,3 --surfaces 2", b"evaluate a.npz --out r",
-                 b"up -p sketcher.sketch_size:=5 -r photons:=/p --config spad_32x32_gates", b"play a.npz --rate 2"]
+
 
 
 def golden(*names: str) -> list[bytes]:
@@ -105,19 +100,3 @@ def test_a_damaged_parameter_file_starts_a_node_or_is_refused_in_one_line(name, 
 
     read_or_refused(read, [generated()["config/srt3d.yaml"].encode()], rounds // 10)
     context.shutdown()
-
-
-def test_a_damaged_command_line_is_understood_or_refused_in_one_line(rounds):
-    def read(raw: bytes) -> None:
-        argv, said = raw.decode(errors="surrogateescape").split(" "), io.StringIO()
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-            try:
-                parser((argv[0],) if argv[0] in COMMANDS else COMMANDS).parse_args(argv)
-                return
-            except SystemExit as ended:
-                code = ended.code or 0
-        assert code in (0, BAD_INPUT) and len(said.getvalue().splitlines()) == (code == BAD_INPUT), said.getvalue()
-        if code:
-            raise InvalidInput("command line", raw, "another")
-
-    read_or_refused(read, COMMAND_LINES, rounds)
