@@ -33,34 +33,16 @@ _HISTORY = ((64**2, 5), (256**2, 3))        # (pixels, frames): sensors up to th
 _HISTORY_S = 0.25                   # on the timeline `stamp`, which does not count frames
 
 
-def view_from(eye: Viewpoint, name: str, **options) -> rrb.Spatial3DView:
-    """A 3D view from `eye`, which orbits about its target."""
+def cloud_view(eye: Viewpoint, sensor: SensorModel | None = None) -> rrb.Spatial3DView:
+    """The 3D view of the cloud and the sensor from `eye`, which orbits about its target."""
     controls = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target,
                                  eye_up=eye.up)
-    return rrb.Spatial3DView(origin="/", name=name, background=BACKGROUND, line_grid=False, eye_controls=controls,
-                             **options)
-
-
-def last_frames(frames: int) -> rrb.VisibleTimeRange:
-    """What a view shows at once: the current frame and those before it."""
-    back = rrb.TimeRangeBoundary.cursor_relative
-    return rrb.VisibleTimeRange(schema.FRAME, start=back(seq=1 - frames), end=back(seq=0))
-
-
-def film(layout: rrb.Container, timeline: str) -> rrb.Blueprint:
-    """The blueprint of a recording that plays by itself, again and again."""
-    return rrb.Blueprint(
-        layout, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="playing", loop_mode="all"),
-        auto_views=False, auto_layout=False)
-
-
-def cloud_view(eye: Viewpoint, sensor: SensorModel | None = None) -> rrb.Spatial3DView:
-    """The 3D view of the cloud and the sensor."""
     frames, back = history_frames(sensor), rrb.TimeRangeBoundary.cursor_relative
-    ranges = [last_frames(frames), rrb.VisibleTimeRange(STAMP, start=back(seconds=-_HISTORY_S), end=back(seconds=0))]
-    return view_from(eye, "Point cloud", contents=[schema.POINTS, schema.SENSOR_PATH],
-                     time_ranges=ranges if frames > 1 else None)
+    ranges = [rrb.VisibleTimeRange(schema.FRAME, start=back(seq=1 - frames), end=back(seq=0)),
+              rrb.VisibleTimeRange(STAMP, start=back(seconds=-_HISTORY_S), end=back(seconds=0))]
+    return rrb.Spatial3DView(origin="/", name="Point cloud", contents=[schema.POINTS, schema.SENSOR_PATH],
+                             background=BACKGROUND, line_grid=False, eye_controls=controls,
+                             time_ranges=ranges if frames > 1 else None)
 
 
 def history_frames(sensor: SensorModel | None) -> int:
@@ -69,7 +51,7 @@ def history_frames(sensor: SensorModel | None) -> int:
 
 
 def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str, ...]) -> rrb.Blueprint:
-    """Blueprint of a recording of many frames: cloud and log on the left, images and plots on the right."""
+    """Blueprint of a recording that plays by itself: cloud and log on the left, images and plots on the right."""
     pictures = [_image_view(path) for path in IMAGE_TITLES if path in images]
     wide = sensor is not None and sensor.cols > _WIDE * sensor.rows
     plots = rrb.Vertical(*(_plot(title, names) for title, names in PLOTS.items()))
@@ -80,7 +62,11 @@ def film_blueprint(eye: Viewpoint, sensor: SensorModel | None, images: tuple[str
         right = rrb.Vertical(rrb.Grid(*pictures, grid_columns=1 if wide else min(len(pictures), 2)), plots,
                              row_shares=[1, 1])
     left = rrb.Vertical(cloud_view(eye, sensor), log, row_shares=[5, 1])
-    return film(rrb.Horizontal(left, right, column_shares=[3, 2]), STAMP)
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]), rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=STAMP, play_state="playing", loop_mode="all"),
+        auto_views=False, auto_layout=False)
 
 
 def still_blueprint(eye: Viewpoint, *_) -> rrb.Blueprint:

@@ -1,1 +1,1 @@
-"""Review a recording without a viewer or a screen: figures, report, comparison, export."""
+"""Review a recording without a viewer or a screen: figures and a report."""

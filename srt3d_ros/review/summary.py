@@ -188,8 +188,8 @@ def _plain(value):
 
 def _origin(summary: dict) -> list[tuple[str, str]]:
     """Sensor, frequencies and version, as far as they are recorded."""
-    found, sensor, run = [], summary.get("sensor", {}), summary.get("run", {})
-    versions = summary.get("versions", run)         # early recordings have the version in `run`
+    found = []
+    sensor, run, versions = (summary.get(name, {}) for name in ("sensor", "run", "versions"))
     if sensor.keys() >= {"rows", "cols", "num_bins", "bin_width_s"}:
         found.append(("sensor", f"{sensor['rows']} × {sensor['cols']} pixels, {sensor['num_bins']:,} bins of "
                                 f"{sensor['bin_width_s'] * 1e12:.4g} ps, {sensor.get('projection', 'pinhole')}"))
