@@ -24,7 +24,7 @@ from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import cdr, photon_frames
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
 from tests.datasets.made_logs import tmf882x_log
@@ -60,14 +60,13 @@ def events(k: int) -> PhotonEvents:
 
 def message(kind: str, k: int) -> bytes:
     if kind == "sketch":
-        return sketches.encode_cdr(sketch_photons(events(k), SENSOR, FREQUENCIES), "lidar", "coded")
+        return sketches.encode_cdr(sketch_photons(events(k), SENSOR, FREQUENCIES), SENSOR, "lidar", "coded")
     return photon_frames.encode_cdr(events(k), kind, SENSOR)
 
 
 def write_bag(path: Path, kind: str = "photons", broken: tuple[int, ...] = (), frames: int = FRAMES) -> Path:
     """A bag whose frames `broken` are cut off."""
-    described = {"sketch": ("/sketch/sensor", cdr.write_text(sketches.encode_sensor(SENSOR, FREQUENCIES, 1).data))}
-    topic, sensor = described.get(kind, ("/sensor", sensor_message.encode_cdr(SENSOR)))
+    topic, sensor = "/sketch/sensor" if kind == "sketch" else "/sensor", sensor_message.encode_cdr(SENSOR)
     writer = BagWriter(path)
     writer.add_topic(topic, "std_msgs/msg/String", [Offer()])
     writer.add_topic(f"/{kind}", f"sensor_msgs/msg/{TYPES[kind]}", [Offer()])

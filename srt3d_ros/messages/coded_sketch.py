@@ -18,7 +18,8 @@ from srt3d_ros.core.sensor import MAX_PIXELS
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput, require
 
-DEFAULT_STEP, MIN_STEP, MAX_STEP = 0.4, 0.1, 2.0        # σ
+STEP = 0.4                      # σ: what rounding adds to the variance of photon noise, STEP² / 12, is 1.3 %
+MIN_STEP, MAX_STEP = 0.1, 2.0   # of other encoders
 HEADER = struct.Struct("<IIHBBf")       # rows, cols, m, bytes of a count, digits of a number, step
 MAX_DIGITS = 6          # of the largest number, √(2 · MAX_PHOTONS) / MIN_STEP < 2²⁰
 POSITIONS = 16          # in a period of the highest frequency, whose phase is then off by 0.11 rad (rms)
@@ -42,13 +43,12 @@ ROUNDED = 0.708         # of a step: how far rounding moves a complex number at 
 LONGEST = 1.001         # sum of n unit vectors, over n; the rest is for rounding
 
 
-def encode(sketch: Sketch, step: float) -> bytes:
-    """The bytes of a sketch (msg_schemas/sketch.json), its sums rounded to multiples of step · √(n/2).
+def encode(sketch: Sketch) -> bytes:
+    """The bytes of a sketch (msg_schemas/sketch.json), its sums rounded to multiples of STEP · √(n/2).
 
     Raises:
-        InvalidInput: a step that is out of bounds, or sums that so many photons cannot have.
+        InvalidInput: sums that so many photons cannot have.
     """
-    _check_step("coding_step", step)
     rows, cols, m = sketch.sums.shape
     counts = np.ascontiguousarray(sketch.photons, "<u4").reshape(-1)
     sums, n = np.ascontiguousarray(sketch.sums, np.complex64), counts.astype(np.float32)
@@ -59,13 +59,13 @@ def encode(sketch: Sketch, step: float) -> bytes:
     sums, some = sums.reshape(-1, m), slice(None, None, 1 + len(n) // SOME)
     refined = _refined(sums[some], n[some], positions[some], _Slopes(roots, gains))
     gains = _gains(sums[some], n[some], refined, roots)
-    used, planes = _round(sums, n, positions, roots, gains, _steps(counts, step))
+    used, planes = _round(sums, n, positions, roots, gains, _steps(counts, STEP))
 
     count_bytes = -(-int(counts.max(initial=0)).bit_length() // 8)
     packer = zstd.ZstdCompressor(options=PACKING)
     packed = [packer.compress(section, packer.FLUSH_BLOCK) for section in (     # each by its own statistics
         *_byte_planes(counts)[:count_bytes], *_byte_planes(_differences(positions, used)), *np.concatenate(planes))]
-    head = HEADER.pack(rows, cols, m, count_bytes, len(planes), step)
+    head = HEADER.pack(rows, cols, m, count_bytes, len(planes), STEP)
     return b"".join((head, gains.astype("<c8").tobytes(), *packed, packer.flush()))
 
 
@@ -104,10 +104,6 @@ def decode_counts(raw: bytes) -> np.ndarray:
     return _from_byte_planes(np.frombuffer(counts, np.uint8), rows * cols).reshape(rows, cols)
 
 
-def _check_step(field: str, step: float) -> None:
-    require(MIN_STEP <= step <= MAX_STEP, field, step, f"{MIN_STEP:g} to {MAX_STEP:g}")
-
-
 def _read_header(raw: bytes, shape: tuple[int, int] | None = None) -> tuple:
     require(len(raw) >= HEADER.size, "coded", f"{len(raw)} bytes", f"{HEADER.size} bytes or more")
     rows, cols, m, count_bytes, digits, step = HEADER.unpack_from(raw)
@@ -117,7 +113,7 @@ def _read_header(raw: bytes, shape: tuple[int, int] | None = None) -> tuple:
     require(rows * cols <= MAX_PIXELS, "coded rows × cols", rows * cols, f"at most {MAX_PIXELS}")
     require(count_bytes <= 4, "coded count_bytes", count_bytes, "0 to 4")
     require(1 <= digits <= MAX_DIGITS, "coded digits", digits, f"1 to {MAX_DIGITS}")
-    _check_step("coded step", np.float32(step).item())
+    require(MIN_STEP <= step <= MAX_STEP, "coded step", step, f"{MIN_STEP:g} to {MAX_STEP:g}")
     return rows, cols, m, count_bytes, digits, step
 
 

@@ -11,7 +11,7 @@ from srt3d_ros.messages.schema import DATATYPES, encodings
 NAMES = {code: name for name, (code, _) in DATATYPES.items()}
 CODES = {np.dtype(stored): code for code, stored in DATATYPES.values()}
 STORED = {code: np.dtype(stored) for code, stored in DATATYPES.values()}
-MAX_POINT_STEP = 65_535         # bytes; the largest sketch has 8,196
+MAX_POINT_STEP = 65_535         # bytes; the largest sketch has 516
 
 
 def pack_cloud(header: Header, points: np.ndarray, is_dense: bool = True) -> Cloud:

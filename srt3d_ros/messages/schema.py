@@ -22,13 +22,13 @@ def load(name: str) -> dict:
 
 
 @cache
-def cloud_layouts(name: str, sketch_size: int = 0) -> dict[str, np.dtype]:
-    """The layouts of a PointCloud2 topic, each as the dtype of one point; sizes of some depend on the sketch size m."""
+def cloud_layouts(name: str) -> dict[str, np.dtype]:
+    """The layouts of a PointCloud2 topic, each as the dtype of one point."""
     return {key: np.dtype({
         "names": [field["name"] for field in layout["fields"]],
-        "formats": [_format(field, sketch_size) for field in layout["fields"]],
+        "formats": [DATATYPES[field["datatype"]][1] for field in layout["fields"]],
         "offsets": [field["offset"] for field in layout["fields"]],
-        "itemsize": size(layout["point_step"], sketch_size),
+        "itemsize": layout["point_step"],
     }) for key, layout in load(name)["x-layout"]["layouts"].items()}
 
 
@@ -37,14 +37,3 @@ def encodings(name: str, channels: int = 1) -> dict[str, np.dtype]:
     """The encodings of an Image topic of so many channels, each with the type of its numbers."""
     return {encoding.replace("Cn", f"C{channels}"): np.dtype(DATATYPES[kind][1])
             for encoding, kind in load(name)["x-layout"]["encodings"].items()}
-
-
-def size(text: int | str, sketch_size: int) -> int:
-    """A number of a schema that may depend on the sketch size m, such as 16 or "4 + 8m"."""
-    terms = str(text).replace(" ", "").split("+")
-    return sum(int(term[:-1]) * sketch_size if term.endswith("m") else int(term) for term in terms)
-
-
-def _format(field: dict, sketch_size: int):
-    stored, count = DATATYPES[field["datatype"]][1], size(field["count"], sketch_size)
-    return stored if count == 1 else (stored, (count,))

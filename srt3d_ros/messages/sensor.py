@@ -1,5 +1,7 @@
 """`sensor`: SensorModel ⇄ JSON in a String (msg_schemas/sensor.json)."""
 
+import hashlib
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from srt3d_ros.core.distortion import PlumbBob
@@ -47,6 +49,17 @@ def to_json(sensor: SensorModel) -> str:
 def from_json(text: str) -> SensorModel:
     """The sensor of a JSON text; InvalidInput names the field that cannot be used."""
     return from_object(json_text.parse(text, "sensor"))
+
+
+@lru_cache(maxsize=8)
+def digest(sensor: SensorModel | str) -> str:
+    """The first 8 hexadecimal digits of SHA-256 of a sensor's JSON text, by which sketches name its description.
+
+    Args:
+        sensor: the text itself, of a description that was received; or a sensor, of the text that `encode` sends.
+    """
+    text = sensor if isinstance(sensor, str) else to_json(sensor)
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
 def to_object(sensor: SensorModel) -> dict:

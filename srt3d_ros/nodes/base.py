@@ -17,7 +17,7 @@ from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
 from srt3d_ros.nodes.sequence_loss import SequenceLoss
 from srt3d_ros.nodes.topics import qos_overrides
-from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Refused, Worker, drop_outdated
+from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Refused, Worker
 
 SUBSCRIBE_DEPTH = PUBLISH_DEPTH
 QUEUE_DEPTH = 256       # where frames are queued rather than dropped: more than a busy reader falls behind
@@ -61,7 +61,7 @@ class PipelineNode(ManagedNode):
         self.exit_code = 0
         self.worker = Worker(queue_limit, self.failed, self._dropped, CATCH_UP_S)
         self._held_for = ""
-        self._followed_ns = self.valid_from_ns = 0          # when descriptions were sent, by their sender's clock
+        self._followed_ns = self._valid_from_ns = 0          # when descriptions were sent, by their sender's clock
         self._services_group = ReentrantCallbackGroup()     # a service that waits blocks no other callback
 
     def forget(self) -> None:
@@ -69,19 +69,17 @@ class PipelineNode(ManagedNode):
 
     # ---- Topics and services
 
-    def subscribe(self, topic: str, handle: Callable[[bytes], None], count: Callable[[bytes], int] = lambda raw: 0,
-                  handle_outdated: Callable[[bytes, int], None] = lambda raw, sent_ns: drop_outdated()) -> None:
-        """Have the worker call `handle` with the CDR bytes of the frames on an input.
+    def subscribe(self, topic: str, handle: Callable[[bytes], None], count: Callable[[bytes], int] = lambda raw: 0
+                  ) -> None:
+        """Have the worker call `handle` with the CDR bytes of the frames on an input, unless `drop_older` drops them.
 
         Args:
             count: returns the photons that a message announces; called in the executor's thread.
-            handle_outdated: called instead with frames older than the description in force, and when they were sent.
         """
         def work(raw: bytes, sent_ns: int) -> None:
-            if 0 < self.valid_from_ns - sent_ns < OUTDATED_NS:
-                handle_outdated(raw, sent_ns)
-            else:
-                handle(raw)
+            if 0 < self._valid_from_ns - sent_ns < OUTDATED_NS:
+                raise Dropped("outdated", "it was sent before the description in force")
+            handle(raw)
 
         def received(raw: bytes, info: dict) -> None:
             photons = count(raw)
@@ -133,7 +131,7 @@ class PipelineNode(ManagedNode):
 
     def drop_older(self) -> None:
         """Drop the frames that were sent before the description that is being followed, which replaces another."""
-        self.valid_from_ns = self._followed_ns
+        self._valid_from_ns = self._followed_ns
 
     def serve(self, name: str, job: Callable[[], str]) -> None:
         """Serve `~/name` (std_srvs/Trigger) while active: the worker does the job, whose result is the answer."""

@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.new_files import free
 from srt3d_ros.nodes import topics
@@ -109,25 +110,21 @@ class RecorderNode(PipelineNode):
         self.diagnostics.show(path="")
 
     def _on_sensor(self, message: String) -> None:
-        sensor, frequencies, window_frames = sketch_message.decode_sensor(message)
-        if self._path is None:
-            return
-        facts = {"frequencies": list(frequencies), "window_frames": window_frames}
-        if self._writer is not None and sensor.same_as(self._sensor):
-            self._writer.set_properties(schema.RUN, facts)
+        sensor = sensor_message.decode(message)
+        if self._path is None or self._writer is not None and sensor.same_as(self._sensor):
             return
         if self._writer is not None:        # another sensor: the recording's facts are no longer true
             self._writer.close()
             self._path = free(self._settings.path)
-        self._sensor = sensor
-        self._writer = self._new_writer(facts)
+        self._sensor, self._frequencies = sensor, ()
+        self._writer = self._new_writer()
         self.release_frames()
 
-    def _new_writer(self, facts: dict) -> RecordingWriter:
+    def _new_writer(self) -> RecordingWriter:
         self.get_logger().info(f"recording to {self._path}")
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         run_facts = {"namespace": self.get_namespace(), "started": started, "machine": platform.node(),
-                     "cpus": os.cpu_count(), **facts}
+                     "cpus": os.cpu_count()}
         properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
         return RecordingWriter(
             self._path, self._sensor, properties, images=self._settings.images, colour_by=self._settings.colour_by,
@@ -165,8 +162,11 @@ class RecorderNode(PipelineNode):
 
     def _on_sketch(self, raw: bytes) -> None:
         received_ns = self.now_ns()
-        header, counts = sketch_message.decode_counts_cdr(raw)
+        header, frequencies, counts = sketch_message.decode_counts_cdr(raw)
         frame, photons = self._frame(header.stamp_ns), int(counts.sum(dtype=np.int64))
+        if frequencies != self._frequencies:
+            self._frequencies = frequencies
+            self._writer.set_properties(schema.RUN, {"frequencies": list(frequencies)})
         frame.sketch_ns = received_ns
         series = {"latency_sketch_ms": (received_ns - frame.stamp_ns) * 1e-6, "photons": photons,
                   "ppp": photons / max(counts.size, 1)}

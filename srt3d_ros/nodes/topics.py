@@ -54,8 +54,9 @@ FRAMES = (PHOTONS, GATES, HISTOGRAMS)       # of which a driver publishes one
 ODOM = Topic("odom", "nav_msgs/msg/Odometry", "where the robot is", when="`motion` is odom")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "how fast the robot turns", when="`motion` is imu")
 MOTION = (ODOM, IMU)
-SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "sensor, frequencies and window of the sketches (JSON)", latched=True)
-SKETCH = Topic("sketch", CLOUD, "of each pixel, the number of photons and m complex numbers")
+SKETCH_SENSOR = Topic("sketch/sensor", TEXT, "the sensor of the sketches, behind the gate (JSON)", latched=True)
+SKETCH = Topic("sketch", CLOUD, "of each pixel, the number of photons and m complex numbers; names its frequencies and "
+               "description")
 POINTS = Topic("points", CLOUD, "the surfaces' points, metres, in the sensor's frame")
 WATCHED = "while somebody subscribes"
 IMAGES = (

@@ -24,11 +24,6 @@ class Refused(Exception):
     """Raised by the job of a service; its text is the answer."""
 
 
-def drop_outdated() -> None:
-    """Drop a frame that is older than the description in force."""
-    raise Dropped("outdated", "it was sent before the description in force")
-
-
 @dataclass(frozen=True, eq=False)
 class _Job:
     function: Callable

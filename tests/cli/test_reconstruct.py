@@ -14,7 +14,7 @@ from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.datasets.readers import npz
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import cdr, photon_frames, sketch
+from srt3d_ros.messages import photon_frames, sketch
 from srt3d_ros.messages import sensor as sensor_message
 from tests.datasets.made_logs import tmf8829_log, zones_16
 
@@ -130,9 +130,8 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
 
 def test_a_frame_of_a_bag_of_sketches_is_reconstructed_as_its_photons(photons, refusal, reconstruct, tmp_path):
     sketched = sketch_photons(photons[1], SENSOR, (1, 2, 5, 9))
-    described = cdr.write_text(sketch.encode_sensor(SENSOR, (1, 2, 5, 9), 1).data)
-    bag = write_bag(tmp_path / "bag", "/spad/sketch/sensor", described, *(
-        ("/spad/sketch", "PointCloud2", sketch.encode_cdr(sketched, "lidar", layout))
+    bag = write_bag(tmp_path / "bag", "/spad/sketch/sensor", sensor_message.encode_cdr(SENSOR), *(
+        ("/spad/sketch", "PointCloud2", sketch.encode_cdr(sketched, SENSOR, "lidar", layout))
         for layout in ("coded", "float32")))
     _, from_file = reconstruct("--frequencies", "1,2,5,9", "--surfaces", "2", out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--surfaces", "2", source=bag)

@@ -28,6 +28,7 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
+from srt3d_ros.messages.sensor import digest
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 LATCHED = Offer(durability="transient_local", depth=1)
@@ -240,13 +241,34 @@ def test_histograms_are_read_as_they_are(tmp_path):
 
 
 def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
-    bag = write(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, SKETCHED)])
+    bag = write(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, described(SENSOR))])
     with pytest.raises(InvalidInput, match="expected one of photons; it has sketches of them$"):
         open_photons(bag)
     with BagFrames(bag) as frames:
         assert frames.are_sketches and len(frames) == 1
         sensor, sketch = frames.sketch(frames.place(0))
     assert sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
+
+
+def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
+    """Whatever came before: late descriptions, a sketch of an earlier one, and one whose description is missing."""
+    sensors = [SENSOR, OTHER, SENSOR.replace(range_offset_m=1.0)]
+    steps = [(1, OTHER), SENSOR, (0, SENSOR), OTHER, (2, SENSOR), (3, OTHER), (4, sensors[2]), (5, SENSOR)]
+    bag = write(tmp_path / "bag", [
+        ("/sketch", CLOUD, coded(step[1], (1, 2 + step[0]), step[0])) if isinstance(step, tuple) else
+        ("/sketch/sensor", TEXT, described(step)) for step in steps] + [("/sketch", CLOUD, CODED[:90])])
+    wanted = [step for step in steps if isinstance(step, tuple)]
+    with BagFrames(bag) as frames:
+        places = {place.number: place for place in frames.places()}
+        assert len(places) == 7
+        for number in (0, 1, 2, 3, 5):
+            sensor, sketch = frames.sketch(places[number])
+            assert sensor.num_bins == wanted[number][1].num_bins
+            assert (sketch.stamp_ns, sketch.frequencies) == (wanted[number][0], (1, 2 + wanted[number][0]))
+        missing = f"sketch/sensor of frame 4 is missing: expected the description sensor_{digest(sensors[2])}"
+        for number, said in ((4, missing), (6, "fields.offset is cut off")):
+            with pytest.raises(InvalidInput, match=f"^{said}"):
+                frames.sketch(places[number])
 
 
 @pytest.mark.parametrize("kind", [*STORAGES, "without index"])
@@ -274,13 +296,16 @@ def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
             assert found.sensor.num_bins == (40 if place.number > 2 else 50)
 
 
-CODED = sketches.encode_cdr(sketch_photons(PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16)), SENSOR, (1,)),
-                            "lidar", "coded")
-SKETCHED = cdr.write_text(sketches.encode_sensor(SENSOR, (1,), 1).data)
+def coded(sensor, frequencies: tuple[int, ...] = (1,), stamp_ns: int = 0) -> bytes:
+    seen = PhotonEvents(np.zeros(3, np.uint32), np.zeros(3, np.uint16), stamp_ns)
+    return sketches.encode_cdr(sketch_photons(seen, sensor, frequencies), sensor, "lidar", "coded")
+
+
+CODED = coded(SENSOR)
 MESSAGES = {
     "photons": (CLOUD, photons_of(0)), "gates": (IMAGE, gates_of(0)), "sensor": (TEXT, described(SENSOR)),
     "histograms": (IMAGE, histograms.encode_cdr(PhotonHistograms.from_events(frame(0), SENSOR), SENSOR, "spad")),
-    "sketch": (CLOUD, CODED), "sketch/sensor": (TEXT, SKETCHED), "map": (TEXT, cdr.write_text('{"name": "map"}')),
+    "sketch": (CLOUD, CODED), "map": (TEXT, cdr.write_text('{"name": "map"}')),
     "picture": (IMAGE, cdr.write_image(cdr.Image(cdr.Header(0, "eye"), 2, 3, "8UC3", False, 9, memoryview(bytes(18))))),
     "points": (CLOUD, b"\0\1\0\0")}
 
@@ -298,11 +323,11 @@ def with_topics(path: Path, topics: dict[str, str]) -> Path:
     ({"/a/photons": "photons", "/b/photons": "photons", "/a/sensor": "sensor", "/b/sensor": "sensor"},
      {"photons_topic": "/b/photons"}, ("photons", "/b/photons", "/b/sensor")),
     ({"/tof/raw": "histograms", "/image": "picture"}, {}, ("histograms", "/tof/raw", None)),
-    ({"/a/sketch": "sketch", "/a/sketch/sensor": "sketch/sensor", "/b/sketch/sensor": "sketch/sensor",
+    ({"/a/sketch": "sketch", "/a/sketch/sensor": "sensor", "/b/sketch/sensor": "sensor",
       "/a/sensor": "sensor"}, {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
-    ({"/sketch": "sketch", "/sketch/sensor": "sketch/sensor", "/raw": "photons", "/sensor": "sensor"}, {},
+    ({"/sketch": "sketch", "/sketch/sensor": "sensor", "/raw": "photons", "/sensor": "sensor"}, {},
      ("photons", "/raw", "/sensor")),
-    ({"/sketch": "sketch", "/sketch/sensor": "sketch/sensor", "/raw": "photons"}, {"photons_topic": "/sketch"},
+    ({"/sketch": "sketch", "/sketch/sensor": "sensor", "/raw": "photons"}, {"photons_topic": "/sketch"},
      ("sketch", "/sketch", "/sketch/sensor"))])
 def test_the_photons_are_found_under_whatever_name(tmp_path, topics, given, found):
     with Bag(with_topics(tmp_path / "bag", topics)) as opened:

@@ -62,7 +62,7 @@ def same(a, b) -> bool:
 WORDS = np.arange(10, 34, dtype=np.uint16).reshape(2, 3, 4)
 WORDS[0, 1] = 65_535
 SKETCH = Sketch(FREQUENCIES, np.array([1, 1j, -1, 0.5 - 0.5j] * 6, np.complex64).reshape(3, 4, 2) * np.float32(2),
-                np.full((3, 4), 2, np.uint32), STAMP_NS)
+                np.full((3, 4), 2, np.uint32), STAMP_NS, sensor=SENSOR)
 SKETCH.photons[0, 0], SKETCH.sums[0, 0] = 0, 0
 CLOUD = PointCloud(row=np.array([0, 2], np.uint16), col=np.array([1, 3], np.uint16),
                    depth_bins=np.array([10, 20.5], np.float32), intensity=np.array([3, 0.25], np.float32),
@@ -90,9 +90,9 @@ CODECS = {
     "histograms_16UC5": _histograms(np.uint16, 990),
     "histograms_32SC5": _histograms(np.int32, -10),
     "histograms_32FC5": _histograms(np.float32, -10),
-    "sketch_float32": _codec(sketch, PointCloud2, SKETCH, ("lidar",), (FREQUENCIES, SENSOR)),
-    "sketch_int16": _codec(sketch, PointCloud2, SKETCH, ("lidar", "int16"), (FREQUENCIES, SENSOR)),
-    "sketch_coded": _codec(sketch, PointCloud2, SKETCH, ("lidar", "coded"), (FREQUENCIES, SENSOR)),
+    "sketch_float32": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar"), (SENSOR,)),
+    "sketch_int16": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar", "int16"), (SENSOR,)),
+    "sketch_coded": _codec(sketch, PointCloud2, SKETCH, (SENSOR, "lidar", "coded"), (SENSOR,)),
     "points_xyzi": _codec(points, PointCloud2, CLOUD, ("lidar",), ()),
     "points_full": _codec(points, PointCloud2, CLOUD, ("lidar", "full", SENSOR), ()),
     "points_xyzi_organised": _codec(points, PointCloud2, CLOUD, ("lidar", "xyzi", None, True), ()),

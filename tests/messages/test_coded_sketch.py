@@ -12,7 +12,6 @@ from srt3d_ros.core.sensor import MAX_PIXELS
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import coded_sketch as coded
-from srt3d_ros.messages import sketch as sketch_message
 
 FREQUENCIES = (1, 3, 7, 12)
 BINS = 100
@@ -42,13 +41,14 @@ def parts_of(sketch: Sketch, raw: bytes) -> np.ndarray:
 
 @pytest.mark.parametrize("step", [coded.MIN_STEP, 0.4, coded.MAX_STEP])
 @pytest.mark.parametrize("mean", [0.7, 10, 5e3, 1e9])
-def test_rounding_adds_no_more_than_the_variance_that_the_decoder_gives(step, mean):
+def test_rounding_adds_no_more_than_the_variance_that_the_decoder_gives(monkeypatch, step, mean):
+    monkeypatch.setattr(coded, "STEP", step)
     sketch = scene(mean=0) if mean == 1e9 else scene(mean=mean)
     if mean == 1e9:
         rng = np.random.default_rng(1)
         sketch.photons[:] = rng.integers(0, 2**32, sketch.photons.shape)
         sketch.sums[:] = sketch.photons[..., None] * np.exp(1j * rng.uniform(0, 7, sketch.sums.shape)) * 0.9
-    raw = coded.encode(sketch, step)
+    raw = coded.encode(sketch)
     error = parts_of(sketch, raw)
     allowed = coded.decode(raw, FREQUENCIES)[2]
     float32 = 1e-6 * float(np.sqrt(sketch.photons.max()))      # rounding of the sums themselves
@@ -58,17 +58,15 @@ def test_rounding_adds_no_more_than_the_variance_that_the_decoder_gives(step, me
 
 
 def test_bytes_of_a_surface_are_fewer_than_those_of_noise():
-    sizes = {signal: len(coded.encode(scene(rows=64, cols=64, signal=signal), 0.4)) / 64**2 for signal in (0.0, 1.0)}
+    sizes = {signal: len(coded.encode(scene(rows=64, cols=64, signal=signal))) / 64**2 for signal in (0.0, 1.0)}
     noise_bits = 2 * len(FREQUENCIES) * np.log2(np.sqrt(2 * np.pi * np.e) / 0.4) + 4
     assert sizes[0.0] * 8 < 1.1 * noise_bits
     assert sizes[1.0] < 0.85 * sizes[0.0]
     assert sizes[1.0] < (4 + 8 * len(FREQUENCIES)) / 7       # float32
 
 
-def test_a_coarser_step_takes_fewer_bytes_and_a_dark_frame_hardly_any():
-    sizes = [len(coded.encode(scene(), step)) for step in (0.2, 0.4, 0.8)]
-    assert sizes[0] > 1.15 * sizes[1] > 1.3 * sizes[2]
-    dark = coded.encode(scene(rows=64, cols=64, mean=0), 0.4)
+def test_a_dark_frame_takes_hardly_any_bytes():
+    dark = coded.encode(scene(rows=64, cols=64, mean=0))
     assert len(dark) < 200 and (coded.decode(dark, FREQUENCIES)[1] == 0).all()
 
 
@@ -112,7 +110,7 @@ def test_positions_beyond_two_bytes_are_not_needed():
     frequencies = (1, 2000, 30_000)
     sketch = scene()
     sketch = Sketch(frequencies, sketch.sums[..., :3].copy(), sketch.photons)
-    photons, sums, _ = coded.decode(coded.encode(sketch, 0.4), frequencies)
+    photons, sums, _ = coded.decode(coded.encode(sketch), frequencies)
     assert (np.abs(sums - sketch.sums) <= 0.4 / 2 * np.sqrt(photons)[..., None] + 1e-4).all()
 
 
@@ -120,14 +118,14 @@ def test_positions_beyond_two_bytes_are_not_needed():
 
 def repacked(change) -> bytes:
     """Bytes of a scene with its unpacked data changed by `change(data, pixels)`."""
-    raw = coded.encode(scene(), 0.4)
+    raw = coded.encode(scene())
     data = bytearray(zstd.decompress(raw[GAINS_END:]))
     return raw[:GAINS_END] + zstd.compress(bytes(change(data, 13 * 18) or data), options=coded.PACKING)
 
 
 def put(at: int, form: str, *values):
     """The bytes of a scene with other ones in their header."""
-    raw = bytearray(coded.encode(scene(), 0.4))
+    raw = bytearray(coded.encode(scene()))
     struct.pack_into(form, raw, at, *values)
     return bytes(raw)
 
@@ -137,20 +135,20 @@ def dark_but_not_zero(data: bytearray, pixels: int) -> None:
 
 
 MALFORMED = {
-    "nothing": (lambda: b"", "coded"), "half a header": (lambda: coded.encode(scene(), 0.4)[:9], "coded"),
-    "gains cut": (lambda: coded.encode(scene(), 0.4)[:30], "coded gains"),
+    "nothing": (lambda: b"", "coded"), "half a header": (lambda: coded.encode(scene())[:9], "coded"),
+    "gains cut": (lambda: coded.encode(scene())[:30], "coded gains"),
     "no rows": (lambda: put(0, "<I", 0), "coded rows"), "other rows": (lambda: put(0, "<I", 18), "coded rows"),
     "2³² cols": (lambda: put(4, "<I", 2**32 - 1), "coded cols"), "other m": (lambda: put(8, "<H", 5), "coded m"),
     "counts of 5 bytes": (lambda: put(10, "<B", 5), "coded count_bytes"),
     "7 digits": (lambda: put(11, "<B", 7), "coded digits"),
     "step NaN": (lambda: put(12, "<f", np.nan), "coded step"),
     "gain NaN": (lambda: put(16, "<f", np.nan), "coded gains"), "gain 2": (lambda: put(20, "<f", 2.0), "coded gains"),
-    "not zstd": (lambda: coded.encode(scene(), 0.4)[:GAINS_END] + b"zstd?", "coded data"),
-    "zstd cut": (lambda: coded.encode(scene(), 0.4)[:-1], "coded data"),
-    "more after zstd": (lambda: coded.encode(scene(), 0.4) + b"a", "coded data"),
+    "not zstd": (lambda: coded.encode(scene())[:GAINS_END] + b"zstd?", "coded data"),
+    "zstd cut": (lambda: coded.encode(scene())[:-1], "coded data"),
+    "more after zstd": (lambda: coded.encode(scene()) + b"a", "coded data"),
     "too little data": (lambda: repacked(lambda data, pixels: data[:-1]), "coded data"),
     "too much data": (lambda: repacked(lambda data, pixels: data + b"a"), "coded data"),
-    "window of 8 MB": (lambda: coded.encode(scene(), 0.4)[:GAINS_END] + zstd.compress(
+    "window of 8 MB": (lambda: coded.encode(scene())[:GAINS_END] + zstd.compress(
         bytes(2**24), options={zstd.CompressionParameter.window_log: 23}), "coded data"),
     "sums without photons": (lambda: repacked(dark_but_not_zero), "sketch"),
 }
@@ -166,7 +164,7 @@ def test_malformed_bytes_give_one_line_that_names_the_field(case):
 
 @pytest.mark.parametrize("count_only", [False, True])
 def test_a_bomb_unpacks_to_no_more_than_the_sensor_has(count_only):
-    bomb = coded.encode(scene(), 0.4)[:GAINS_END] + zstd.compress(bytes(2**27), options=coded.PACKING)
+    bomb = coded.encode(scene())[:GAINS_END] + zstd.compress(bytes(2**27), options=coded.PACKING)
     tracemalloc.start()
     if count_only:
         assert (coded.decode_counts(bomb) == 0).all()
@@ -183,13 +181,10 @@ def test_counts_of_more_pixels_than_a_sensor_may_have_are_refused_unread():
         coded.decode_counts(put(0, "<II", MAX_PIXELS // 2, 3))
 
 
-def test_sums_that_photons_cannot_have_and_steps_out_of_bounds_are_not_written():
+def test_sums_that_photons_cannot_have_are_not_written():
     sketch = scene()
     for factor in (1.01, np.nan):
         sums = sketch.sums.copy()
         sums[2, 3] = factor * sketch.photons[2, 3]
         with pytest.raises(InvalidInput, match="^sketch is up to "):
-            coded.encode(Sketch(FREQUENCIES, sums, sketch.photons), 0.4)
-    for step in (0.09, 2.1, np.nan):
-        with pytest.raises(InvalidInput, match="^coding_step is "):
-            sketch_message.encode_cdr(sketch, "lidar", "coded", step)
+            coded.encode(Sketch(FREQUENCIES, sums, sketch.photons))

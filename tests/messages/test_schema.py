@@ -6,12 +6,12 @@ from jsonschema import Draft202012Validator
 from srt3d_ros.messages import schema
 from tools import schema_tables
 
-VERSIONS = {"gates": 1, "histograms": 1, "images": 2, "photons": 1, "points": 1, "sketch": 1}   # of images: see README
+VERSIONS = {"gates": 1, "histograms": 1, "images": 2, "photons": 1, "points": 1, "sketch": 2}
 
 
 def test_every_topic_has_a_schema_with_a_version(repository):
     names = sorted(path.stem for path in (repository / "msg_schemas").glob("*.json"))
-    assert names == sorted([*VERSIONS, "sensor", "sketch_sensor"])
+    assert names == sorted([*VERSIONS, "sensor"])
     assert {name: schema.load(name)["x-version"] for name in VERSIONS} == VERSIONS
     assert schema.load("sensor")["properties"]["schema_version"] == {
         "type": "integer", "const": 1, "x-unit": "1", "description": "1"}
@@ -27,4 +27,4 @@ def test_readme_has_the_tables_of_the_schemas(repository):
     text = (repository / "msg_schemas" / "README.md").read_text(encoding="utf-8")
     assert text == schema_tables.readme(), "run `python -m tools.generate_docs`"
     names = [name for _, name, _ in schema_tables.MARKED.findall(text)]
-    assert sorted(names) == sorted([*VERSIONS, "sensor", "sketch_sensor"])
+    assert sorted(names) == sorted([*VERSIONS, "sensor"])

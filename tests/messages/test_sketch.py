@@ -1,80 +1,140 @@
-"""`sketch` and `sketch/sensor`: precision, shapes, and what the sensor message must say."""
+"""`sketch`: precision, shapes, and that a message names its frequencies, T and the description it belongs to."""
 
-import json
+import hashlib
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rclpy.serialization import serialize_message
-from std_msgs.msg import String
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2, PointField
 
+from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch
-from srt3d_ros.messages.coded_sketch import DEFAULT_STEP
+from srt3d_ros.messages.coded_sketch import STEP
+
+LAYOUTS = ["float32", "int16", "coded"]
 
 
-def random_sketch(seed: int, rows: int, cols: int, m: int) -> Sketch:
-    """A sketch of true photons, 0 to 4 in each pixel."""
+def random_sketch(seed: int, rows: int, cols: int, m: int) -> tuple[Sketch, SensorModel]:
+    """A sketch of true photons, 0 to 4 in each pixel, and their sensor."""
     rng = np.random.default_rng(seed)
     photons = rng.integers(0, 5, (rows, cols)).astype(np.uint32)
     phases = rng.uniform(0, 2 * np.pi, (rows, cols, m, 4))
     seen = np.arange(4) < photons[..., None, None]
-    return Sketch(tuple(range(1, m + 1)), (np.exp(1j * phases) * seen).sum(axis=-1).astype(np.complex64), photons, seed)
+    frequencies = tuple(rng.permutation(np.arange(1, 50))[:m].tolist())
+    sums = (np.exp(1j * phases) * seen).sum(axis=-1).astype(np.complex64)
+    return Sketch(frequencies, sums, photons, seed), SensorModel(rows, cols, 100, 1e-10, np.ones(3))
 
 
 @settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32), rows=st.integers(1, 9), cols=st.integers(1, 9), m=st.integers(1, 12),
-       layout=st.sampled_from(["float32", "int16", "coded"]))
+       layout=st.sampled_from(LAYOUTS))
 def test_any_sketch_makes_the_trip(seed, rows, cols, m, layout):
-    content = random_sketch(seed, rows, cols, m)
+    content, sensor = random_sketch(seed, rows, cols, m)
     of_a_mean = {"float32": 1e-6, "int16": 0.5 / 32_767 + 1e-6, "coded": 1e-6}[layout]
-    rounding = of_a_mean * content.photons + (layout == "coded") * DEFAULT_STEP / 2**0.5 * np.sqrt(content.photons / 2)
-    header, back = sketch.decode_cdr(sketch.encode_cdr(content, "spad", layout), content.frequencies)
+    rounding = of_a_mean * content.photons + (layout == "coded") * STEP / 2**0.5 * np.sqrt(content.photons / 2)
+    raw = sketch.encode_cdr(content, sensor, "spad", layout)
+    header, back = sketch.decode_cdr(raw, sensor)
     assert (header.stamp_ns, header.frame_id, back.stamp_ns) == (seed, "spad", seed)
     assert back.frequencies == content.frequencies and (back.photons == content.photons).all()
+    assert back.sensor is sensor and sketch.description_cdr(raw) == sensor_message.digest(sensor)
     error = np.abs((back.sums - content.sums).view(np.float32)).reshape(rows, cols, -1)
     assert (error <= rounding[..., None]).all()
     assert (back.sums[content.photons == 0] == 0).all()
-    same_header, counts = sketch.decode_counts_cdr(sketch.encode_cdr(content, "spad", layout))
-    assert same_header == header and (counts == content.photons).all()
+    same_header, frequencies, counts = sketch.decode_counts_cdr(raw)
+    assert (same_header, frequencies) == (header, content.frequencies) and (counts == content.photons).all()
+
+
+def test_a_description_is_named_by_the_digest_of_its_text(small_sensor, codecs):
+    text = sensor_message.encode(small_sensor).data
+    named = hashlib.sha256(text.encode()).hexdigest()[:8]
+    assert sensor_message.digest(text) == sensor_message.digest(small_sensor) == named
+    assert sensor_message.digest(sensor_message.from_json(text)) == named
+    assert sensor_message.digest(small_sensor.replace(range_offset_m=0.1)) != named
+    assert sketch.description_cdr(codecs["sketch_coded"].encode_cdr()) == named
+
+
+def read_points(message: PointCloud2) -> np.ndarray:
+    """What sensor_msgs_py.point_cloud2.read_points gives: it has no wheel. It takes no field of count 0."""
+    form = {"names": [], "formats": [], "offsets": [], "itemsize": message.point_step}
+    for field in message.fields:
+        kind = np.dtype({2: "u1", 3: "<i2", 6: "<u4", 7: "<f4"}[field.datatype])
+        assert field.count > 0
+        for k in range(field.count):
+            form["names"].append(f"{field.name}_{k}" if field.count > 1 else field.name)
+            form["formats"].append(kind)
+            form["offsets"].append(field.offset + k * kind.itemsize)
+    return np.frombuffer(message.data, np.dtype(form))
+
+
+def test_fields_name_frequencies_period_and_description_and_every_reader_of_clouds_reads_them(codecs, small_sensor):
+    for layout in LAYOUTS:
+        message = deserialize_message(codecs[f"sketch_{layout}"].encode_cdr(), PointCloud2)
+        names = [field.name for field in message.fields]
+        assert names == [{"coded": "coded"}.get(layout, "photons"), "k1", "k3", "T100",
+                         f"sensor_{sensor_message.digest(small_sensor)}"]
+        points = read_points(message)
+        if layout == "float32":
+            content = codecs["sketch_float32"].content
+            np.testing.assert_array_equal(points["k3_0"].reshape(3, 4), content.z[..., 1].real)
+            np.testing.assert_array_equal(points["k3_1"].reshape(3, 4), content.z[..., 1].imag)
 
 
 def test_counts_above_two_billion_are_kept():
     content = Sketch((1,), np.full((1, 1, 1), 3e9 + 0j, np.complex64), np.full((1, 1), 3_000_000_000, np.uint32))
-    back = sketch.decode_cdr(sketch.encode_cdr(content, "lidar"), (1,))[1]
+    sensor = SensorModel(1, 1, 10, 1e-10, np.ones(1))
+    back = sketch.decode_cdr(sketch.encode_cdr(content, sensor, "lidar"), sensor)[1]
     assert back.photons[0, 0] == 3_000_000_000 and back.sums[0, 0, 0] == np.complex64(3e9)
 
 
-def test_without_a_sensor_any_array_is_taken_but_an_empty_one(codecs):
-    message = codecs["sketch_float32"].message()
-    message.height, message.width, message.row_step = 4, 3, 60
-    assert sketch.decode_cdr(serialize_message(message), (1, 3))[1].photons.shape == (4, 3)
-    message.height, message.data = 0, b""
-    with pytest.raises(InvalidInput, match="^height is 0"):
-        sketch.decode_cdr(serialize_message(message), (1, 3))
+def test_fields_in_any_order_and_with_gaps_are_read(codecs, small_sensor):
+    codec = codecs["sketch_int16"]
+    message, wanted = codec.message(), codec.decode_cdr(codec.encode_cdr())[1]
+    old = np.frombuffer(message.data, np.uint8).reshape(12, 12)
+    moved = np.zeros((12, 20), np.uint8)
+    for field, start, size in ((0, 12, 4), (1, 6, 4), (2, 1, 4)):
+        moved[:, start:start + size] = old[:, message.fields[field].offset:][:, :size]
+        message.fields[field].offset = start
+    message.point_step, message.row_step, message.data = 20, 80, moved.tobytes()
+    back = sketch.decode_cdr(serialize_message(message), small_sensor)[1]
+    assert (back.photons == wanted.photons).all() and (back.sums == wanted.sums).all()
 
 
-def test_sensor_frequencies_and_window_make_the_trip(small_sensor):
-    sensor, frequencies, window = sketch.decode_sensor(sketch.encode_sensor(small_sensor, (1, 2, 40), 3))
-    assert sensor.same_as(small_sensor) and frequencies == (1, 2, 40) and window == 3
+def rename(old: str, new: str):
+    """A change of the first field whose name matches."""
+    def change(message: PointCloud2) -> None:
+        next(field for field in message.fields if re.fullmatch(old, field.name)).name = new
+    return change
 
 
-@pytest.mark.parametrize(("change", "named"), [
-    (lambda content: content.pop("frequencies"), "frequencies"),
-    (lambda content: content.update(frequencies=[1, 50]), "frequencies"),
-    (lambda content: content.update(frequencies=[1, 2.5]), "frequencies.1"),
-    (lambda content: content.update(frequencies=[]), "sketch size"),
-    (lambda content: content.update(window_frames=0), "window_frames"),
-    (lambda content: content.update(schema_version=2), "schema_version"),
-    (lambda content: content.pop("sensor"), "sensor"),
-    (lambda content: content["sensor"].pop("rows"), "rows"),
-    (lambda content: content.update(window=1), "unknown key"),
+def again(name: str):
+    return lambda message: message.fields.append(PointField(name=name, offset=0, datatype=2, count=1))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize(("change", "said"), [
+    (rename("T100", "t"), "field T is absent"), (again("T50"), "field T is 100 and 50"),
+    (rename("T100", "T128"), "T is 128: expected the sensor's 100 bins"),
+    (rename("k3", "k50"), "frequencies is 50"), (rename("k3", "k1"), "frequencies is "),
+    (lambda message: (rename("k3", "a")(message), rename("k1", "b")(message)), "sketch size is 0"),
 ])
-def test_malformed_sketch_sensor_gives_one_error_that_names_the_field(small_sensor, change, named):
-    content = json.loads(sketch.encode_sensor(small_sensor, (1, 2), 1).data)
-    change(content)
-    with pytest.raises(InvalidInput) as caught:
-        sketch.decode_sensor(String(data=json.dumps(content)))
-    assert caught.value.field == named and len(str(caught.value).splitlines()) == 1
+def test_names_that_say_nothing_or_fit_no_sensor_are_one_line(codecs, small_sensor, layout, change, said):
+    message = codecs[f"sketch_{layout}"].message()
+    change(message)
+    with pytest.raises(InvalidInput, match=f"^{said}") as caught:
+        sketch.decode_cdr(serialize_message(message), small_sensor)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (rename("sensor_.*", "sensor_12345"), "absent"), (again("sensor_00000000"), "[0-9a-f]{8} and 00000000")])
+def test_a_message_that_names_no_description_is_refused(codecs, change, said):
+    message = codecs["sketch_float32"].message()
+    change(message)
+    with pytest.raises(InvalidInput, match=f"^field sensor_DIGEST is {said}"):
+        sketch.description_cdr(serialize_message(message))

@@ -8,6 +8,7 @@ from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 
 
@@ -18,7 +19,7 @@ def state(graph, name: str) -> str:
 def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_active(graph, sensor, events):
     node = graph.start("reconstructor", autostart=False).says("unconfigured, as autostart is false")
     sketch = sketch_photons(events, sensor, choose("auto", sensor, 10))
-    graph.latched("sketch/sensor").publish(sketch_message.encode_sensor(sensor, sketch.frequencies, 1))
+    graph.latched("sketch/sensor").publish(sensor_message.encode(sensor))
     sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
     name, points = f"{graph.namespace}/reconstructor", f"{graph.namespace}/points"
     assert state(graph, "reconstructor") == "unconfigured"
@@ -29,7 +30,7 @@ def test_without_autostart_a_node_waits_for_its_manager_and_works_while_it_is_ac
     assert graph.trigger("reconstructor/reset") == (False, f"{name} is inactive: ros2 lifecycle set {name} activate")
     for round_ in (1, 2):
         assert graph.change("reconstructor", "activate")
-        graph.matched(sketches).publish(sketch_message.encode_cdr(sketch, "spad"))
+        graph.matched(sketches).publish(sketch_message.encode_cdr(sketch, sensor, "spad"))
         graph.wait(lambda: len(clouds) == round_, "a cloud")
         assert graph.change("reconstructor", "deactivate") and state(graph, "reconstructor") == "inactive"
         graph.wait(lambda: sketches.get_subscription_count() == 0, "nobody on sketch")

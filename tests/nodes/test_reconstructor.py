@@ -17,10 +17,11 @@ from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, net_senso
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS
-from tests.nodes.conftest import Graph, check_outdated
+from tests.nodes.conftest import Graph
 
 STAMP_NS = 1_700_000_000_123_456_789
 LIVE = {parameter.name: parameter.default for parameter in PARAMETERS if parameter.live}
@@ -33,7 +34,7 @@ class Reconstructor:
         self.graph, self.folder, self._sent = graph, folder, 0
         self.process = graph.start("reconstructor", save_folder=folder).ready()
         self._description, self._sketches = graph.latched("sketch/sensor"), graph.publisher(PointCloud2, "sketch")
-        self._clouds = graph.collect(PointCloud2, "points", raw=True)
+        self.clouds = graph.collect(PointCloud2, "points", raw=True)
 
     def watch_images(self) -> None:
         """Subscribe to the images, which are published from now on."""
@@ -44,8 +45,8 @@ class Reconstructor:
     def begin(self, sensor: SensorModel, sketch: Sketch, **parameters) -> None:
         """Describe the sketches to a node whose live parameters are these, and that is in its initial state."""
         assert self.graph.set("reconstructor", **LIVE | {"fields": "full"} | parameters) == ""
-        self._description.publish(sketch_message.encode_sensor(sensor, sketch.frequencies, 1))
-        self.process.says("sketches: ")
+        self._sensor = sensor
+        self._description.publish(sensor_message.encode(sensor))
         self.graph.matched(self._sketches)
         self.graph.wait(lambda: [self.graph.report("reconstructor").get(key) for key in ("rows", "num_bins")]
                         == [str(sensor.rows), str(sensor.num_bins)], "the description")
@@ -53,15 +54,15 @@ class Reconstructor:
 
     def send(self, *sketches: Sketch | bytes) -> None:
         for sketch in sketches:
-            data = sketch if isinstance(sketch, bytes) else sketch_message.encode_cdr(sketch, "spad")
+            data = sketch if isinstance(sketch, bytes) else sketch_message.encode_cdr(sketch, self._sensor, "spad")
             self._sketches.publish(data)
 
     def __call__(self, *sketches: Sketch) -> list[tuple]:
         """Header and points of the clouds of these sketches."""
-        before = len(self._clouds)
+        before = len(self.clouds)
         self.send(*sketches)
-        self.graph.wait(lambda: len(self._clouds) == before + len(sketches), f"{len(sketches)} clouds")
-        return [points_message.decode_cdr(raw) for raw in self._clouds[before:]]
+        self.graph.wait(lambda: len(self.clouds) == before + len(sketches), f"{len(sketches)} clouds")
+        return [points_message.decode_cdr(raw) for raw in self.clouds[before:]]
 
     def frame(self, sketch: Sketch) -> tuple[dict, dict[str, np.ndarray]]:
         """Points and images of a sketch."""
@@ -100,7 +101,8 @@ def test_a_cloud_keeps_stamp_and_frame_and_bad_sketches_are_survived(reconstruct
         False, f"no cloud to save yet: no sketch has arrived on {reconstructor.graph.namespace}/sketch")
     reconstructor.begin(sensor, sketch)
     small = dataclasses.replace(sketch, sums=sketch.sums[:8], photons=sketch.photons[:8])
-    reconstructor.send(sketch_message.encode_cdr(sketch, "spad")[:200], sketch_message.encode_cdr(small, "spad"))
+    cut = sketch_message.encode_cdr(sketch, sensor, "spad")[:200]
+    reconstructor.send(cut, sketch_message.encode_cdr(small, sensor, "spad"))
     (header, points), = reconstructor(sketch)
     assert (header.stamp_ns, header.frame_id) == (STAMP_NS, "spad")
     assert len(points["xyz"]) > 0.9 * sensor.pixels and lies_at(points, sensor, 50)
@@ -192,7 +194,7 @@ def test_parameters_are_refused_with_the_reason_or_change_between_frames(reconst
                                  {"method": "srt3d"}, {"method": "pooled"})):
         assert reconstructor.graph.set("reconstructor", **change) == ""
         stamps = [STAMP_NS + 4 * at + k for k in range(4)]
-        reconstructor.send(sketch_message.encode_cdr(sketch, "spad")[:200])
+        reconstructor.send(sketch_message.encode_cdr(sketch, sensor, "spad")[:200])
         clouds = reconstructor(*(dataclasses.replace(sketch, stamp_ns=stamp_ns) for stamp_ns in stamps))
         assert [header.stamp_ns for header, _ in clouds] == stamps
         points = clouds[-1][1]
@@ -260,12 +262,22 @@ def test_parameters_that_cannot_be_used_are_one_line_and_exit_code_2(graph):
     assert (process.code(), process.lines) == (2, [line])
 
 
-def test_sketches_that_another_description_overtakes_are_read_with_their_own_and_counted(graph, sensor, sketch):
-    """The same rows, columns and m, but another T: read with the new description they would be other depths."""
-    descriptions = graph.latched("sketch/sensor")
-    sketches, clouds = graph.publisher(PointCloud2, "sketch"), graph.collect(PointCloud2, "points")
-    check_outdated(
-        graph, "reconstructor", "overtaken", frames=sketches, made=clouds, old=sensor, new=sensor.replace(num_bins=128),
-        describe=lambda described: descriptions.publish(
-            sketch_message.encode_sensor(described, sketch.frequencies, 1)),
-        send=lambda: sketches.publish(sketch_message.encode_cdr(sketch, "spad")))
+def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_them(
+        reconstructor, sensor, events, sketch):
+    """The same rows and columns, but another T: read with the other description they would be at other depths."""
+    wide = sensor.replace(num_bins=128)
+    fewer = sketch_photons(events, sensor, sketch.frequencies[:7])
+    reconstructor.begin(sensor, sketch)
+    before = len(reconstructor.clouds)
+    reconstructor.send(*(sketch_message.encode_cdr(sent, one, "spad") for sent, one in (
+        (sketch, wide), (sketch, sensor), (fewer, sensor), (sketch, wide))))
+    report = reconstructor.graph.reports("reconstructor", "under_way", 2)
+    assert report["waiting_for"].endswith(f"sketch/sensor, sensor_{sensor_message.digest(wide)}")
+    assert len(reconstructor.clouds) == before + 2
+    reconstructor.begin(wide, sketch)
+    reconstructor.send(sketch_message.encode_cdr(sketch, sensor, "spad"))
+    reconstructor.graph.wait(lambda: len(reconstructor.clouds) == before + 5, "all clouds")
+    clouds = [points_message.decode_cdr(raw)[1] for raw in reconstructor.clouds[before:]]
+    assert [lies_at(points, sensor, 50) for points in clouds] == [True, True, False, False, True]
+    assert all(lies_at(points, sensor, 64) for points in clouds[2:4])
+    assert "waiting_for" not in reconstructor.graph.reports("reconstructor", "under_way", 0)

@@ -13,6 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points as points_message
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
@@ -49,7 +50,7 @@ class Speaker:
         self.describe(sensor)
 
     def describe(self, sensor) -> None:
-        self._described.publish(sketch_message.encode_sensor(sensor, self.frequencies, 1))
+        self._described.publish(sensor_message.encode(sensor))
 
     def stop_clouds(self) -> None:
         self.graph.node.destroy_publisher(self._points)
@@ -68,7 +69,8 @@ class Speaker:
         """Send the next frame's sketch."""
         counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
         z = np.zeros((*counts.shape, 2), np.complex64)
-        self._sketches.publish(sketch_message.encode_cdr(Sketch(self.frequencies, z, counts, self.stamp_ns), "spad"))
+        sketch = Sketch(self.frequencies, z, counts, self.stamp_ns)
+        self._sketches.publish(sketch_message.encode_cdr(sketch, self.sensor, "spad"))
 
     def sketch_only(self) -> int:
         """Send the next frame, which gets no cloud; its stamp."""

@@ -8,7 +8,6 @@ from std_msgs.msg import String
 
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
 
 
 def start_with_file(graph, sensor, folder):
@@ -22,7 +21,7 @@ def test_the_sensor_may_come_from_a_file(graph, sensor, tmp_path):
     published = graph.collect_latched(String, "sensor")
     start_with_file(graph, sensor, tmp_path)
     graph.wait(lambda: described and published, "the sensor of the file")
-    assert sketch_message.decode_sensor(described[0])[0].same_as(sensor)
+    assert sensor_message.decode(described[0]).same_as(sensor)
     assert sensor_message.decode(published[0]).same_as(sensor) and "x_writer" in published[0].data
 
 

@@ -54,7 +54,7 @@ def unpacked(raw: bytes) -> None:
 
 
 def coded_example() -> bytes:
-    packed = coded_sketch.encode(sketch.decode_cdr(*golden("sketch_float32"), FREQUENCIES)[1], 0.4)
+    packed = coded_sketch.encode(sketch.decode_cdr(*golden("sketch_float32"), SENSOR)[1])
     at = coded_sketch.HEADER.size + 8 * len(FREQUENCIES)
     return packed[:at] + zstd.decompress(packed[at:])
 
@@ -63,7 +63,7 @@ CODECS = {
     "photons": (frame(photons), golden("photons_uint16", "photons_float32")),
     "gates": (frame(gates), golden("gates")),
     "histograms": (frame(histograms), golden(*(f"histograms_{kind}5" for kind in ("8UC", "16UC", "32SC", "32FC")))),
-    "sketch": (lambda raw: sketch.decode_cdr(raw, FREQUENCIES, SENSOR),
+    "sketch": (lambda raw: sketch.decode_cdr(raw, SENSOR),
                golden("sketch_float32", "sketch_int16", "sketch_coded")),
     "coded_sketch": (unpacked, [coded_example()]),
     "points": (points.decode_cdr, golden("points_xyzi", "points_full", "points_xyzi_organised")),

@@ -1,7 +1,7 @@
 """The photons or sketches in a bag: which of its topics they are on, and single frames of them."""
 
 import re
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ from srt3d_ros.messages.photon_frames import CODECS
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 PHOTON_FIELDS = {"row", "col", "toa"}
-SKETCH_FIELDS = {"sketch", "coded"}
 GATES_ENCODING = "16UC1"
 HISTOGRAMS_ENCODING = re.compile(r"(?:8U|16U|32S|32F)C(\d{1,5})")
+NAMELESS = "broken"             # in place of a digest, of sketches that say none: an error when they are read
 MOST_CAMERA_CHANNELS = 4        # of the images of cameras, whose encodings look alike
 
 
@@ -60,8 +60,9 @@ def find_photons(bag: Bag, photons_topic: str = "") -> PhotonTopics:
             f"a topic of photons or sketches; {bag.path.name} has {bag.content()}")
     photons = _the_only(named or frames, "photons", bag)
     is_sketch = contents[photons] == "sketch"
-    sensors = [topic for topic, content in contents.items()
-               if content == ("sketch/sensor" if is_sketch else "sensor")]
+    described = [topic for topic, content in contents.items() if content == "sensor"]
+    behind_gate = [topic for topic in described if topic.name.endswith("sketch/sensor")]
+    sensors = behind_gate or described if is_sketch else [topic for topic in described if topic not in behind_gate]
     place = photons.name if is_sketch else photons.name.rsplit("/", 1)[0]
     beside = [topic for topic in sensors if topic.name == f"{place}/sensor"]
     sensor = _the_only(beside or sensors, "sensor", bag) if sensors else None
@@ -76,11 +77,12 @@ class Place(NamedTuple):
 
 
 class FramePlace(NamedTuple):
-    """Where frame `number` of a bag is, and the description of the sensor that was in force when it came."""
+    """Where frame `number` of a bag is, and its sensor's description: of photons the last that came before, of sketches
+    the one that they name; None if it is not in the bag."""
 
     number: int
     frame: Place
-    sensor: Place
+    sensor: Place | None
 
 
 class BagFrames:
@@ -100,7 +102,7 @@ class BagFrames:
         except InvalidInput:
             self.close()
             raise
-        self._sensor: tuple[Place, tuple[SensorModel, tuple]] | None = None
+        self._sensor: tuple[Place, tuple[SensorModel, tuple[str, ...]]] | None = None
         self._messages = InOrder(self._from_start)
 
     def __enter__(self) -> "BagFrames":
@@ -123,22 +125,23 @@ class BagFrames:
             InvalidInput: the bag breaks off.
         """
         at_time: Counter[tuple[str, int]] = Counter()
-        waiting, sensor, number = [], None, 0       # a sensor that came late still describes the first frames
+        sensors: dict[str, Place] = {}
+        waiting, number = deque(), 0        # a sensor that came late still describes the first frames
         for message in self._bag.messages((self.topics.frames, self.topics.sensor)):
             key = message.topic, message.time_ns
             place = Place(message.time_ns, at_time[key])
             at_time[key] += 1
             if message.topic == self.topics.sensor.name:
-                sensor = place
+                sensors[self._digest(message)] = place
             else:
                 if number >= first:
-                    waiting.append((number, place))
+                    waiting.append((number, place, self._digest(message)))
                 number += 1
-            if sensor is not None:
-                yield from (FramePlace(*frame, sensor) for frame in waiting)
-                waiting.clear()
-        require(number == len(self) and sensor is not None, f"bag {self.path.name}", "shorter than it says",
-                "a complete bag")
+            while waiting and waiting[0][2] in (NAMELESS, *sensors):
+                *frame, named = waiting.popleft()
+                yield FramePlace(*frame, sensors.get(named))
+        require(number == len(self) and sensors, f"bag {self.path.name}", "shorter than it says", "a complete bag")
+        yield from (FramePlace(*frame, sensors.get(named)) for *frame, named in waiting)
 
     def place(self, number: int) -> FramePlace:
         """Where a frame is; InvalidInput if there is none of that number."""
@@ -167,19 +170,29 @@ class BagFrames:
 
     def sketch(self, place: FramePlace) -> tuple[SensorModel, Sketch]:
         """The sketch of a frame, with its sensor; InvalidInput if it cannot be read."""
-        sensor, frequencies = self._sensor_at(place.sensor)
-        return sensor, sketch_message.decode_cdr(self._frame(place), frequencies, sensor)[1]
+        raw = self._frame(place)
+        if place.sensor is None:
+            digest = sketch_message.description_cdr(raw)
+            raise InvalidInput(f"sketch/sensor of frame {place.number}", "missing", f"the description sensor_{digest}")
+        sensor, _ = self._sensor_at(place.sensor)
+        return sensor, sketch_message.decode_cdr(raw, sensor)[1]
 
-    def _sensor_at(self, place: Place) -> tuple[SensorModel, tuple]:
-        """The sensor, and notes on it or the frequencies of its sketches; decoded once for all frames it describes."""
+    def _digest(self, message: Message) -> str:
+        """By what a sketch and its description are paired; the same for all photons and their descriptions."""
+        if not self.are_sketches:
+            return ""
+        if message.topic == self.topics.sensor.name:
+            return sensor_message.digest(cdr.read_text(message.raw))
+        with suppress(InvalidInput):
+            return sketch_message.description_cdr(message.raw)
+        return NAMELESS
+
+    def _sensor_at(self, place: Place) -> tuple[SensorModel, tuple[str, ...]]:
+        """The sensor, and notes on it; decoded once for all frames that it describes."""
         if self._sensor is None or self._sensor[0] != place:
             raw = self._raw(self.topics.sensor, place)
-            if self.are_sketches:
-                found = sketch_message.decode_sensor_cdr(raw)[:2]
-            else:
-                own = json_text.parse(cdr.read_text(raw), "sensor")
-                found = sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,)
-            self._sensor = place, found
+            own = json_text.parse(cdr.read_text(raw), "sensor")
+            self._sensor = place, (sensor_message.decode_cdr(raw), () if "projection" in own else (ASSUMED_FOV,))
         return self._sensor[1]
 
     def _frame(self, place: FramePlace) -> bytes:
@@ -199,14 +212,15 @@ class BagFrames:
 
 
 def _content(bag: Bag, topic: BagTopic) -> str:
-    """What the first message of a topic holds: a key of CODECS, "sketch", "sensor", "sketch/sensor", or else ""."""
+    """What the first message of a topic holds: a key of CODECS, "sketch", "sensor", or else ""."""
     if topic.type not in (CLOUD, IMAGE, TEXT):
         return ""
     raw = next((message.raw for message in bag.messages((topic,))), b"")    # a bag may lie about its messages
     with suppress(InvalidInput):
         if topic.type == CLOUD:
-            names = {field.name for field in cdr.read_cloud(raw).fields}
-            return "photons" if PHOTON_FIELDS <= names else "sketch" if names & SKETCH_FIELDS else ""
+            cloud = cdr.read_cloud(raw)
+            is_photons = PHOTON_FIELDS <= {field.name for field in cloud.fields}
+            return "photons" if is_photons else "sketch" if sketch_message.is_sketch(cloud) else ""
         if topic.type == IMAGE:
             encoding = cdr.read_image(raw).encoding
             bins = HISTOGRAMS_ENCODING.fullmatch(encoding)
@@ -214,9 +228,6 @@ def _content(bag: Bag, topic: BagTopic) -> str:
             return "gates" if encoding == GATES_ENCODING else "histograms" if is_histograms else ""
         sensor_message.decode_cdr(raw)
         return "sensor"
-    with suppress(InvalidInput):
-        sketch_message.decode_sensor_cdr(raw)
-        return "sketch/sensor"
     return ""
 
 
