@@ -7,7 +7,6 @@ frame. Lines: true detections (TD) within 10 bins, %, and depth error (DAE), bin
     at_rest         the sensor stands at that pose
     not_moved       the photons of the frame are simply added
     moved           its parts are moved by the exact trajectory, guided by the range of the last cloud
-    moved_unguided  without that
 """
 
 import argparse
@@ -22,7 +21,6 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.deskew import range_image
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.motion import Trajectory
@@ -114,16 +112,10 @@ class Method:
     sketcher: MovingSketcher
     pooled: Pooled
     known: Trajectory | None
-    guided: bool = True
-    last: PointCloud | None = None
 
     def cloud(self, frame: MovingFrame) -> PointCloud:
         """The cloud of the next frame."""
-        guide, known, sensor = None, self.known, self.sketcher.sensor
-        if self.guided and known is not None and self.last is not None:
-            guide = range_image(sensor, known.motion(self.last.stamp_ns, frame.to_ns)(self.last.xyz))
-        self.last = self.pooled(self.sketcher.finish(frame, known, guide))
-        return self.last
+        return self.pooled(self.sketcher.finish(frame, self.known))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +130,8 @@ class Shot:
 
 def methods(sensor: SensorModel, frequencies, exact: Trajectory) -> dict[str, Method]:
     """The methods by the names of their lines."""
-    def method(known: Trajectory | None, guided: bool = True) -> Method:
-        return Method(MovingSketcher(sensor, frequencies), Pooled(sensor, frequencies), known, guided)
-
-    return {"not_moved": method(None), "moved": method(exact), "moved_unguided": method(exact, guided=False)}
+    return {name: Method(MovingSketcher(sensor, frequencies), Pooled(sensor, frequencies), known)
+            for name, known in (("not_moved", None), ("moved", exact))}
 
 
 def judge(drive: Drive, ppps: list[float], frames: int, shots: list[Shot]) -> Iterator[dict]:

@@ -2,7 +2,7 @@
 
 The machines are network namespaces (machines.py): needs root and iproute2. `limits` sends sketches of all sizes over
 both links, `loss` over one that loses packets, with each Fast DDS profile of the sketcher; `coded` sends coded ones,
-`degrade` over a link whose rate falls to a tenth and rises again, with and without max_mbit_s: a line for each rate.
+`degrade` over a link whose rate falls to a tenth and rises again, with and without merge_when_busy: a line a rate.
 """
 
 import argparse
@@ -34,8 +34,8 @@ PARTS = {               # the options of `sketches` for each line
                    (100, "default"), (1000, "default"), (1000, "network")) for case in SIZES)],
     "loss": [{"mbit": 100, "case": SIZES[0], "loss": loss, "profile": profile}
              for loss in (0, 0.001, 0.01) for profile in PROFILES],
-    "coded": [*({"mbit": 100, "case": case, "step": step, "profile": profile} for case, step in (
-                  ((SMALL, "coded", 10, 30.0), 0.4), ((LARGE, "coded", 5, 10.0), 0.7))
+    "coded": [*({"mbit": 100, "case": case, "profile": profile}
+                for case in ((SMALL, "coded", 10, 30.0), (LARGE, "coded", 5, 10.0))
                 for profile in ("default", "network")),
               {"mbit": 100, "case": (SMALL, "coded", 5, 10.0), "loss": 0.01, "profile": "network"}],
 }
@@ -57,12 +57,12 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
         for part in args.parts:
             for options in PARTS.get(part, ()):
                 yield {"part": part, **sketches(Path(folder), args.seconds, **options)}
-            for limit in (80.0, 0.0) if part == DEGRADE else ():
-                yield from ({"part": part, "max_mbit_s": limit, **line} for line in degrade(Path(folder), limit))
+            for merge in (True, False) if part == DEGRADE else ():
+                yield from ({"part": part, "merge_when_busy": merge, **line} for line in degrade(Path(folder), merge))
 
 
 def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float = 0, profile: str = "default",
-             reader: str = "", step: float = 0.4) -> dict:
+             reader: str = "") -> dict:
     """Sketches over a link, to a reader that only notes when they come or to a reconstructor; what came of it."""
     side, layout, size, rate_hz = case
     own, sent = folder / "own.xml", round(rate_hz * seconds)
@@ -74,7 +74,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
             machines.start_on(ROBOT, reader)
         watch = machines.watch("points" if reader else "sketch", str(own) if profile == OWN else None)
         machines.start_on(SENSOR, "sketcher", {OWN: str(own), "network": NETWORK_PROFILE}.get(profile),
-                          layout=layout, sketch_size=size, coding_step=step)
+                          layout=layout, sketch_size=size)
         for name in filter(None, ("sketcher", reader)):
             machines.wait(lambda: name in watch.reports, name)
         before = link.wire_bytes()
@@ -87,7 +87,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
         wire = link.wire_bytes() - before
         first_ns, last_ns = (watch.arrivals[0].stamp_ns, watch.arrivals[-1].received_ns) if arrived else (0, np.inf)
         return {"mbit": mbit, "loss": loss, "profile": profile, "side": side, "layout": layout, "m": size,
-                "coding_step": step, "rate_hz": rate_hz, "reader": reader or "note", "frames": sent, "arrived": arrived,
+                "rate_hz": rate_hz, "reader": reader or "note", "frames": sent, "arrived": arrived,
                 "latency_ms": percentiles(watch.arrivals),
                 "dropped_by_sketcher": watch.total("sketcher", "dropped"),
                 "lost_before_sketcher": watch.total("sketcher", "message_lost"),
@@ -97,22 +97,20 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
                 "wire_bytes_per_frame": round(wire / max(arrived, 1))}
 
 
-def degrade(folder: Path, limit: float) -> Iterator[dict]:
-    """What arrives while the rate of the link falls and rises; of the sketcher, its newest report in each phase."""
+def degrade(folder: Path, merge: bool) -> Iterator[dict]:
+    """What arrives while the rate of the link falls and rises; in each phase."""
     with Link(PHASES[0][1]) as link, Machines(link, folder) as machines:
         watch = machines.watch("sketch")
-        machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="coded", max_mbit_s=limit)
+        machines.start_on(SENSOR, "sketcher", NETWORK_PROFILE, layout="coded", merge_when_busy=merge)
         machines.wait(lambda: "sketcher" in watch.reports, "the sketcher")
         machines.start_on(SENSOR, "player", input=photon_file(folder, SMALL), rate_hz=30.0)
         machines.wait(lambda: watch.arrivals, "the first sketch")
         for seconds, mbit in PHASES:
             link.carry(mbit)
-            arrived, sent = len(watch.arrivals), watch.total("sketcher", "frames_out")
+            arrived, sent = len(watch.arrivals), watch.total("sketcher", "packets")
             time.sleep(seconds)
-            report = watch.reports["sketcher"]
-            yield {"mbit": mbit, "seconds": seconds, "frames": watch.total("sketcher", "frames_out") - sent,
-                   "arrived": len(watch.arrivals) - arrived, "age_ms": percentiles(watch.arrivals[arrived:]),
-                   **{key: report.get(key) for key in ("coding_step_now", "frames_per_sketch", "sketch_mbit_s")}}
+            yield {"mbit": mbit, "seconds": seconds, "frames": watch.total("sketcher", "packets") - sent,
+                   "arrived": len(watch.arrivals) - arrived, "age_ms": percentiles(watch.arrivals[arrived:])}
 
 
 def photon_file(folder: Path, side: int) -> str:

@@ -5,7 +5,11 @@ one. There the pixels that look at X see it, and |X| − ρ farther away, which 
 sums for Δ bins. The photons go to where X is, instead of each pixel's asking where its photons were: so none is lost
 but those that leave the array, none counts twice, and a surface behind another does not shine through. The four pixels
 around share them (if the nearest had all, depth errors were 15 to 25 % larger), each as if the surface had been seen
-at its own place: along the surface of the last cloud, not across its edges.
+at its own place: along the surface, not across its edges.
+
+The range ρ comes from the photons themselves: the phase of the lowest frequency, to which an even background adds
+nothing, of the pixels in a square that is large enough for the noise. Without any range, walks and flights of the
+simulator lose 18 to 62 % of what deskewing gains in depth error; with these ranges 0 to 14 % (SBR 1, 64² and 141²).
 """
 
 from collections.abc import Sequence
@@ -13,14 +17,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.motion import Pose, Trajectory
-from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.frequencies import irf_spectrum
+from srt3d_ros.core.motion import Trajectory
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch, check_frequencies
-from srt3d_ros.errors import require
 
 TINY = 1e-9             # photons that are divided by at least
-FAR_M = 100.0           # what is at no known range: its parallax in a frame is less than a pixel
+FAR_M = 100.0           # range without frequency 1: its parallax in a frame is less than a pixel
+NEAREST_M = 0.3         # where noise or a second surface says less
+RANGE_NOISE = 0.05      # relative standard deviation of the ranges: a square of 5 to 13 pixels at 3 to 10 ppp
 STEEPEST = 6.0          # tangent of the incidence, 80°, beyond which neighbouring pixels see two surfaces
 # Where the parts of photons round up, in each 4 × 4 pixels (Bayer, ICC 1973): as many up as down, however few there are
 ROUNDING = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32) + 0.5) / 16
@@ -61,19 +66,15 @@ class Deskewer:
             parts: their instants, the middle of acquisition, and their sketches.
             trajectory: of the sensor's frame, over all instants.
             to_ns: the instant, and the stamp of the result.
-            range_m: float32 [rows, cols], metres along each pixel's ray at `to_ns`, NaN where unknown, taken for the
-                median of the others. None: all photons move as from FAR_M: the rotation is right, without parallax.
+            range_m: float32 [rows, cols], metres along each pixel's ray; unless given, what the photons show.
 
         Raises:
-            InvalidInput: the trajectory does not cover an instant, or the sketches are not the sensor's.
+            InvalidInput: the trajectory does not cover an instant.
         """
-        ranges, back, came = self._filled(range_m), trajectory.at(to_ns).inverse(), 0
+        ranges, back, came = self.ranges_m(parts) if range_m is None else range_m, trajectory.at(to_ns).inverse(), 0
         sums = np.zeros((*self._shape, len(self.frequencies)), np.complex64)
         photons = np.zeros(self._shape, np.float32)
         for instant_ns, sketch in parts:
-            shape = tuple(sketch.photons.shape)
-            require(shape == self._shape and sketch.frequencies == self.frequencies, "sketch",
-                    f"{shape}, {sketch.frequencies}", f"{self._shape}, {self.frequencies}")
             motion = back @ trajectory.at(instant_ns)
             self._kernels.move_sketch(sketch.sums, sketch.photons.astype(np.float32), self._used, self.sensor.rays,
                                       ranges, motion.rotation.astype(np.float32), motion.translation.astype(np.float32),
@@ -84,14 +85,28 @@ class Deskewer:
         whole = np.minimum(np.floor(photons.astype(np.float64) + self._rounding), MAX_PHOTONS)
         sums *= self._phases(ranges) * (whole / np.maximum(photons, TINY)).astype(np.float32)[..., None]
         return Sketch(self.frequencies, sums, whole.astype(np.uint32), to_ns,
-                      max((sketch.added_variance for _, sketch in parts), default=0.0))
+                      max((sketch.added_variance for _, sketch in parts), default=0.0), self.sensor)
 
-    def _filled(self, range_m: np.ndarray | None) -> np.ndarray:
-        """Ranges of all pixels, float32 [rows, cols]."""
-        ranges = np.full(self._shape, np.nan, np.float32) if range_m is None else np.asarray(range_m, np.float32)
-        require(ranges.shape == self._shape, "range_m shape", ranges.shape, f"[rows, cols] = {self._shape}")
-        known = np.isfinite(ranges) & (ranges > 0)
-        return np.where(known, ranges, np.median(ranges[known]) if known.any() else np.float32(FAR_M))
+    def ranges_m(self, parts: Parts) -> np.ndarray:
+        """The range along each pixel's ray by the photons of it and its neighbours; float32 [rows, cols], metres."""
+        if 1 not in self.frequencies or not parts:
+            return np.full(self._shape, FAR_M, np.float32)
+        from scipy.ndimage import uniform_filter  # here: only moving sensors need it
+
+        first, sensor = self.frequencies.index(1), self.sensor
+        bins_a_radian = sensor.num_bins / (2 * np.pi)
+        back = np.exp(-1j * self._late / bins_a_radian) * np.conj(irf_spectrum(sensor, (1,)).mean()) * self._used
+        z = sum(sketch.sums[..., first] for _, sketch in parts) * back
+
+        def range_of(z):
+            depth = np.mod(np.angle(z), 2 * np.pi) * bins_a_radian
+            return np.maximum(sensor.range_m(depth), NEAREST_M).astype(np.float32)
+
+        photons = sum(float(sketch.photons.sum()) for _, sketch in parts)
+        length = max(abs(z.sum()), TINY)
+        noise_m = np.sqrt(photons * z.size / 2) / length * bins_a_radian * sensor.bin_width_m      # of a pixel
+        side = int(min(np.ceil(noise_m / (RANGE_NOISE * range_of(z.sum()))), max(self._shape))) | 1
+        return range_of(uniform_filter(z.real, side) + 1j * uniform_filter(z.imag, side))
 
     def _phases(self, ranges: np.ndarray) -> np.ndarray:
         """exp(i ω_l t) of the depths t of ranges, complex64 [rows, cols, m]: `move_sketch` leaves them out."""
@@ -101,34 +116,3 @@ class Deskewer:
         phases = np.empty(turns.shape, np.complex64)
         phases.real, phases.imag = np.cos(angle), np.sin(angle)
         return phases
-
-
-def moved_ranges(depth: np.ndarray, sensor: SensorModel, motion: Pose) -> np.ndarray:
-    """The range along each pixel's ray after a motion; float32 [rows, cols], metres, NaN where it is not known.
-
-    Args:
-        depth: float32 [rows, cols], as a depth image shows it before the motion (REP-118: z of a pinhole, range of a
-            scanner; NaN or 0 = none).
-        motion: of a point in the sensor's frame, from then to now.
-
-    Raises:
-        InvalidInput: a depth image of another size.
-    """
-    require(depth.shape == (sensor.rows, sensor.cols), "depth image", f"{depth.shape} pixels",
-            f"{sensor.rows} × {sensor.cols} pixels")
-    seen = np.isfinite(depth) & (depth > 0)
-    rays, along = sensor.rays[seen], depth[seen]
-    if isinstance(sensor.projection, Pinhole):
-        along = along / rays[:, 2]
-    return range_image(sensor, motion(rays * along[:, None]))
-
-
-def range_image(sensor: SensorModel, xyz: np.ndarray) -> np.ndarray:
-    """Range of the nearest of points [N, 3] that each pixel sees, float32 [rows, cols], metres; NaN where none."""
-    row, col = (np.floor(place + 0.5) for place in sensor.projection.places(xyz))
-    seen = (row >= 0) & (row < sensor.rows) & (col >= 0) & (col < sensor.cols)      # not NaN
-    pixel = row[seen].astype(np.int64) * sensor.cols + col[seen].astype(np.int64)
-    nearest = np.full((sensor.rows, sensor.cols), np.inf, np.float32)
-    range_m = np.linalg.norm(xyz[seen].astype(np.float32), axis=1)
-    np.minimum.at(nearest.reshape(-1), pixel, range_m)      # one index and one dtype: fifty times faster
-    return np.where(np.isfinite(nearest), nearest, np.float32(np.nan))

@@ -57,7 +57,8 @@ class Framing:
     of its stamp: a driver that stamps all packets of a frame alike does not send duplicates.
 
     Args:
-        packets: that complete a frame; with a period 1 stands for as many as come.
+        packets: that complete a frame; with a period 1 stands for as many as come. 0 = all packets are one frame, which
+            `flush` ends, whatever their stamps.
         period_ns: P; 0 = frames end by number only, and one packet a frame is never taken for a double.
     """
 
@@ -88,6 +89,8 @@ class Framing:
         bag or the clock began again: the open frame ends if it has a period, and is given up if it would wait for its
         number.
         """
+        if not self._packets and not self._period_ns:
+            return Placed()
         ended = forgotten = None
         began_again = self._newest_ns is not None and self._is_leap(abs(stamp_ns - self._newest_ns))
         if self._last_ns is not None:
@@ -100,7 +103,7 @@ class Framing:
             self._lay_grid(stamp_ns)
         if self._is_late(stamp_ns):
             return Placed(dropped="late")
-        if (self._period_ns or self._packets > 1) and self._recent.has_or_keeps(stamp_ns, content):
+        if content and (self._period_ns or self._packets > 1) and self._recent.has_or_keeps(stamp_ns, content):
             return Placed(dropped="duplicate")
         if self._period_ns and self.open.packets and self._period_of(stamp_ns) > self._period_of(self._start_ns):
             ended = self._end()
@@ -130,9 +133,9 @@ class Framing:
         longest = nlargest(2, tuple(self._steps_ns))
         return longest[1] if len(longest) == 2 else None
 
-    def end_after_silence(self) -> OpenFrame | None:
-        """The open frame, which ends if it has a period; else None."""
-        return self._end() if self._period_ns and self.open.packets else None
+    def flush(self) -> OpenFrame | None:
+        """The open frame, which ends unless it waits for its number of packets; else None."""
+        return self._end() if self.open.packets and (self._period_ns or not self._packets) else None
 
     def _end(self) -> OpenFrame:
         frame, self.open = self.open, OpenFrame()

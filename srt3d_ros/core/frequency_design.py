@@ -13,7 +13,7 @@ V(d) = Σ_x h(x) (q(x) − q(x − d))² what a signal photon adds. For small d 
 that we use (`MatchedFrame`), not that of an ideal one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -36,8 +36,6 @@ IRFS_COMPARED = 64
 # Pixels whose photons a design counts together, as a reconstruction pools those around each point. Mean DAE of 36
 # frames: −7.4 % with 1, −8.5 with 2, −8.9 with 4, −9.4 with 16, which is up to 1 % worse in places.
 POOLED = 4
-OTHER_LIGHT = 0.75  # octaves from which on the light is another one: beyond half of one, at which a design changes
-MORE = 1.2          # and the factor of the frequency up to which it is confirmed: two rungs of the meter
 # log of erfc(x)·exp(x²)/t as a polynomial in t = 1 / (1 + x/2), relative error 1.2e-7 for x ≥ 0 (W. H. Press et al.,
 # Numerical Recipes, 2nd ed., 6.2). math.erfc, number by number, takes 20 times as long; torch a second to import.
 ERFC = (-1.26551223, 1.00002368, 0.37409196, 0.09678418, -0.18628806, 0.27886807, -1.13520398, 1.48851587, -0.82215223,
@@ -80,15 +78,6 @@ class Light:
         """The light if all signal but only this part of the bins is kept."""
         kept = self.signal_share + (1 - self.signal_share) * bins
         return Light(self.photons_per_pixel * kept, self.signal_share / kept, int(self.confirmed * bins))
-
-    def of_frames(self, frames: int) -> "Light":
-        """The light of several such frames together."""
-        return replace(self, photons_per_pixel=self.photons_per_pixel * frames)
-
-    def is_other(self, before: "Light", top: int) -> bool:
-        """Whether it asks for another design than one with a highest frequency of `top`, made for the light before."""
-        moved = abs(self.octaves(1) - before.octaves(1)) > OTHER_LIGHT
-        return moved or self.confirmed < top <= before.confirmed or self.confirmed > MORE * before.confirmed
 
 
 def design(sensor: SensorModel, sketch_size: int, octaves: int = 0, confirmed: int = 0) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 
 OFF, AUTO = "off", "auto"
-FORM = "off, auto, or first and last bin such as 100:400"
+FORM = "off, first and last bin such as 100:400, or for a file auto"
 
 
 class Gate:

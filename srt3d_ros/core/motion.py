@@ -12,7 +12,6 @@ from srt3d_ros.errors import require
 KEPT_NS = 10 * 10**9        # of a trajectory: longer than any frame waits for it, or any window is likely to be
 SMOOTH_NS = 150_000_000     # of odometry. Stamps off by up to 20 ms: 4 mm at 1 m/s; a hand's shaking: 1 mm lost
 FEWEST = 6                  # poses that a parabola is drawn through
-SMALL_RAD = 1e-6            # below it sin(a) / a is 1 to the last digit of a double
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,31 +38,17 @@ class Pose:
         require(bool(np.isfinite(translation).all()), "position", translation.tolist(), "finite metres")
         length = math.hypot(*quaternion)
         require(abs(length - 1) < 0.01, "orientation", quaternion.tolist(), "a quaternion of length 1")    # NaN fails
-        x, y, z, w = quaternion / length
-        rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-        return cls(rotation, translation)
+        return cls(_rotations().from_quat(quaternion).as_matrix(), translation)
 
     @classmethod
     def turned(cls, rotation_vector) -> Self:
-        """A rotation by |v| radians about v (Rodrigues' formula)."""
-        vector = np.asarray(rotation_vector, np.float64)
-        angle = float(np.linalg.norm(vector))
-        x, y, z = vector
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        first = np.sin(angle) / angle if angle > SMALL_RAD else 1.0
-        second = (1 - np.cos(angle)) / angle**2 if angle > SMALL_RAD else 0.5
-        return cls(np.eye(3) + first * cross + second * cross @ cross)
+        """A rotation by |v| radians about v."""
+        return cls(_rotations().from_rotvec(rotation_vector).as_matrix())
 
     @property
     def rotation_vector(self) -> np.ndarray:
         """Axis times angle in radians, 0 to π; float64 [3]: the inverse of `turned`."""
-        r = self.rotation
-        if np.trace(r) > -1 + SMALL_RAD**2:
-            return _vectors(r[None])[0]
-        column = (r + np.eye(3))[:, np.argmax(np.diag(r))]      # half a turn: R = 2 a aᵀ − 1
-        return column / np.linalg.norm(column) * np.pi
+        return _rotations().from_matrix(self.rotation).as_rotvec()
 
     def inverse(self) -> Self:
         """The motion back."""
@@ -147,7 +132,7 @@ class Trajectory:
         weighted = powers * (1 - away**2 + 1e-9)
         share = np.linalg.solve(weighted @ powers.T, weighted)[0]        # of what is known, at the instant
         middle = near[int(np.abs(away).argmin())].rotation
-        turn = share @ _vectors(middle.T @ np.stack([pose.rotation for pose in near]))
+        turn = share @ _rotations().from_matrix(middle.T @ np.stack([pose.rotation for pose in near])).as_rotvec()
         return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in near]))
 
     def motion(self, from_ns: int, to_ns: int) -> Pose:
@@ -155,10 +140,7 @@ class Trajectory:
         return self.at(to_ns).inverse() @ self.at(from_ns)
 
 
-def _vectors(rotations: np.ndarray) -> np.ndarray:
-    """`Pose.rotation_vector` of rotations [N, 3, 3] by less than half a turn, [N, 3]."""
-    skew = (rotations - rotations.swapaxes(1, 2)) / 2
-    axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)      # times sin(angle)
-    sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, (np.trace(rotations, axis1=1, axis2=2) - 1) / 2)
-    return axis * np.where(sine > SMALL_RAD, angle / np.maximum(sine, SMALL_RAD), 1)[:, None]
+def _rotations():
+    from scipy.spatial.transform import Rotation  # here: it takes a tenth of a second, and only moving sensors need it
+
+    return Rotation

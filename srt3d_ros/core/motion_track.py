@@ -1,4 +1,4 @@
-"""What a robot reports of its motion → the trajectory of its sensor. What no robot does begins another trajectory."""
+"""SensorMotion: the trajectory of a sensor by what its robot reports. What no robot does begins another one."""
 
 from dataclasses import dataclass, field
 
@@ -31,7 +31,7 @@ class MotionReport:
     rate_rad_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
-class MotionTrack:
+class SensorMotion:
     """The trajectory of a sensor that is fixed to the body that is reported on.
 
     It begins again, so that no frame is moved over what is not known or not true, where
@@ -47,8 +47,8 @@ class MotionTrack:
     """
 
     def __init__(self, extrinsics: Pose | None = None):
-        self.extrinsics = extrinsics or Pose()
-        self.trajectory = Trajectory(SMOOTH_NS)
+        self._extrinsics = extrinsics or Pose()
+        self.trajectory, self._former = Trajectory(SMOOTH_NS), Trajectory(SMOOTH_NS)
         self._last: MotionReport | None = None
         self._has_speed = self._has_rate = False        # a robot at rest reports 0, as do those that never fill it in
 
@@ -67,14 +67,28 @@ class MotionTrack:
                     f"later than the last, {last.stamp_ns} ns")
             why = self._break(last, report, elapsed_ns / 1e9)
         if why:
-            self.trajectory = Trajectory(SMOOTH_NS)
+            self._former, self.trajectory = self.trajectory, Trajectory(SMOOTH_NS)
         self._last = report
         if report.pose is None:
             rate_rad_s = report.rate_rad_s if last is None else (last.rate_rad_s + report.rate_rad_s) / 2
-            self.trajectory.add_turn(report.stamp_ns, self.extrinsics.rotation.T @ rate_rad_s)
+            self.trajectory.add_turn(report.stamp_ns, self._extrinsics.rotation.T @ rate_rad_s)
         else:
-            self.trajectory.add(report.stamp_ns, report.pose @ self.extrinsics)
+            self.trajectory.add(report.stamp_ns, report.pose @ self._extrinsics)
         return why
+
+    def over(self, first_ns: int, last_ns: int, late: bool) -> tuple[Trajectory | None, str]:
+        """The trajectory over a time; None, and why, if there is none or, unless it is `late`, one may still come."""
+        for known in (self.trajectory, self._former):
+            if known.covers(first_ns, last_ns):
+                return known, ""
+        newest_ns = self.trajectory.newest_ns
+        if newest_ns is not None and newest_ns >= last_ns:
+            return None, "the reports of motion begin later, or anew within it"
+        if not late:
+            return None, ""
+        if newest_ns is None:
+            return None, "no motion was reported"
+        return None, f"the newest report of motion is {(last_ns - newest_ns) / 1e6:.0f} ms older than its end"
 
     def _break(self, last: MotionReport, report: MotionReport, elapsed_s: float) -> str:
         """Why the body cannot have moved evenly from the last report to this one; empty if it can."""

@@ -25,13 +25,18 @@ class MovingFrame:
     Args:
         parts: instants, ns, and sketches, in order of time.
         first_ns, last_ns: the time over which its trajectory has to be known.
-        to_ns: the instant that it is moved to, the middle of its acquisition.
+        stamp_ns: the instant that it is moved to, the middle of its acquisition.
     """
 
     parts: Parts
     first_ns: int
     last_ns: int
-    to_ns: int
+    stamp_ns: int
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that its sketches take, about."""
+        return sum(sketch.sums.nbytes for _, sketch in self.parts)
 
 
 class MovingSketcher(Sketcher):
@@ -41,7 +46,7 @@ class MovingSketcher(Sketcher):
     before says. A packet lasts until the next one: its photons come in the middle.
 
     Args:
-        sensor, frequencies, gate: as for a Sketcher, on the CPU.
+        sensor, frequencies, gate: as for a Sketcher.
 
     Attributes:
         lost: photons of the last frame finished that no pixel sees at its instant.
@@ -92,23 +97,20 @@ class MovingSketcher(Sketcher):
         self._parts, self._previous_ns = [], stamps[-1]
         return MovingFrame(parts, min(instants), max(instants), to_ns)
 
-    def finish(self, frame: MovingFrame, trajectory: Trajectory | None, range_m: np.ndarray | None = None) -> Sketch:
-        """The sketch of a frame at `frame.to_ns`. Without a trajectory its parts add up as they are.
-
-        Args:
-            range_m: as of `Deskewer`.
+    def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> Sketch:
+        """The sketch of a frame at `frame.stamp_ns`. Without a trajectory its parts add up as they are.
 
         Raises:
             InvalidInput: the trajectory does not cover the frame.
         """
         if trajectory is not None and frame.parts:
-            sketch = self._deskewer(frame.parts, trajectory, frame.to_ns, range_m)
+            sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
             self.lost = self._deskewer.lost
             return sketch
         self.lost, shape = 0, (self.sensor.rows, self.sensor.cols)
         nothing = Sketch(self.frequencies, np.zeros((*shape, len(self.frequencies)), np.complex64),
-                         np.zeros(shape, np.uint32))
-        return replace(reduce(add, (sketch for _, sketch in frame.parts), nothing), stamp_ns=frame.to_ns)
+                         np.zeros(shape, np.uint32), sensor=self.sketch_sensor)
+        return replace(reduce(add, (sketch for _, sketch in frame.parts), nothing), stamp_ns=frame.stamp_ns)
 
     def _ends_part(self, stamp_ns: int) -> bool:
         """Whether a packet with this stamp belongs to another part than the open one."""

@@ -236,11 +236,11 @@ def word_wanted(sensor: SensorModel) -> str:
 PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms
 
 
-def most_photons(frame: PhotonFrame, last: int) -> int:
-    """How many photons it costs to look at a frame that begins with these: at least as many as the `last` one had.
+def most_photons(frame: PhotonFrame) -> int:
+    """How many photons it costs to look at a frame.
 
     Gates that have not been counted may have one in every word; histograms cost what their bins do, photons or not.
     """
     if isinstance(frame, PhotonHistograms):
         return frame.counts.size // COUNTS_A_PHOTON
-    return max(frame.words.size if frame.photons is None else frame.photons, last)
+    return frame.words.size if frame.photons is None else frame.photons

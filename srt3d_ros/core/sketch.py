@@ -39,6 +39,7 @@ class Sketch:
         photons: uint32 [rows, cols], n; MAX_PHOTONS and the mean where there were more.
         stamp_ns: start of acquisition of the earliest photons; of a window, see WindowSketcher.
         added_variance: of each part of the sums, by rounding on the way, over the n/2 that photon noise gives it.
+        sensor: of the photons, behind the gate if there is one; None where it is not known.
     """
 
     frequencies: tuple[int, ...]
@@ -46,6 +47,7 @@ class Sketch:
     photons: np.ndarray
     stamp_ns: int = 0
     added_variance: float = 0.0
+    sensor: SensorModel | None = None
 
     def __post_init__(self) -> None:
         require(self.sums.ndim == 3 and self.sums.shape[2] == len(self.frequencies), "sketch shape", self.sums.shape,

@@ -71,7 +71,8 @@ class Sketcher:
         if self._subtracted:
             photons = self._at_least_as_seen(sums, photons)
         sums, photons = self._kernels.read_sums(sums, photons, 2 * m)
-        return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0)
+        return Sketch(self.frequencies, sums.reshape(rows, cols, m), photons.reshape(rows, cols), self._stamp_ns or 0,
+                      sensor=self.sketch_sensor)
 
     def _at_least_as_seen(self, sums: np.ndarray, photons: np.ndarray) -> np.ndarray:
         """Photon numbers of histograms from which something was subtracted: as many as the longest sum needs, |z| ≤ 1.

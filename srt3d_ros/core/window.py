@@ -99,23 +99,3 @@ class WindowSketcher(Sketcher):
         for out, values in zip(into, (self._sums, self._photons), strict=True):
             out[:] = values
         return into
-
-
-class UnsentWindows:
-    """Sketches of a sliding window of W frames, of which none was sent, as one sketch that covers their frames.
-
-    Windows that end W frames apart follow each other without a gap and without an overlap: their sums add.
-    """
-
-    def __init__(self, window_frames: int):
-        self._covering: deque[Sketch] = deque(maxlen=window_frames)     # after each of the newest W frames
-
-    def add(self, sketch: Sketch) -> None:
-        """Add the sketch of the next window, one frame later."""
-        full = len(self._covering) == self._covering.maxlen
-        self._covering.append(self._covering[0] + sketch if full else sketch)
-
-    @property
-    def sketch(self) -> Sketch:
-        """The newest window, and the photons of those before it that it does not hold; of these the stamp, then."""
-        return self._covering[-1]

@@ -4,8 +4,6 @@ import numpy as np
 
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
-from srt3d_ros.core.frequency_design import Light
-from srt3d_ros.core.light_meter import LightMeter
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
@@ -92,12 +90,6 @@ def errors(cloud, depth_bins) -> np.ndarray:
     truth = depth_bins[cloud.row, cloud.col][:, None] if depth_bins.ndim == 2 else depth_bins[None]
     difference = circular_difference(cloud.depth_bins[:, None].astype(np.float64), truth, T)
     return difference[np.arange(len(difference)), np.abs(difference).argmin(axis=1)]
-
-
-def light_of(frame, sensor: SensorModel) -> Light:
-    meter = LightMeter(sensor)
-    meter.add(frame)
-    return meter.end_frame()
 
 
 def assert_finite(cloud, num_bins: int = T):

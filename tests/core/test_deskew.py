@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.deskew import Deskewer
+from srt3d_ros.core.deskew import FAR_M, Deskewer
+from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import AngularScan, Pinhole
@@ -35,12 +36,12 @@ def after(pose: Pose) -> Trajectory:
 
 
 def moved(events: PhotonEvents, pose: Pose, range_m=None, sensor: SensorModel = SENSOR):
-    deskewer = Deskewer(sensor, FREQUENCIES)
+    deskewer, range_m = Deskewer(sensor, FREQUENCIES), constant(FAR_M, sensor) if range_m is None else range_m
     return deskewer([(0, sketch_photons(events, sensor, FREQUENCIES))], after(pose), LATER, range_m), deskewer.lost
 
 
-def constant(range_m: float) -> np.ndarray:
-    return np.full((ROWS, COLS), range_m, np.float32)
+def constant(range_m: float, sensor: SensorModel = SENSOR) -> np.ndarray:
+    return np.full((sensor.rows, sensor.cols), range_m, np.float32)
 
 
 def assert_same(sketch, expected, atol=2e-4):
@@ -113,12 +114,31 @@ def test_parallax_needs_the_range_and_is_that_of_the_point():
     np.testing.assert_allclose(near.z[4, 7], before.z[4, 5] * turned, atol=0.02)
 
 
-def test_unknown_ranges_are_the_median_of_those_known():
-    known = constant(2.0)
-    known[:, :4], known[:2] = np.nan, 0
-    step = Pose(translation=np.array([0, 0.05, 0.02]))
-    assert_same(moved(photons(), step, known)[0], moved(photons(), step, constant(2.0))[0], atol=0)
-    assert_same(moved(photons(), step, constant(np.nan))[0], moved(photons(), step)[0], atol=0)
+@pytest.mark.parametrize(("background", "gate"), [(0, None), (20, None), (20, (20, 149))])
+def test_photons_show_the_ranges_by_which_they_move(background, gate):
+    """Two walls, with masked pixels, delays, background and a gate: each at its range but near the edge."""
+    late = np.linspace(-3, 3, 40 * 60, dtype=np.float32).reshape(40, 60)
+    mask = np.arange(40 * 60).reshape(40, 60) % 11 > 0
+    sensor = SENSOR.replace(rows=40, cols=60, mask=mask, delay_bins=late, toa_offset_bins=10.0, irf_ref=0)
+    wall = np.where(np.arange(60) < 30, 60.0, 90.0) + np.zeros((40, 1))
+    rng = np.random.default_rng(0)
+    pixel = np.arange(sensor.pixels, dtype=np.uint32).repeat(20 + background)
+    toa = (wall + late).ravel()[pixel] + rng.choice([0, 1, 2], pixel.size, p=[0.25, 0.5, 0.25])
+    toa = np.where(np.arange(pixel.size) % (20 + background) < 20, np.rint(toa), rng.integers(0, T, pixel.size))
+    events = PhotonEvents(pixel, (toa % T).astype(np.uint16))
+    chosen = gate and Gate(sensor, *gate)
+    deskewer = Deskewer(chosen.sensor if gate else sensor, FREQUENCIES)
+    found = deskewer.ranges_m([(0, sketch_photons(events, sensor, FREQUENCIES, chosen))])
+    inner = np.s_[:, np.r_[:20, 40:60]]
+    np.testing.assert_allclose(found[inner], sensor.range_m(wall)[inner], rtol=0.12)
+    assert found.shape == (40, 60) and found.dtype == np.float32
+
+
+def test_without_frequency_one_or_photons_ranges_are_far():
+    assert (Deskewer(SENSOR, (2, 3)).ranges_m([(0, sketch_photons(photons(), SENSOR, (2, 3)))]) == FAR_M).all()
+    assert (Deskewer(SENSOR, FREQUENCIES).ranges_m([]) == FAR_M).all()
+    nothing = sketch_photons(photons(number=0), SENSOR, FREQUENCIES)
+    assert np.isfinite(Deskewer(SENSOR, FREQUENCIES).ranges_m([(0, nothing)])).all()
 
 
 def test_photons_stay_on_a_slope_wherever_they_are_shared():
@@ -161,22 +181,12 @@ def test_parts_add_up_and_their_rounding_is_kept():
     deskewer = Deskewer(SENSOR, FREQUENCIES)
     parts = [(k, sketch_photons(photons(k), SENSOR, FREQUENCIES)) for k in range(3)]
     parts[1] = parts[1][0], replace(parts[1][1], added_variance=0.2)
-    sketch = deskewer(parts, after(Pose()), LATER)
+    sketch = deskewer(parts, after(Pose()), LATER, constant(FAR_M))
     assert sketch.added_variance == 0.2
     assert_same(sketch, parts[0][1] + parts[1][1] + parts[2][1])
 
 
-@pytest.mark.parametrize(("shape", "frequencies"), [((2, 2), FREQUENCIES), ((ROWS, COLS), (1, 2, 3))])
-def test_sketches_of_another_sensor_are_refused(shape, frequencies):
-    other = SensorModel(*shape, T, 1e-10, [1])
-    sketch = sketch_photons(PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)), other, frequencies)
-    with pytest.raises(InvalidInput, match="^sketch is"):
-        Deskewer(SENSOR, FREQUENCIES)([(0, sketch)], after(Pose()), LATER)
-
-
-def test_an_instant_without_a_pose_and_ranges_of_another_size_are_refused():
+def test_an_instant_without_a_pose_is_refused():
     deskewer, sketch = Deskewer(SENSOR, FREQUENCIES), sketch_photons(photons(), SENSOR, FREQUENCIES)
     with pytest.raises(InvalidInput, match="^stamp is -1: expected within the trajectory"):
         deskewer([(-1, sketch)], after(Pose()), LATER)
-    with pytest.raises(InvalidInput, match="^range_m shape is"):
-        deskewer([(0, sketch)], after(Pose()), LATER, np.ones((2, 2), np.float32))

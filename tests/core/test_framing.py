@@ -142,12 +142,12 @@ def test_silence_is_longer_the_slower_packets_come():
 
 def test_silence_ends_a_period_but_not_a_number():
     framing = Framing(period_ns=100)
-    assert framing.end_after_silence() is None
+    assert framing.flush() is None
     assert frames_of(framing, [0, 20])[0] == [[0, 20]]
-    assert (framing.end_after_silence(), framing.open, framing.end_after_silence()) == ((2, 20), (0, 0), None)
+    assert (framing.flush(), framing.open, framing.flush()) == ((2, 20), (0, 0), None)
     assert framing.place(40, b"c").dropped == "late" and framing.place(120, b"d") == Placed()
     counting = Framing(packets=2)
-    assert counting.add(0) is None and counting.end_after_silence() is None and counting.add(S) == (2, 0)
+    assert counting.add(0) is None and counting.flush() is None and counting.add(S) == (2, 0)
 
 
 STREAMS = st.lists(st.tuples(st.integers(0, 4000).map(lambda ms: ms * MS), st.sampled_from([b"a", b"b", b"c"])),

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frame_watch import FrameWatch
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.light import light_of
 from srt3d_ros.core.photons import PhotonHistograms
+from srt3d_ros.core.scene_histogram import histogram
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
-from tests.core.scenes import light_of
 
 SHAPE = (2, 3)
 
@@ -57,15 +57,13 @@ def photons(bins, level, seed=0):
 
 
 @pytest.mark.parametrize("first_bin", [20.0, 20 + np.arange(6.0).reshape(SHAPE) * 2])
-def test_a_frame_watch_sees_histograms_on_the_axis(first_bin):
+def test_the_histogram_of_a_scene_is_on_the_axis(first_bin):
     own, frame = photons(HistogramBins(30, first_bin, 2.0), 5)
-    watch = FrameWatch(own)
-    watch.add(frame)
-    found = watch.end_frame()
+    found = histogram(frame, own)
     assert found.sum() == frame.photons and abs(int(found.argmax()) - 60) <= 1
 
 
-def test_a_light_meter_sees_what_histograms_say():
+def test_the_light_of_histograms_is_that_of_their_photons():
     own = SensorModel(20, 30, 100, 1e-10, [1.0, 2, 1])
     rng = np.random.default_rng(1)
     signal = rng.multinomial(20, np.roll(np.r_[own.irf, np.zeros(97)], 60), (20, 30))

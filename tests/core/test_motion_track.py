@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.motion_track import GAP_NS, MotionReport, MotionTrack
+from srt3d_ros.core.motion_track import GAP_NS, MotionReport, SensorMotion
 from srt3d_ros.errors import InvalidInput
 
 MS = 1_000_000
@@ -16,8 +16,8 @@ def report(ms: float, x: float, turn: float = 0.0, speed: float = 1.0, rate: flo
                         np.array([0, 0, rate]))
 
 
-def followed(*reports: MotionReport, **options) -> tuple[MotionTrack, list[str]]:
-    track = MotionTrack(**options)
+def followed(*reports: MotionReport, **options) -> tuple[SensorMotion, list[str]]:
+    track = SensorMotion(**options)
     return track, [track.add(one) for one in reports]
 
 

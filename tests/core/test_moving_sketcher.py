@@ -51,7 +51,7 @@ def assert_same(sketch, expected):
 def test_each_stamp_is_a_part_in_the_middle_of_its_packet(order):
     frame = frame_of(MovingSketcher(SENSOR, FREQUENCIES), order)
     assert instants_ms(frame) == [5, 15, 25, 35]
-    assert (frame.first_ns, frame.last_ns, frame.to_ns) == (5 * MS, 35 * MS, 20 * MS)
+    assert (frame.first_ns, frame.last_ns, frame.stamp_ns) == (5 * MS, 35 * MS, 20 * MS)
     for stamp, (_, sketch) in zip((0, 10, 20, 30), frame.parts):
         assert_same(sketch, sketch_photons(photons(stamp * MS), SENSOR, FREQUENCIES))
 
@@ -65,15 +65,15 @@ def test_packets_with_one_stamp_are_one_part_and_lost_packets_make_none_longer()
 def test_a_frame_of_one_packet_lasts_until_the_next():
     sketcher = MovingSketcher(SENSOR, FREQUENCIES)
     first, second = (frame_of(sketcher, (stamp,)) for stamp in (0, 100))
-    assert (instants_ms(first), first.to_ns) == ([0], 0)            # nothing is known yet
-    assert (instants_ms(second), second.to_ns) == ([150], 150 * MS)
+    assert (instants_ms(first), first.stamp_ns) == ([0], 0)            # nothing is known yet
+    assert (instants_ms(second), second.stamp_ns) == ([150], 150 * MS)
 
 
 def test_of_two_packets_a_frame_and_a_pause_the_pause_is_no_packet():
     sketcher = MovingSketcher(SENSOR, FREQUENCIES)
     for first in (0, 100, 200):
         frame = frame_of(sketcher, (first, first + 10))
-    assert instants_ms(frame) == [205, 215] and frame.to_ns == 210 * MS
+    assert instants_ms(frame) == [205, 215] and frame.stamp_ns == 210 * MS
 
 
 def test_more_packets_than_parts_share_them_evenly_from_the_second_frame_on(monkeypatch):

@@ -10,7 +10,7 @@ from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import MAX_PHOTONS
 from srt3d_ros.core.sketching import Sketcher
-from srt3d_ros.core.window import UnsentWindows, WindowSketcher
+from srt3d_ros.core.window import WindowSketcher
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])
@@ -120,17 +120,3 @@ def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
         WindowSketcher(SENSOR, FREQUENCIES, 500)
     one = dataclasses.replace(SENSOR, rows=300, cols=500)
     assert WindowSketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
-
-
-@pytest.mark.parametrize(("width", "unsent"), [(1, 7), (3, 1), (3, 7), (50, 11)])
-def test_windows_that_were_not_sent_are_one_that_covers_all_their_frames(width, unsent):
-    sent = frames(30)
-    sketches = slide(windows(width), sent)
-    together = UnsentWindows(width)
-    for sketch in sketches[-unsent:]:
-        together.add(sketch)
-    covered = -(-unsent // width) * width       # whole windows: the oldest may reach back to frames that were
-    expected = directly(sent[-covered:])
-    np.testing.assert_allclose(together.sketch.sums, expected.sums, atol=1e-3)
-    np.testing.assert_array_equal(together.sketch.photons, expected.photons)
-    assert together.sketch.stamp_ns == sent[-covered + width - 1].stamp_ns      # of the first window

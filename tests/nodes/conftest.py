@@ -26,7 +26,6 @@ from srt3d_ros.cli.node import node_command, parameter_arguments
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes.topics import LATCHED
 from tests.processes import Process, wait
 
@@ -138,16 +137,11 @@ class Graph:
         self.wait(answered, f"{name} to find its clients")
         self.node.destroy_client(client)
 
-    def introduce(self, sensor: SensorModel) -> tuple[SensorModel, tuple[int, ...], int]:
-        """Publish `sensor`, as a driver does when it starts; what the sketcher then says on `sketch/sensor`."""
+    def introduce(self, sensor: SensorModel) -> None:
+        """Publish `sensor`, as a driver does when it starts, and wait until the sketcher uses it."""
         described = self.collect_latched(String, "sketch/sensor")
         self.latched("sensor").publish(sensor_message.encode(sensor))
-
-        def answer():
-            said = map(sketch_message.decode_sensor, described)
-            return next((description for description in said if description[0].same_as(sensor)), None)
-
-        return self.wait(answer, "sketch/sensor")
+        self.wait(lambda: any(sensor_message.decode(one).same_as(sensor) for one in described), "sketch/sensor")
 
     def matched(self, publisher, subscribers: int = 1):
         """The publisher, once it has its subscribers."""

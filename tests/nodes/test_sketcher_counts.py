@@ -1,84 +1,129 @@
-"""Nothing is lost in the sketcher: every packet and photon is sketched or dropped for a cause."""
+"""The counters of the sketcher: every packet and photon is published, or dropped for a cause in /diagnostics."""
 
 import dataclasses
 import itertools
 import signal
+import threading
 import time
 
 import numpy as np
+import pytest
 from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import String
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
+from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketch_message
 
-S = 1_000_000_000
+S, MS = 1_000_000_000, 1_000_000
 
 
 def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph, sensor, events):
-    n, sent = events.photons, 0
-    sketches, described_as = graph.collect(PointCloud2, "sketch"), graph.collect_latched(String, "sketch/sensor")
+    n = events.photons
+    sketches = graph.collect(PointCloud2, "sketch")
     node = graph.start("sketcher", frame_period_s=0.1, use_sim_time=True, sketch_size=20).ready()
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     images = {topic: graph.matched(graph.publisher(Image, topic)) for topic in ("gates", "histograms")}
     clock, seconds = graph.matched(graph.publisher(Clock, "/clock")), itertools.count(1)
 
     def send(*stamps_ms):
-        nonlocal sent
         for stamp in stamps_ms:
-            frame = dataclasses.replace(events, stamp_ns=S + stamp * 1_000_000)
+            frame = dataclasses.replace(events, stamp_ns=S + stamp * MS)
             photons.publish(photons_message.encode_cdr(frame, sensor, "spad"))
-        sent += len(stamps_ms)
 
     def tick():
         """Another second passes."""
         clock.publish(Clock(clock=Time(sec=next(seconds))))
         return True
 
-    def send_image(topic, stamp_ms):
-        frame = dataclasses.replace(events, stamp_ns=S + stamp_ms * 1_000_000)
-        images[topic].publish(photon_frames.encode_cdr(frame, topic, sensor))
-
+    send(0)                                                     # waits for the description
     described = graph.latched("sensor")
     described.publish(sensor_message.encode(sensor))
     graph.reports("sketcher", "num_bins", sensor.num_bins)
-    send(0, 50, 50, 100, 20, 200)                               # one is double, one is late
+    send(50, 50, 100, 20, 200)                                  # one is double, one is late
     strangers = PhotonEvents(np.zeros(9, np.uint32), np.full(9, 700, np.uint16))
     photons.publish(photons_message.encode_cdr(strangers, sensor.replace(num_bins=1000), "spad"))
     photons.publish(photons_message.encode_cdr(events, sensor, "spad")[:-1000])     # fewer bytes than it says
     graph.reports("sketcher", "dropped.malformed", 2)
-    graph.wait(lambda: len(sketches) == 2, "two frames")
     assert graph.trigger("sketcher/reset")[0]
-    graph.reports("sketcher", "packets_open", 0)
+    graph.reports("sketcher", "dropped.incomplete", 1)
     send(300)
     graph.reports("sketcher", "packets_open", 1)
     described.publish(sensor_message.encode(sensor.replace(num_bins=20, irf=np.ones(3), irf_ref=1)))    # for m = 20
     graph.reports("sketcher", "last_error", "sketch_size is 20: expected 1 to 9 for T = 20 bins")
-    graph.reports("sketcher", "packets_open", 0)
-    for _ in range(10):                                         # silence, but nothing to end the frame with
-        assert tick()
-        time.sleep(0.02)
     send(400, 401)
     graph.reports("sketcher", "dropped.no_sensor", 2)
     described.publish(sensor_message.encode(sensor))
-    graph.wait(lambda: len(described_as) == 2, "the sketch of the sensor")
-    for number, topic in enumerate(images, 1):
-        send_image(topic, 1000)
+    graph.reports("sketcher", "num_bins", sensor.num_bins)
+    for number, (topic, publisher) in enumerate(images.items(), 1):
+        frame = dataclasses.replace(events, stamp_ns=2 * S)
+        publisher.publish(photon_frames.encode_cdr(frame, topic, sensor))
         graph.reports("sketcher", "packets_open", number)
-    graph.wait(lambda: tick() and len(sketches) == 3, "the frame that silence ends")
-    for number, topic in enumerate(images, 2):                  # late, and counted as they are read
-        send_image(topic, 1000)
-        graph.reports("sketcher", "dropped.late", number)
+    graph.wait(lambda: tick() and len(sketches) == 4, "the frame that silence ends")
+    send(1_500)
+    graph.reports("sketcher", "packets_open", 1)
     assert node.end(signal.SIGINT) == 0
     last = graph.reports("sketcher", "state", "finalized")
-    causes = {"no_sensor": (2, 2 * n), "duplicate": (1, n), "late": (3, 3 * n), "malformed": (2, 9),
-              "incomplete": (2, 2 * n)}
+    causes = {"no_sensor": (2, 2 * n), "duplicate": (1, n), "late": (1, n), "malformed": (2, 9), "incomplete": (1, n)}
     assert {key: (int(last[f"dropped.{key}"]), int(last[f"photons_dropped.{key}"])) for key in causes} == causes
-    totals = {"frames_in": sent + 6, "packets": 5, "photons_in": (sent + 4) * n + 9, "photons": 5 * n, "frames_out": 3,
-              "under_way": 0, "photons_under_way": 0, "errors": 1}       # one error: the description
-    assert {key: int(last[key]) for key in totals} == totals
+    totals = {"frames_in": 14, "packets": 7, "photons_in": 12 * n + 9, "photons": 7 * n, "frames_out": 5, "errors": 1}
+    assert {key: int(last[key]) for key in totals} == totals    # the open frame has ended with the node
     assert abs(float(last["latency_p50_ms"])) < 60_000          # by the simulated clock, which is near 0
+
+
+def test_no_frame_is_lost_or_misread_while_gate_and_frequencies_change(graph, sensor, events):
+    clouds = graph.collect(PointCloud2, "points")
+    graph.start("reconstructor")
+    graph.start("sketcher").ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    settings = [{"gate": "30:79"}, {"frequencies": "1,2,5,9"}, {"gate": "off"}, {"frequencies": "auto"}]
+    for k in range(24):
+        if k % 6 == 3:
+            assert graph.set("sketcher", **settings[k // 6]) == ""
+        photons.publish(photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=S + k * MS), sensor, "spad"))
+    graph.wait(lambda: len(clouds) == 24, "a cloud for each frame")
+    for cloud in clouds:
+        xyz = points_message.decode_cdr(serialize_message(cloud))[1]["xyz"]
+        assert len(xyz) > 150
+        assert abs(np.median(np.linalg.norm(xyz, axis=-1)) - sensor.range_m(50)) < sensor.bin_width_m
+    report = graph.reports("sketcher", "frames_out", 24)
+    assert int(report["photons_dropped.gate"]) > 0 and report["dropped"] == "0"
+    assert graph.reports("reconstructor", "frames_out", 24)["dropped"] == "0"
+
+
+@pytest.mark.parametrize("merge", [True, False])
+def test_for_a_reader_that_halts_frames_are_merged_if_the_user_wants_it(graph, sensor, events, merge):
+    sketches = graph.collect(PointCloud2, "sketch")
+    graph.start("sketcher", frequencies="1,3", merge_when_busy=merge).ready()
+    reader = graph.start("reconstructor").ready()
+    graph.introduce(sensor)
+    photons = graph.matched(graph.publisher(PointCloud2, "photons"))
+    graph.reports("reconstructor", "num_bins", sensor.num_bins)
+    enough, sent = threading.Event(), []
+
+    def send():
+        while not enough.wait(0.02):
+            sent.append(dataclasses.replace(events, stamp_ns=time.time_ns()))
+            photons.publish(photons_message.encode_cdr(sent[-1], sensor, "spad"))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        graph.wait(lambda: sketches, "a sketch")
+        reader.halt()
+        graph.wait(lambda: len(sent) > 60, "60 frames")
+        reader.go_on()
+    finally:
+        enough.set()
+        sender.join()
+    report = graph.reports("sketcher", "packets", len(sent))
+    graph.wait(lambda: len(sketches) == int(report["frames_out"]), "the sketches")
+    decoded = [sketch_message.decode_cdr(serialize_message(message), sensor)[1] for message in sketches]
+    assert sum(int(sketch.photons.sum()) for sketch in decoded) == len(sent) * events.photons
+    assert (len(sketches) < len(sent) - 20) == merge and report["dropped"] == "0"

@@ -2,7 +2,8 @@
 
 import sys
 
-from srt3d_ros.nodes import sketcher, waiting_frames
+from srt3d_ros.core import stream
+from srt3d_ros.nodes import sketcher
 
-waiting_frames.TIMEOUT_S = 30.0
+stream.MOTION_S = 30.0
 sys.exit(sketcher.main())

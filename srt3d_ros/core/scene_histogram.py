@@ -1,80 +1,26 @@
-"""FrameWatch: the histogram of all photons of a sensor, now and then, and what it says of the scene."""
-
-from collections import deque
+"""Which depths a scene occupies, by the histogram of all photons of a frame."""
 
 import numpy as np
 
 from srt3d_ros.core.photons import PhotonFrame, PhotonGates, PhotonHistograms, most_photons
 from srt3d_ros.core.sensor import SensorModel
 
-LOOK_NS = 500_000_000       # between two frames that are looked at: what enters is seen within a second
-LOOKS = 4                   # frames whose histograms add up: 2 s, in which a scene moves and faint parts of it emerge
-MOST = 2**20                # photons of a frame that are counted, every n-th of more: 5 ms
-# Standard deviations at which bins are not background alone. Of about 400 windows at two looks a second, one deviates
-# so much by chance in ten minutes, and only widens what is taken for the scene.
+MOST = 2**20                # photons that are counted, every n-th of more: 5 ms
+# Standard deviations at which bins are not background alone: of 3000 frames one deviates so much by chance, and only
+# widens what is taken for the scene.
 SURE = 4.5
 
 
-class FrameLooks:
-    """Base of what samples frames: a subclass looks at one frame in `every_ns`; the others cost nothing.
+def histogram(frame: PhotonFrame, sensor: SensorModel) -> np.ndarray:
+    """Photons of a frame by the time at which they came, less their pixel's delay; int64 [T], of many every n-th.
 
-    Args:
-        sensor: of the photons as they come in.
-        every_ns: from one frame that is looked at to the next.
+    Raises:
+        InvalidInput: photons that are not the sensor's.
     """
-
-    def __init__(self, sensor: SensorModel, every_ns: int):
-        self._sensor, self._every_ns = sensor, every_ns
-        self._looked_ns: int | None = None
-        self._photons = 0               # of the last look
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin a new frame."""
-        self._open = self._looking = False
-
-    def add(self, frame: PhotonFrame) -> None:
-        """See the photons of a frame or packet, before any is dropped; InvalidInput for what is not the sensor's."""
-        if not self._open:
-            self._open = True
-            self._looking = self._looked_ns is None or abs(frame.stamp_ns - self._looked_ns) >= self._every_ns
-            if self._looking:
-                self._looked_ns = frame.stamp_ns
-                self._begin(most_photons(frame, self._photons))
-        if self._looking:
-            self._look(frame)
-
-    def end_frame(self):
-        """End the open frame: what was seen if it was looked at, else None."""
-        found = self._end() if self._looking else None
-        self.forget()
-        return found
-
-
-class FrameWatch(FrameLooks):
-    """Histogram of the newest frames that were looked at: photons by the time at which they came, less their pixel's
-    delay; int64 [T], of more than MOST a frame every n-th."""
-
-    def __init__(self, sensor: SensorModel):
-        super().__init__(sensor, LOOK_NS)
-        self._looks: deque[np.ndarray] = deque(maxlen=LOOKS)
-
-    def _begin(self, most: int) -> None:
-        self._counts, self._seen = np.zeros(self._sensor.num_bins, np.int64), 0
-        self._step = most // MOST + 1
-
-    def _look(self, frame: PhotonFrame) -> None:
-        if isinstance(frame, PhotonHistograms):
-            counts = _of_histograms(frame, self._sensor, self._step)
-        else:
-            counts = np.bincount(_sample(frame, self._sensor, self._step), minlength=len(self._counts))
-        self._counts += counts
-        self._seen += int(counts.sum()) * self._step if frame.photons is None else frame.photons
-
-    def _end(self) -> np.ndarray:
-        self._looks.append(self._counts)
-        self._photons = self._seen
-        return np.sum(self._looks, axis=0)
+    step = most_photons(frame) // MOST + 1
+    if isinstance(frame, PhotonHistograms):
+        return _of_histograms(frame, sensor, step)
+    return np.bincount(_sample(frame, sensor, step), minlength=sensor.num_bins)
 
 
 def occupied(counts: np.ndarray, least_bins: int) -> tuple[int, int] | None:

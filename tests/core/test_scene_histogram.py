@@ -1,22 +1,15 @@
-"""FrameWatch: the histogram of all photons, and which of its bins the scene occupies."""
+"""The histogram of all photons of a frame, and the depths that a scene occupies in it."""
 
 import numpy as np
 import pytest
 
-from srt3d_ros.core import frame_watch
-from srt3d_ros.core.frame_watch import LOOK_NS, LOOKS, FrameWatch, occupied
+from srt3d_ros.core import scene_histogram
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.scene_histogram import histogram, occupied
 from srt3d_ros.core.sensor import GateWords, SensorModel
 
 ROWS, COLS, T = 8, 10, 200
 SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 1], gates=GateWords(first_word=3, no_detection=0))
-
-
-def frame_histogram(frame, sensor):
-    """The histogram of one frame."""
-    watch = FrameWatch(sensor)
-    watch.add(frame)
-    return watch.end_frame()
 
 
 def frame(seed=0, background=4000, scene=(), stamp_ns=0, dtype=np.uint16) -> PhotonEvents:
@@ -27,15 +20,15 @@ def frame(seed=0, background=4000, scene=(), stamp_ns=0, dtype=np.uint16) -> Pho
 
 
 def counts(sensor=SENSOR, **given):
-    return frame_histogram(frame(**given), sensor)
+    return histogram(frame(**given), sensor)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_each_photon_is_in_its_bin_whatever_its_form(dtype):
     events = frame(dtype=dtype)
     expected = np.bincount(events.toa.astype(int), minlength=T)
-    assert np.array_equal(frame_histogram(events, SENSOR), expected)
-    assert np.array_equal(frame_histogram(PhotonGates.from_events(events, SENSOR), SENSOR), expected)
+    assert np.array_equal(histogram(events, SENSOR), expected)
+    assert np.array_equal(histogram(PhotonGates.from_events(events, SENSOR), SENSOR), expected)
 
 
 def test_masked_pixels_are_left_out_and_delays_taken_off():
@@ -43,41 +36,17 @@ def test_masked_pixels_are_left_out_and_delays_taken_off():
     row, col = np.divmod(events.pixel, COLS)
     late, mask = np.zeros((ROWS, COLS), np.float32), np.ones((ROWS, COLS), bool)
     late[3], mask[:, 4] = 150, False
-    seen = frame_histogram(events, SENSOR.replace(delay_bins=late, mask=mask))
+    seen = histogram(events, SENSOR.replace(delay_bins=late, mask=mask))
     assert seen[60] == ((row != 3) & (col != 4)).sum() and seen[110] == ((row == 3) & (col != 4)).sum()
     gates = PhotonGates.from_events(events, SENSOR)
-    assert np.array_equal(frame_histogram(gates, SENSOR.replace(delay_bins=late, mask=mask)), seen)
+    assert np.array_equal(histogram(gates, SENSOR.replace(delay_bins=late, mask=mask)), seen)
 
 
 def test_of_many_photons_some_are_counted(monkeypatch):
-    monkeypatch.setattr(frame_watch, "MOST", 1000)
+    monkeypatch.setattr(scene_histogram, "MOST", 1000)
     for events in (frame(), PhotonGates.from_events(frame(), SENSOR)):
-        seen = frame_histogram(events, SENSOR)
+        seen = histogram(events, SENSOR)
         assert 500 < seen.sum() <= 1100
-
-
-def test_of_many_packets_the_last_look_says_how_many_photons_a_frame_has(monkeypatch):
-    monkeypatch.setattr(frame_watch, "MOST", 1000)
-    watch, seen = FrameWatch(SENSOR), []
-    for k in range(2):
-        for packet in range(8):
-            watch.add(frame(packet, background=500, stamp_ns=k * LOOK_NS))
-        seen.append(watch.end_frame().sum())
-    assert seen[0] == 4000 and seen[1] - seen[0] <= 1000
-
-
-def test_looks_add_up_and_most_frames_are_not_looked_at():
-    watch, sums = FrameWatch(SENSOR), []
-    watch.add(frame(stamp_ns=-LOOK_NS))
-    watch.forget()                      # a frame that is given up is not counted
-    for k in range(40):
-        for packet in range(2):
-            watch.add(frame(seed=k, background=100, stamp_ns=k * LOOK_NS // 4 + packet))
-        seen = watch.end_frame()
-        assert (seen is not None) == (k % 4 == 0)
-        if seen is not None:
-            sums.append(int(seen.sum()))
-    assert sums == [200 * min(n + 1, LOOKS) for n in range(10)]
 
 
 def test_even_background_alone_occupies_nothing():
@@ -88,14 +57,14 @@ def test_even_background_alone_occupies_nothing():
 @pytest.mark.parametrize(("background", "photons"), [(40_000, 120), (4000, 45), (400, 20), (20, 8), (0, 5)])
 def test_few_photons_at_one_depth_are_seen_at_any_background(background, photons):
     for seed in range(10):
-        seen = occupied(frame_histogram(frame(seed, background, [(photons, 70), (3 * photons, 90)]), SENSOR), 2)
+        seen = occupied(histogram(frame(seed, background, [(photons, 70), (3 * photons, 90)]), SENSOR), 2)
         assert seen is not None and 68 <= seen[0] <= 70 and 90 <= seen[1] <= 92, (seed, seen)
 
 
 def test_a_faint_part_that_spreads_is_seen_by_wider_windows_and_does_not_widen_a_sharp_one():
     far = [(20, b) for b in range(110, 140)]
-    sharp = occupied(frame_histogram(frame(background=20_000, scene=[(2000, 70)]), SENSOR), 2)
-    both = occupied(frame_histogram(frame(background=20_000, scene=[(2000, 70), *far]), SENSOR), 2)
+    sharp = occupied(histogram(frame(background=20_000, scene=[(2000, 70)]), SENSOR), 2)
+    both = occupied(histogram(frame(background=20_000, scene=[(2000, 70), *far]), SENSOR), 2)
     assert 68 <= sharp[0] and sharp[1] <= 72
     assert 68 <= both[0] and 125 <= both[1] <= 155
 

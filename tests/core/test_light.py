@@ -1,16 +1,15 @@
-"""LightMeter: photons per pixel, the share of the signal and where the IRF is right, from pairs of photons."""
+"""The light of a frame: photons per pixel, share of the signal, where the IRF is right, from pairs of photons."""
 
 import numpy as np
 import pytest
 
-from srt3d_ros.core import light_meter
+from srt3d_ros.core import light as light_module
 from srt3d_ros.core.frequency_design import Light, highest_passed
-from srt3d_ros.core.light_meter import LOOK_NS, MOST_PIXELS, LightMeter
+from srt3d_ros.core.light import MOST_PIXELS, light_of
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from tests.core.scenes import light_of
 
 T = 400
 BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
@@ -82,16 +81,13 @@ def test_a_bright_pixel_counts_as_its_photons():
     assert masked.photons_per_pixel == pytest.approx(10, rel=0.05)
 
 
-def test_gates_packets_and_events_of_any_order_tell_the_same():
+def test_gates_and_events_of_any_order_tell_the_same():
     sensor = make(gates=GateWords(first_word=3, no_detection=0))
     events = frame(1, 5, sensor)
     order = np.random.default_rng(0).permutation(events.photons)
-    shuffled = PhotonEvents(events.pixel[order], events.toa[order])
-    meter = LightMeter(sensor)
-    for part in np.array_split(np.arange(events.photons), 3):
-        meter.add(PhotonEvents(shuffled.pixel[part], shuffled.toa[part]))
     expected = light_of(events, sensor)
-    assert meter.end_frame() == expected == light_of(PhotonGates.from_events(events, sensor), sensor)
+    assert light_of(PhotonEvents(events.pixel[order], events.toa[order]), sensor) == expected
+    assert light_of(PhotonGates.from_events(events, sensor), sensor) == expected
 
 
 def test_of_many_pixels_some_are_looked_at():
@@ -103,31 +99,25 @@ def test_of_many_pixels_some_are_looked_at():
 
 @pytest.mark.parametrize("as_gates", [False, True])
 def test_of_very_many_photons_fewer_pixels_are_looked_at(as_gates, monkeypatch):
-    monkeypatch.setattr(light_meter, "MOST_PHOTONS", 5000)
+    monkeypatch.setattr(light_module, "MOST_PHOTONS", 5000)
+    looked_at, sketch_photons = [], light_module.sketch_photons
+
+    def watched(*arguments):
+        looked_at.append(sketch_photons(*arguments))
+        return looked_at[-1]
+
+    monkeypatch.setattr(light_module, "sketch_photons", watched)
     sensor = make(gates=GateWords(first_word=0, no_detection=65_535))
     events = frame(1, 20, sensor)
-    meter = LightMeter(sensor)
-    meter.add(PhotonGates.from_events(events, sensor) if as_gates else events)
-    assert meter._sketcher.sketch().photons.sum() <= 5000
-    light = meter.end_frame()
+    light = light_of(PhotonGates.from_events(events, sensor) if as_gates else events, sensor)
+    assert looked_at[0].photons.sum() <= 5000
     assert light.photons_per_pixel == pytest.approx(20, rel=0.05) and light.signal_share == pytest.approx(0.5, rel=0.15)
-
-
-def test_the_light_of_a_stream_is_measured_now_and_then():
-    meter, events = LightMeter(make()), frame(1, 5)
-    looks = []
-    meter.add(PhotonEvents(events.pixel, events.toa, -LOOK_NS))
-    meter.forget()                      # such photons do not count
-    for k in range(10):
-        meter.add(PhotonEvents(events.pixel, events.toa, k * LOOK_NS // 4))
-        looks.append(meter.end_frame())
-    assert [k for k, light in enumerate(looks) if light is not None] == [0, 4, 8] and looks[0] == looks[8]
 
 
 def test_octaves_count_doublings_of_photons_and_of_what_a_sketch_keeps():
     light = Light(10, 0.5, 40)
     assert light.octaves(10) == pytest.approx(np.log2(0.25 * 2 * 10 * 4 * 10 / 100))
-    assert light.of_frames(4).octaves(10) == pytest.approx(light.octaves(10) + 2) == light.octaves(40)
+    assert light.octaves(40) == pytest.approx(light.octaves(10) + 2)
     assert Light(0, 0, 0).octaves(10) < -10
 
 
@@ -135,10 +125,3 @@ def test_a_gate_keeps_the_signal():
     light = Light(10, 0.2, 80).gated(0.25)
     assert light.photons_per_pixel * light.signal_share == pytest.approx(2)
     assert light.photons_per_pixel == pytest.approx(2 + 8 / 4) and light.confirmed == 20
-
-
-@pytest.mark.parametrize(("light", "is_other"), [
-    (Light(15, 0.5, 40), False), (Light(17, 0.5, 40), True), (Light(5.9, 0.5, 40), True),
-    (Light(10, 0.5, 31), False), (Light(10, 0.5, 29), True), (Light(10, 0.5, 48), False), (Light(10, 0.5, 49), True)])
-def test_small_changes_are_not_another_light(light, is_other):
-    assert light.is_other(Light(10, 0.5, 40), top=30) == is_other
