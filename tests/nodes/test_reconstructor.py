@@ -280,4 +280,5 @@ def test_sketches_are_read_with_the_descriptions_that_they_name_and_wait_for_the
     clouds = [points_message.decode_cdr(raw)[1] for raw in reconstructor.clouds[before:]]
     assert [lies_at(points, sensor, 50) for points in clouds] == [True, True, False, False, True]
     assert all(lies_at(points, sensor, 64) for points in clouds[2:4])
-    assert "waiting_for" not in reconstructor.graph.reports("reconstructor", "under_way", 0)
+    reconstructor.graph.wait(lambda: "sketch/sensor" not in reconstructor.graph.report("reconstructor").get(
+        "waiting_for", ""), "nothing to be waited for")
