@@ -16,7 +16,7 @@ import numpy as np
 from srt3d_ros import processes
 from srt3d_ros.benchmark import PPP, photons_of, sensor_of
 from srt3d_ros.cli.node import node_command
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.private_network import join_private_network
 
 LAST_CLOUD_S = 2.0      # after the player's end: no more will come
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Iterator[dict]:
     with tempfile.TemporaryDirectory(prefix="srt3d-ros-") as folder, PipelineProbe(keep_every=10**9) as probe, \
             ExitStack() as nodes:
         sensor, photons = sensor_of(args.side), Path(folder) / "frame.npz"
-        npz.save(photons, sensor, photons_of(sensor, PPP))
+        photon_file.save(photons, sensor, photons_of(sensor, PPP))
         for name in ("reconstructor", "sketcher"):
             nodes.callback(processes.stop, start(name))
             probe.spin_until(lambda: name in probe.statuses, args.seconds + 60)

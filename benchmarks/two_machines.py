@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.machines import NETWORK_PROFILE, ROBOT, SENSOR, Link, Machines, why_not
 from srt3d_ros.benchmark import photons_of, sensor_of
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets.photon_file import save
 from srt3d_ros.nodes.pipeline_probe import Arrival
 
 OWN, PROFILES = "Fast DDS's own", ("Fast DDS's own", "default", "network")      # of the sketcher; docs/deployment.md
@@ -118,7 +118,7 @@ def photon_file(folder: Path, side: int) -> str:
     path = folder / f"{side}.npz"
     if not path.exists():
         sensor = sensor_of(side)
-        npz.save(path, sensor, photons_of(sensor, 10))
+        save(path, sensor, photons_of(sensor, 10))
     return str(path)
 
 

@@ -5,7 +5,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from srt3d_ros.api import Cloud, InvalidInput, Photons, Sensor, Sketch, open, photons, reconstruct, sketch
+    from srt3d_ros.api import (
+        Cloud,
+        InvalidInput,
+        Photons,
+        Reconstructor,
+        Sensor,
+        Sketch,
+        from_counts,
+        from_events,
+        read,
+        reconstruct,
+    )
 
 # OpenMP's threads spin for milliseconds, by default, while they wait for their next kernel, on cores that other nodes
 # need. Sleeping at once is not right either: to be woken for each of a frame's 70 kernels takes half as long as the
@@ -19,7 +30,8 @@ if "OMP_WAIT_POLICY" not in os.environ:
 
 __version__ = "0.1.0"
 
-__all__ = ["Cloud", "InvalidInput", "Photons", "Sensor", "Sketch", "open", "photons", "reconstruct", "sketch"]
+__all__ = ["Cloud", "InvalidInput", "Photons", "Reconstructor", "Sensor", "Sketch", "from_counts", "from_events",
+           "read", "reconstruct"]
 
 
 def __getattr__(name: str) -> Any:

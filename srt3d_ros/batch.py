@@ -14,12 +14,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros import api
-from srt3d_ros.datasets import Photons
+from srt3d_ros.datasets import Photons, readers
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import BagFrames
-from srt3d_ros.datasets.photons import gather_options
-from srt3d_ros.datasets.readers import histogram_logs
+from srt3d_ros.datasets.options import gathered
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.new_files import file_errors
 from srt3d_ros.recording import cloud_files
@@ -132,11 +130,12 @@ def _begin(cores: int) -> None:
 def _frames(request: Request) -> Iterator[tuple]:
     """How many frames the input has, and in their order the number of each with a function that reads it."""
     path = request.input
+    options = gathered(request.overrides, path=path.absolute())     # a bag may be the folder "."
     if is_bag(path):
         with BagFrames(path, request.photons_topic) as bag:
-            yield len(bag), ((place.number, partial(api.open_frame, bag, place, request.overrides))
-                             for place in bag.places())
+            yield len(bag), ((place.number, partial(bag.read, place, options)) for place in bag.places())
         return
-    require(histogram_logs.is_log(path), "frames", path.name, "a bag or log of histograms: other files have one frame")
-    frames = list(histogram_logs.frames(path, gather_options(path, request.overrides)))
+    module = readers.module_of(path)
+    require(hasattr(module, "frames"), "frames", path.name, "a bag or log of histograms: other files have one frame")
+    frames = list(module.frames(path, options))
     yield len(frames), enumerate(partial(frames.__getitem__, number) for number in range(len(frames)))

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from srt3d_ros import api
 from srt3d_ros.core.background import dark_shape
 from srt3d_ros.core.methods import find
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.stream import PhotonStream
 from srt3d_ros.errors import require
 from srt3d_ros.results import Cloud, Sketch
 
@@ -21,7 +22,7 @@ class Request:
     Args:
         input: photon file, bag or log.
         photons_topic: of a bag that has several.
-        overrides: what the input does not say: options of `srt3d_ros.open`.
+        overrides: what the input does not say: options of `srt3d_ros.read`.
         options: of `srt3d_ros.reconstruct`.
         dark: photon file recorded without the laser's echo, or None.
         surface_order: which of a pixel's surfaces comes first.
@@ -34,23 +35,22 @@ class Request:
     dark: str | None
     surface_order: str
 
-    def cloud(self, seen: Photons | PhotonStream | Sketch) -> Cloud:
-        """The cloud of a frame that `srt3d_ros.open` gave; InvalidInput for options that do not suit it."""
-        sensor = None
+    def cloud(self, seen: Photons | Sketch) -> Cloud:
+        """The cloud of a frame that `srt3d_ros.read` gave; InvalidInput for options that do not suit it."""
         if self.dark is not None:
-            require(not isinstance(seen, Sketch), "dark", self.dark, "nothing: the bag has sketches, made without it")
-            sensor = self._with_dark_frame(seen.sensor)
-        return api.reconstruct(seen, sensor=sensor, **self.options).ordered(self.surface_order)
+            require(isinstance(seen, Photons), "dark", self.dark, "nothing: the bag has sketches, made without it")
+            seen = seen.with_options({"background_shape": self._background_shape(seen.sensor)})
+        return api.reconstruct(seen, **self.options).ordered(self.surface_order)
 
-    def _with_dark_frame(self, sensor: SensorModel) -> SensorModel:
-        """The sensor with the background of the dark frame that it recorded."""
+    def _background_shape(self, sensor: SensorModel) -> np.ndarray:
+        """How the background spreads in the dark frame that a sensor recorded."""
         method = find(self.options["method"])
         require("background" in method.options, "dark", self.dark, f"nothing: {method.name} has no use for it")
         background = self.options.get("background")
         require(background != "flat", "background", background, "auto or sensor, with a dark frame")
         known = {"irf": sensor.irf, "irf_ref": sensor.irf_ref, "bin_width_s": sensor.bin_width_s}
-        dark = api.open(self.dark, **(known | self.overrides)).read_whole()
+        dark = api.read(self.dark, **(known | self.overrides))
         for name in ("rows", "cols", "num_bins"):
             found, wanted = getattr(dark.sensor, name), getattr(sensor, name)
             require(found == wanted, f"dark frame {name}", found, f"{wanted}, as in the input")
-        return sensor.replace(background_shape=dark_shape(dark.frame, sensor))
+        return dark_shape(dark.frame, sensor)

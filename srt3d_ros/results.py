@@ -1,18 +1,25 @@
-"""Cloud and Sketch: what the library gives, with the sensor that it belongs to."""
+"""Sketch, Cloud and Reconstructor: what the library makes of photons, each with the sensor that it belongs to."""
 
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
+
 from srt3d_ros.core import sketch as core_sketch
 from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
+from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import sketch_file
 from srt3d_ros.errors import InvalidInput, require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from PIL.Image import Image
+
+
+IMAGES = ("depth_bins", "intensity", "depth_std_bins")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,9 +40,20 @@ class Cloud(PointCloud):
     def __repr__(self) -> str:
         range_m = self._range_m()
         where = f" at {range_m.min():.4g} to {range_m.max():.4g} m" if len(self) else ""
-        text = (f"Cloud of {len(self):,} points{where}, from {self.facts.get('photons', 0):,} photons of "
-                f"{self.sensor.rows} × {self.sensor.cols} pixels")
-        return "\n".join([text, *self.notes])
+        return (f"Cloud of {len(self):,} points{where}, from {self.facts.get('photons', 0):,} photons of "
+                f"{self.sensor.rows} × {self.sensor.cols} pixels{_noted(self.notes)}")
+
+    def _range_m(self) -> np.ndarray:
+        return self.sensor.range_m(self.depth_bins).astype(np.float32)      # negative ones, too
+
+    def image(self, field: str, surface: int = 0) -> np.ndarray:
+        """`depth_bins`, `intensity` or `depth_std_bins` of each pixel; float32 [rows, cols], NaN = no point."""
+        require(field in IMAGES, "field", field, " or ".join(IMAGES))
+        return super().image(field, surface)
+
+    def cropped(self, rows: slice, cols: slice) -> Self:
+        """The cloud of a window of pixels, counted from its first one, with the sensor of these pixels."""
+        return replace(super().cropped(rows, cols), sensor=self.sensor.cropped(rows, cols))
 
     def save(self, path: str | Path) -> None:
         """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or draw it: .png, .jpg.
@@ -47,38 +65,43 @@ class Cloud(PointCloud):
 
         cloud_files.save(self, path, frequencies=tuple(self.facts.get("frequencies", ())), sensor=self.sensor)
 
-    def plot(self, path: str | Path | None = None, ax: "Axes | None" = None, *, yaw_deg: float = -20,
-             pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)) -> "Image":
-        """The cloud as a picture: coloured by range, shaded by intensity, with a scale bar.
+    def plot(self, ax: "Axes | None" = None, *, yaw_deg: float = -20, pitch_deg: float = 10) -> "Axes":
+        """Draw the cloud into axes of matplotlib: coloured by range, shaded by intensity, with a scale bar.
 
         Args:
-            path: where to write it, if given: .png, .jpg, ….
-            ax: of matplotlib, to draw it into, if given.
+            ax: to draw into; those of a new figure unless given.
             yaw_deg, pitch_deg: from where it is seen: to the right of the sensor and above it.
-            size_px: width and height of the picture.
-
-        Returns:
-            A Pillow image, which a notebook shows.
 
         Raises:
-            InvalidInput: a path that cannot be written, or matplotlib or Pillow is missing.
+            InvalidInput: matplotlib or Pillow is missing.
+        """
+        image = self.render(yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+        if ax is None:
+            from matplotlib import pyplot
+
+            ax = pyplot.figure().add_axes((0, 0, 1, 1))
+        ax.imshow(image)
+        ax.set_axis_off()
+        return ax
+
+    def render(self, *, yaw_deg: float = -20, pitch_deg: float = 10, size_px: tuple[int, int] = (1200, 900)
+               ) -> np.ndarray:
+        """The cloud as a picture, uint8 [height, width, 3]; `save` writes one to a file.
+
+        Args:
+            yaw_deg, pitch_deg: as of `plot`.
+            size_px: width and height of the picture.
+
+        Raises:
+            InvalidInput: matplotlib or Pillow is missing.
         """
         try:
             from srt3d_ros.pictures import annotations
         except ImportError as error:
-            raise InvalidInput("plot", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
+            raise InvalidInput("picture", f"{error}", "pip install 'srt3d_ros[review]' to have been run") from None
 
         require(min(size_px) > 0, "size_px", size_px, "width and height, above 0")
-        image = annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px)
-        if ax is not None:
-            ax.imshow(image)
-            ax.set_axis_off()
-        if path is not None:
-            try:
-                image.save(path)
-            except (OSError, ValueError) as error:
-                raise InvalidInput("picture", str(path), f"a file that can be written ({error})") from None
-        return image
+        return np.array(annotations.draw_cloud(self, self.sensor, yaw_deg, pitch_deg, size_px).convert("RGB"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,10 +122,17 @@ class Sketch(core_sketch.Sketch):
     sensor: SensorModel = field(kw_only=True)
     notes: tuple[str, ...] = field(kw_only=True, default=())
 
+    def __post_init__(self) -> None:
+        frequencies = core_sketch.check_frequencies(np.asarray(self.frequencies), self.sensor.num_bins)
+        for name, value in (("frequencies", frequencies), ("sums", np.asarray(self.sums, np.complex64)),
+                            ("photons", np.asarray(self.photons, np.uint32))):
+            object.__setattr__(self, name, value)
+        super().__post_init__()
+
     def __repr__(self) -> str:
         rows, cols, m = self.sums.shape
-        text = f"Sketch of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels"
-        return "\n".join([text, *self.notes])
+        return (f"Sketch of {self.photons.sum():,} photons, {m} numbers in each of {rows} × {cols} pixels"
+                f"{_noted(self.notes)}")
 
     def __add__(self, other: core_sketch.Sketch) -> Self:
         """The sketch of both sets of photons; InvalidInput unless frequencies and sensor are the same."""
@@ -116,15 +146,74 @@ class Sketch(core_sketch.Sketch):
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels; InvalidInput if none is in it."""
         rows, cols = pixels if isinstance(pixels, tuple) and len(pixels) == 2 else (pixels, slice(None))
-        sensor = self.sensor.cropped(rows, cols)
-        return replace(super().__getitem__((rows, cols)), sensor=sensor)
+        return replace(self, sums=self.sums[rows, cols], photons=self.photons[rows, cols],
+                       sensor=self.sensor.cropped(rows, cols))
+
+    def reconstruct(self, *, method: str = DEFAULT_METHOD, surfaces: int = 1, device: str = "auto",
+                    false_alarm_rate: float | None = None, background: str | None = None) -> Cloud:
+        """The point cloud; arguments as of `Photons.reconstruct`, of a method on sketches."""
+        wanted = f"one that takes sketches: {', '.join(SKETCH_METHODS)}"
+        require(find(method).needs == "sketch", "method", method, wanted)
+        reconstructor = Reconstructor(self.sensor, self.frequencies, method=method, surfaces=surfaces, device=device,
+                                      false_alarm_rate=false_alarm_rate, background=background)
+        return reconstructor(self)
 
     def save(self, path: str | Path) -> None:
         """Write an .npz sketch file (docs/photon-file.md)."""
+        from srt3d_ros.datasets import sketch_file
+
         sketch_file.save(path, self, self.sensor)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read an .npz sketch file."""
+        from srt3d_ros.datasets import sketch_file
+
         found, sensor = sketch_file.read(path)
-        return cls(**vars(found), sensor=sensor)
+        return cls(**vars(found) | {"sensor": sensor})
+
+
+class Reconstructor:
+    """Reconstructs frames of one sensor, one after the other; `pooled` keeps a memory of them and of the background.
+
+    Args:
+        sensor: of the sketches, behind the gate if there is one.
+        frequencies: the integers k_l of the sketches; methods on photons need none.
+        method, surfaces, device, false_alarm_rate, background: as of `Photons.reconstruct`.
+
+    Raises:
+        InvalidInput: naming the argument that cannot be used.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), *, method: str = DEFAULT_METHOD,
+                 surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
+                 background: str | None = None):
+        own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background}
+        self._own, self._frequencies = {"method": method, "surfaces": surfaces}, tuple(frequencies)
+        self._method = find(method).build(sensor, self._frequencies,
+                                          **{name: value for name, value in own.items() if value is not None})
+        self._is_warm = False
+
+    def __call__(self, seen: core_sketch.Sketch | PhotonFrame) -> Cloud:
+        """The cloud of a frame: of its sketch, or of the photons for a method on photons."""
+        if not self._is_warm:           # what is compiled first does not count as time of the frame
+            self._method.warm_up()
+            self._is_warm = True
+        started = time.perf_counter()
+        cloud = self._method(seen)
+        elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
+        sensor, frequencies = self._method.sensor, list(map(int, self._frequencies))
+        facts = self._own | {
+            "device": self._method.device, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
+            "photons": int(np.sum(seen.photons)), "sketch_size": len(frequencies) or None, "frequencies": frequencies,
+            "points": len(cloud), "sketch_ms": None, "reconstruct_ms": elapsed_ms}
+        return Cloud(**vars(cloud), sensor=sensor, facts=facts, notes=getattr(seen, "notes", ()))
+
+    def forget(self) -> None:
+        """Begin the next frame as if it were the first."""
+        if hasattr(self._method, "forget"):
+            self._method.forget()
+
+
+def _noted(notes: tuple[str, ...]) -> str:
+    return f"; {len(notes)} notes" if notes else ""

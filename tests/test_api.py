@@ -3,6 +3,7 @@
 import inspect
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,8 +18,7 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import stream, survey
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file, survey
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -29,6 +29,7 @@ ROW, COL = np.divmod(FRAME.pixel, 20)
 COUNTS = np.zeros((12, 20, 300), np.int64)
 np.add.at(COUNTS, (ROW, COL, FRAME.toa), 1)
 FREQUENCIES = design_for(FRAME, SENSOR).frequencies
+PHOTONS = srt3d_ros.from_events(ROW, COL, FRAME.toa, sensor=SENSOR)
 ARRAYS = {"shape": (12, 20), "num_bins": 300, "bin_width_s": 5e-11, "irf": SENSOR.irf, "fov_deg": 20,
           "projection": None}
 
@@ -40,45 +41,75 @@ def same(one: PointCloud, other: PointCloud, fields=("row", "col", "depth_bins",
 
 @pytest.fixture(scope="module")
 def cloud():
-    return srt3d_ros.reconstruct(ROW, COL, FRAME.toa, sensor=SENSOR)
+    return PHOTONS.reconstruct()
 
 
 def test_it_is_the_reconstruction_of_the_library(cloud):
     expected = Pooled(SENSOR, FREQUENCIES)(sketch_photons(FRAME, SENSOR, FREQUENCIES))
     same(cloud, expected)
-    assert isinstance(cloud, srt3d_ros.Cloud) and len(cloud) == 240 and cloud.sensor is SENSOR and cloud.notes == ()
+    assert isinstance(cloud, srt3d_ros.Cloud) and len(cloud) == 240
+    assert cloud.sensor.same_as(SENSOR) and cloud.notes == ()
     assert cloud.facts["frequencies"] == list(FREQUENCIES) and cloud.facts["photons"] == FRAME.photons
     assert abs(np.median(cloud.depth_bins - DEPTH[cloud.row, cloud.col])) < 0.2
 
 
 def test_every_form_of_the_same_photons_gives_the_same_cloud(cloud, tmp_path):
-    npz.save(tmp_path / "photons.npz", SENSOR, FRAME)
-    for photons in (srt3d_ros.open(tmp_path / "photons.npz"), str(tmp_path / "photons.npz"),
-                    srt3d_ros.photons(ROW, COL, FRAME.toa, sensor=SENSOR),
-                    srt3d_ros.sketch(ROW, COL, FRAME.toa, sensor=SENSOR)):
-        same(srt3d_ros.reconstruct(photons), cloud)
-    for photons in (FRAME, sketch_photons(FRAME, SENSOR, FREQUENCIES)):
-        same(srt3d_ros.reconstruct(photons, sensor=SENSOR), cloud)
-    same(srt3d_ros.reconstruct(counts=COUNTS, sensor=SENSOR), cloud)
-    same(srt3d_ros.reconstruct(row=ROW.tolist(), col=COL, toa=FRAME.toa.astype(float), sensor=SENSOR), cloud)
+    photon_file.save(tmp_path / "photons.npz", SENSOR, FRAME)
+    PHOTONS.sketch().save(tmp_path / "sketch.npz")
+    for source in (srt3d_ros.read(tmp_path / "photons.npz"), str(tmp_path / "photons.npz"), PHOTONS, PHOTONS.sketch(),
+                   tmp_path / "sketch.npz"):
+        same(srt3d_ros.reconstruct(source), cloud)
+    for source in (FRAME, sketch_photons(FRAME, SENSOR, FREQUENCIES), COUNTS):
+        same(srt3d_ros.reconstruct(source, sensor=SENSOR), cloud)
+    same(srt3d_ros.from_counts(COUNTS, sensor=SENSOR).reconstruct(), cloud)
+    same(srt3d_ros.from_events(ROW.tolist(), COL, FRAME.toa.astype(float), sensor=SENSOR).reconstruct(), cloud)
     words = SENSOR.replace(gates=GateWords())
     same(srt3d_ros.reconstruct(PhotonGates.from_events(FRAME, words), sensor=words), cloud)
 
 
 def test_a_file_is_read_with_the_options(tmp_path):
-    npz.save(tmp_path / "photons.npz", SENSOR.replace(num_bins=299), PhotonEvents(FRAME.pixel, FRAME.toa % 299))
+    photon_file.save(tmp_path / "photons.npz", SENSOR.replace(num_bins=299), PhotonEvents(FRAME.pixel, FRAME.toa % 299))
     gain = np.full((12, 20), 2)
-    read = srt3d_ros.photons(tmp_path / "photons.npz", num_bins=300, irf=[1, 2], gain=gain)
+    read = srt3d_ros.read(tmp_path / "photons.npz", num_bins=300, irf=[1, 2], gain=gain)
     assert (read.sensor.num_bins, read.sensor.irf_ref) == (300, 1) and (read.sensor.gain == gain).all()
+    assert read.notes == ("as given, not as in the file: num_bins, irf",)       # it has no gain
+
+
+@pytest.mark.parametrize("suffix", ["npz", "npy", "mat"])
+def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, suffix):
+    from scipy.io import savemat
+
+    path = tmp_path / f"photons.{suffix}"
+    mine = SENSOR.replace(projection=Pinhole(50, 50, 9, 9), gain=np.ones((12, 20)))
+    if suffix == "npz":
+        photon_file.save(path, SENSOR.replace(num_bins=350, toa_offset_bins=7, range_offset_m=2), FRAME)
+    elif suffix == "npy":
+        np.save(path, COUNTS)
+    else:
+        savemat(path, {"counts": COUNTS, "bin_width_s": 9e-11})
+    read = srt3d_ros.read(path, sensor=mine)
+    assert read.sensor.same_as(mine) and np.array_equal(np.sort(read.events.toa), np.sort(FRAME.toa))
+    assert [note.split(":")[1] for note in read.notes] == {
+        "npz": [" num_bins, toa_offset_bins, range_offset_m, projection"], "npy": [], "mat": [" bin_width_s"]}[suffix]
+    assert srt3d_ros.read(path, sensor=mine, toa_offset_bins=5).sensor.same_as(mine.replace(toa_offset_bins=5))
+
+
+def test_what_a_photon_file_lacks_can_be_given(tmp_path):
+    np.savez(tmp_path / "a.npz", rows=12, cols=20, num_bins=300, pixel=FRAME.pixel, toa=FRAME.toa)
+    with pytest.raises(srt3d_ros.InvalidInput, match="^a.npz bin_width_s is missing: .*, or options"):
+        srt3d_ros.read(tmp_path / "a.npz")
+    assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20).notes == ()
+    estimated = srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
+    assert [note.split()[0] for note in estimated.notes] == ["IRF", "geometry"]
 
 
 def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_path, monkeypatch):
     monkeypatch.setattr(survey, "MAX_KEPT", 3_000)
     np.save(tmp_path / "counts.npy", COUNTS.astype(np.uint16))
-    opened = srt3d_ros.open(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
-    assert isinstance(opened, stream.PhotonStream)
+    opened = srt3d_ros.read(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
+    assert isinstance(opened, srt3d_ros.Photons) and not opened.is_loaded
     same(srt3d_ros.reconstruct(opened, toa_offset_bins=1000, frequencies=FREQUENCIES), cloud)
-    gated = srt3d_ros.sketch(opened, gate=(60, 130), mask=np.eye(12, 20) == 0)
+    gated = srt3d_ros.read(opened, mask=np.eye(12, 20) == 0).sketch(gate=(60, 130))
     assert gated.photons.sum() == np.count_nonzero((FRAME.toa >= 60) & (FRAME.toa <= 130)) and len(gated.notes) == 1
     assert np.array_equal(gated.sensor.mask, np.eye(12, 20) == 0)       # not that of the sample
     with pytest.raises(srt3d_ros.InvalidInput, match="^num_bins is 50: expected "):
@@ -87,25 +118,23 @@ def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_p
 
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_takes_events_and_counts(name):
-    by_events = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, sensor=SENSOR, method=name, device="cpu")
-    by_counts = srt3d_ros.reconstruct(counts=COUNTS, sensor=SENSOR, method=name)
+    by_events = PHOTONS.reconstruct(method=name, device="cpu")
+    by_counts = srt3d_ros.reconstruct(COUNTS, sensor=SENSOR, method=name)
     same(by_counts, by_events)
     assert by_events.facts["method"] == name and len(by_events) > 230
     assert (by_events.facts["sketch_ms"] is None) == (METHODS[name].needs == "photons")
 
 
 def test_options_reach_sketch_and_method(cloud):
-    given = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, sensor=SENSOR, frequencies=np.array([1, 5, 2]),
-                                  surfaces=2, background="flat", false_alarm_rate=0.01)
+    given = PHOTONS.reconstruct(frequencies=np.array([1, 5, 2]), surfaces=2, background="flat", false_alarm_rate=0.01)
     assert given.facts["frequencies"] == [1, 5, 2] and given.facts["sketch_size"] == 3 and given.facts["surfaces"] == 2
     assert not np.array_equal(given.background, cloud.background)
-    assert srt3d_ros.sketch(FRAME, sensor=SENSOR, frequencies="consecutive", sketch_size=4).frequencies == (1, 2, 3, 4)
+    assert PHOTONS.sketch(4, frequencies="consecutive").frequencies == (1, 2, 3, 4)
 
 
-@pytest.mark.parametrize("method, photons", [
-    ("pooled", {"counts": COUNTS}), ("xcorr", {"row": ROW, "col": COL, "toa": FRAME.toa})], ids=["pooled", "xcorr"])
-def test_a_gate_drops_what_lies_outside_and_says_so(cloud, method, photons):
-    gated = srt3d_ros.reconstruct(**photons, sensor=SENSOR, gate=(60, 130), method=method)
+@pytest.mark.parametrize("method, source", [("pooled", COUNTS), ("xcorr", FRAME)], ids=["pooled", "xcorr"])
+def test_a_gate_drops_what_lies_outside_and_says_so(cloud, method, source):
+    gated = srt3d_ros.reconstruct(source, sensor=SENSOR, gate=(60, 130), method=method)
     assert gated.facts["num_bins"] == 71 and gated.sensor.toa_offset_bins == 1060
     inside = np.count_nonzero((FRAME.toa >= 60) & (FRAME.toa <= 130))
     assert gated.facts["photons"] == inside
@@ -115,45 +144,71 @@ def test_a_gate_drops_what_lies_outside_and_says_so(cloud, method, photons):
 
 
 def test_what_is_assumed_is_noted_and_shown():
-    said = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, **ARRAYS)
+    said = srt3d_ros.from_events(ROW, COL, FRAME.toa, **ARRAYS).reconstruct()
     assert (said.notes, len(said), said.sensor.num_bins) == ((), 240, 300) and said.sensor.same_as(SENSOR.replace(
         toa_offset_bins=0, projection=Pinhole.from_fov(12, 20, 20)))
-    cloud = srt3d_ros.reconstruct(ROW, COL, FRAME.toa, **ARRAYS | {"irf": None, "fov_deg": None})
+    photons = srt3d_ros.from_events(ROW, COL, FRAME.toa, **ARRAYS | {"irf": None, "fov_deg": None})
+    cloud = photons.reconstruct()
     assert [note.split()[0] for note in cloud.notes] == ["IRF", "geometry"]
-    shown = repr(cloud).splitlines()
-    assert shown[0].startswith("Cloud of 240 points at 0.") and shown[1:] == list(cloud.notes)
-    assert "14," in shown[0] and "12 × 20 pixels" in shown[0]
+    number = f"{FRAME.photons:,}"
+    assert repr(photons) == f"Photons of arrays: {number} in 12 × 20 pixels and 300 bins; 2 notes"
+    assert repr(photons.sketch(4)) == f"Sketch of {number} photons, 4 numbers in each of 12 × 20 pixels; 2 notes"
+    assert repr(cloud).startswith("Cloud of 240 points at 0.")
+    assert repr(cloud).endswith(f"from {number} photons of 12 × 20 pixels; 2 notes")
 
 
 # ---- Sketches
 
 def test_a_sketch_is_saved_and_read_whole(tmp_path):
-    sketch = srt3d_ros.sketch(FRAME, sensor=SENSOR, gate="60:130")
+    sketch = PHOTONS.sketch(gate=(60, 130))
     sketch.save(tmp_path / "sketch.npz")
     read = srt3d_ros.Sketch.load(tmp_path / "sketch.npz")
     assert read.sensor.same_as(sketch.sensor) and read.sensor.num_bins == 71
-    same(srt3d_ros.reconstruct(read), srt3d_ros.reconstruct(sketch))
-    assert repr(read) == f"Sketch of {read.photons.sum():,} photons, 10 numbers in each of 12 × 20 pixels"
+    same(read.reconstruct(), sketch.reconstruct())
+    with pytest.raises(srt3d_ros.InvalidInput, match="^fov_deg is 5: expected nothing: a sketch has been made"):
+        srt3d_ros.read(tmp_path / "sketch.npz", fov_deg=5)
+
+
+def test_sums_of_any_type_give_the_same_cloud():
+    sketch = PHOTONS.sketch()
+    other = srt3d_ros.Sketch(list(sketch.frequencies), sketch.sums.astype(complex), sketch.photons.astype(float),
+                             sensor=SENSOR)
+    same(other.reconstruct(), sketch.reconstruct())
+
+
+def test_a_reconstructor_follows_a_stream_of_sketches_until_it_forgets():
+    sketch = PHOTONS.sketch()
+    reconstructor = srt3d_ros.Reconstructor(SENSOR, sketch.frequencies, device="cpu")
+    same(reconstructor(sketch), sketch.reconstruct(device="cpu"))
+    plain = sketch_photons(FRAME, SENSOR, sketch.frequencies)
+    assert reconstructor(plain).facts["photons"] == FRAME.photons
+    reconstructor.forget()
+    same(reconstructor(plain), sketch.reconstruct(device="cpu"))
+    by_photons = srt3d_ros.Reconstructor(SENSOR, method="xcorr")
+    same(by_photons(FRAME), PHOTONS.reconstruct(method="xcorr"))
+    by_photons.forget()
 
 
 def test_sketches_of_parts_add_to_that_of_all():
     half = FRAME.photons // 2
-    parts = [srt3d_ros.sketch(ROW[part], COL[part], FRAME.toa[part], sensor=SENSOR, frequencies=FREQUENCIES)
+    parts = [srt3d_ros.read(FRAME.part(part), sensor=SENSOR).sketch(frequencies=FREQUENCIES)
              for part in (slice(half), slice(half, None))]
-    whole = srt3d_ros.sketch(FRAME, sensor=SENSOR, frequencies=FREQUENCIES)
+    whole = PHOTONS.sketch(frequencies=FREQUENCIES)
     total = sum(parts)
     assert isinstance(total, srt3d_ros.Sketch) and np.array_equal(total.photons, whole.photons)
     np.testing.assert_allclose(total.sums, whole.sums, atol=1e-3)
     with pytest.raises(srt3d_ros.InvalidInput, match="^sensor is another"):
-        parts[0] + srt3d_ros.sketch(FRAME, sensor=SENSOR.replace(toa_offset_bins=0), frequencies=FREQUENCIES)
+        parts[0] + srt3d_ros.read(PHOTONS, toa_offset_bins=0).sketch(frequencies=FREQUENCIES)
 
 
 def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
-    part = srt3d_ros.reconstruct(srt3d_ros.sketch(FRAME, sensor=SENSOR)[3:9, 5:])
+    part = PHOTONS.sketch()[3:9, 5:].reconstruct()
     assert (part.sensor.rows, part.sensor.cols) == (6, 15) and len(part) == 90
     chosen = (cloud.row >= 3) & (cloud.row < 9) & (cloud.col >= 5)
     np.testing.assert_allclose(part.xyz, cloud.xyz[chosen], atol=2 * SENSOR.bin_width_m)
-    assert len(srt3d_ros.reconstruct(srt3d_ros.sketch(FRAME, sensor=SENSOR)[2:4])) == 40
+    assert len(PHOTONS.sketch()[2:4].reconstruct()) == 40
+    cropped = cloud.cropped(slice(3, 9), slice(5, 20))
+    assert np.allclose(cropped.sensor.xyz(cropped.row, cropped.col, cropped.depth_bins), cropped.xyz, atol=1e-4)
 
 
 # ---- What a cloud can do
@@ -172,31 +227,30 @@ def test_a_cloud_is_saved_in_every_format(cloud, tmp_path):
 def test_a_cloud_is_drawn(cloud, tmp_path):
     from matplotlib.figure import Figure
 
-    image = cloud.plot(tmp_path / "cloud.png")
-    assert image.size == (1200, 900) and (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
-    assert len(image.getcolors(maxcolors=image.width * image.height)) > 100
-    left, right = (cloud.plot(yaw_deg=yaw_deg, size_px=(300, 200)) for yaw_deg in (-20, 20))
-    assert left.size == (300, 200) and not np.array_equal(np.asarray(left), np.asarray(right))
+    cloud.save(tmp_path / "cloud.png")
+    assert (tmp_path / "cloud.png").read_bytes().startswith(b"\x89PNG")
+    image = cloud.render()
+    assert (image.shape, image.dtype) == ((900, 1200, 3), np.uint8)
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+    left, right = (cloud.render(yaw_deg=yaw_deg, size_px=(300, 200)) for yaw_deg in (-20, 20))
+    assert left.shape == (200, 300, 3) and not np.array_equal(left, right)
     axes = Figure().subplots()
-    cloud.plot(ax=axes, size_px=(300, 200))
-    assert np.array_equal(axes.images[0].get_array(), np.asarray(left))
+    assert cloud.plot(axes) is axes and np.array_equal(axes.images[0].get_array(), image)
+    assert isinstance(cloud.plot(yaw_deg=0), type(axes))
     with pytest.raises(srt3d_ros.InvalidInput, match=r"^size_px is \(0, 9\)"):
-        cloud.plot(size_px=(0, 9))
-    for path in ("cloud.txt", "absent/cloud.png"):
-        with pytest.raises(srt3d_ros.InvalidInput, match="^picture is "):
-            cloud.plot(tmp_path / path, size_px=(300, 200))
+        cloud.render(size_px=(0, 9))
 
 
 def test_a_cloud_without_points_is_drawn_and_shown(tmp_path):
-    empty = srt3d_ros.reconstruct([], [], [], sensor=SENSOR)
+    empty = srt3d_ros.from_events([], [], [], sensor=SENSOR).reconstruct()
     assert len(empty) == 0 and repr(empty).startswith("Cloud of 0 points")
-    empty.plot(tmp_path / "empty.png")
+    empty.save(tmp_path / "empty.png")
     empty.save(tmp_path / "empty.ply")
 
 
 def test_parts_of_a_cloud_are_clouds(cloud):
     near = cloud.within(max_m=float(np.median(np.linalg.norm(cloud.xyz, axis=1)))).ordered("nearest")
-    assert isinstance(near, srt3d_ros.Cloud) and 0 < len(near) < len(cloud) and near.sensor is SENSOR
+    assert isinstance(near, srt3d_ros.Cloud) and 0 < len(near) < len(cloud) and near.sensor.same_as(SENSOR)
 
 
 def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
@@ -207,28 +261,31 @@ def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
 
 # ---- What is refused
 
-@pytest.mark.parametrize(("arguments", "options", "said"), [
-    ((), {}, "row is missing: expected row, col and toa"), ((ROW, COL), {}, "toa is missing"),
-    ((ROW, COL, FRAME.toa), {"counts": COUNTS}, "counts is given beside photons"),
-    ((ROW, COL, FRAME.toa), {"irff": [1]}, "option is irff"), (("absent.npz",), {}, "photon file is absent.npz"),
-    ((FRAME, COL), {}, "col and toa is given"),
-    ((FRAME,), {"gate": (5,)}, "gate is 5: expected off, auto"),
-    ((FRAME,), {"frequencies": [1.5]}, "frequencies is 1.5: "),
-    ((FRAME,), {"frequencies": []}, "frequencies is empty"), ((FRAME,), {"shape": 12}, "shape is 12"),
-    ((FRAME,), {"method": "smle", "background": "flat"}, "background is flat: expected nothing: smle takes"),
-    (("SKETCH",), {"gate": "auto"}, "gate is auto: expected nothing beside a sketch"),
-    (("SKETCH",), {"fov_deg": 20}, "fov_deg is 20: expected nothing beside a sketch"),
-    (("SKETCH",), {"method": "rt3d"}, "method is rt3d: expected one that takes sketches: pooled, srt3d, smle"),
+@pytest.mark.parametrize(("source", "options", "said"), [
+    (3, {}, "source is int: expected a path, an array of counts, Photons or a Sketch"),
+    (FRAME, {"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, gate, '),
+    ("absent.npz", {}, "photon file is .*absent.npz: expected a file that exists"),
+    (FRAME, {"frame": 2}, "frame is 2: expected nothing, unless a file is read"),
+    ("absent.npz", {"frame": "3"}, 'frame is "3": expected an integer'),
+    (FRAME, {"gate": (5,)}, "gate is 5: expected off, "), (FRAME, {"frequencies": [1.5]}, "frequencies is 1.5: "),
+    (FRAME, {"frequencies": []}, "frequencies is empty"), (FRAME, {"shape": 12}, "shape is 12"),
+    (FRAME, {"sensor": 5}, "sensor is int: expected a Sensor"),
+    (FRAME, {"method": "smle", "background": "flat"}, "background is flat: expected nothing: smle takes"),
+    (FRAME, {"method": "rt3d", "sketch_size": 5}, "sketch_size is 5: expected nothing: rt3d makes no sketch"),
+    ("SKETCH", {"gate": "auto"}, "gate is auto: expected nothing beside a sketch"),
+    ("SKETCH", {"fov_deg": 20}, "fov_deg is 20: expected nothing beside a sketch"),
+    ("SKETCH", {"sensor": SENSOR.replace(num_bins=200)}, "num_bins is 200: expected 300, as of the sketch"),
+    ("SKETCH", {"method": "rt3d"}, "method is rt3d: expected one that takes sketches: pooled, srt3d, smle"),
 ])
-def test_a_mistake_is_one_line(arguments, options, said):
-    arguments = [srt3d_ros.sketch(FRAME, sensor=SENSOR) if isinstance(one, str) and one == "SKETCH" else one
-                 for one in arguments]
+def test_a_mistake_is_one_line(source, options, said):
+    source = PHOTONS.sketch() if isinstance(source, str) and source == "SKETCH" else source
     with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
-        srt3d_ros.reconstruct(*arguments, sensor=SENSOR, **options)
+        srt3d_ros.reconstruct(source, **{"sensor": SENSOR} | options)
 
 
 def test_what_has_no_sensor_asks_for_one():
-    for given, said in ((sketch_photons(FRAME, SENSOR, FREQUENCIES), "sensor is missing: expected that of the sketch"),
+    sketch = replace(sketch_photons(FRAME, SENSOR, FREQUENCIES), sensor=None)
+    for given, said in ((sketch, "sensor is missing: expected that of the sketch"),
                         (FRAME, r"shape is missing: expected \(rows, cols\), or sensor")):
         with pytest.raises(srt3d_ros.InvalidInput, match=f"^{said}"):
             srt3d_ros.reconstruct(given)
@@ -248,8 +305,11 @@ def test_the_package_shows_its_names_and_imports_what_they_need_only(repository)
     assert (done.stdout.split(), done.stderr) == ([], "")
 
 
-DOCUMENTED = {"Cloud": ("plot", "save", "range_image", "depth_image", "image", "within", "ordered"),
-              "Sketch": ("save", "load"), "Sensor": ("replace", "cropped", "range_m", "xyz"), "Photons": ("gated",)}
+DOCUMENTED = {
+    "Cloud": ("plot", "render", "save", "range_image", "depth_image", "image", "within", "ordered", "cropped"),
+    "Sketch": ("reconstruct", "save", "load"), "Reconstructor": ("forget",),
+    "Sensor": ("replace", "cropped", "range_m", "xyz"),
+    "Photons": ("sketch", "reconstruct", "from_events", "from_counts", "packets", "gated")}
 
 
 def test_every_argument_of_the_library_has_a_type(repository):

@@ -47,7 +47,7 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
 
 
 def overrides(args: argparse.Namespace) -> dict[str, object]:
-    """The options of `datasets.open_photons` that were given; `--gate auto` is none of them."""
+    """The options of `datasets.read` that were given; `--gate auto` is none of them."""
     from srt3d_ros.core.gate import AUTO, OFF, parse
 
     bins = parse(args.gate)
@@ -56,7 +56,7 @@ def overrides(args: argparse.Namespace) -> dict[str, object]:
         return found
     first, last = bins
     require(0 <= first < last, "gate", args.gate, "a first bin of 0 or more and below the last")
-    return found | {"gate": (first, last - first + 1)}
+    return found | {"gate": bins}
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -20,17 +20,16 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.datasets import open_stream
-    from srt3d_ros.datasets.readers import npz
+    from srt3d_ros.datasets import photon_file, read
     from srt3d_ros.new_files import atomic_write, check_not_input, check_place
 
     output = Path(args.output)
     require(output.suffix.lower() == ".npz", "output", output.name, "a name that ends in .npz")
     check_place(output)
     check_not_input(output, args.input, args.irf)
-    photons = open_stream(args.input, args.frame, args.photons_topic, **common.overrides(args)).read_whole()
+    photons = read(args.input, args.frame, args.photons_topic, **common.overrides(args))
     with atomic_write(output) as part:
-        npz.save(part, photons.sensor, photons.frame, photons.reference_depth_bins)
+        photon_file.save(part, photons.sensor, photons.frame, photons.reference_depth_bins)
     sensor = photons.sensor
     common.print_notes(photons.notes)
     common.print_facts(args, {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,

@@ -20,7 +20,7 @@ from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import evaluate
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room
@@ -121,7 +121,7 @@ def _moving(motion: str) -> Source:
 
 
 def _from_file(path: str) -> Source:
-    photons = open_photons(path)
+    photons = read(path)
     shown = photons.frame if isinstance(photons.frame, PhotonEvents) else None
     return Source(photons.name, photons.sensor, lambda time_s: photons.reference_depth_bins, FILE_TOLERANCE_BINS,
                   {"input": os.path.abspath(path)}, lambda time_s: shown, notes=photons.notes)

@@ -28,14 +28,14 @@ def add_parser(subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from srt3d_ros.core.gate import in_ranges
-    from srt3d_ros.datasets import open_stream
+    from srt3d_ros.datasets import read
     from srt3d_ros.datasets.description import describe
     from srt3d_ros.new_files import check_place
 
     if args.output is not None:
         require(args.output.suffix.lower() == ".png", "output", args.output.name, "a name that ends in .png")
         check_place(args.output)
-    photons = open_stream(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
+    photons = read(args.input, args.frame, args.photons_topic, guess_irf=True, **common.overrides(args))
     found = describe(photons)
     facts, gate = found.facts, found.design.gate
     if args.output is not None:

@@ -86,7 +86,7 @@ def _one(request: "Request", args: argparse.Namespace) -> int:
     from srt3d_ros.recording import cloud_files
 
     cloud_files.check(args.output)
-    cloud = request.cloud(api.open(request.input, args.frame, request.photons_topic, **request.overrides))
+    cloud = request.cloud(api.read(request.input, args.frame, photons_topic=request.photons_topic, **request.overrides))
     cloud.save(args.output)
     facts = cloud.facts | {"output": str(args.output)}
     common.print_notes(cloud.notes)     # only now: a mistake is one line

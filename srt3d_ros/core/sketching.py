@@ -114,8 +114,12 @@ class Sketcher:
     def _add_histograms(self, histograms: PhotonHistograms) -> None:
         histograms.check(self.sensor)
         counts, (table, of_template) = histograms.counts, self._histogram_tables
-        self._kernels.sketch_histograms(counts.reshape(self.sensor.pixels, -1), table, of_template, self._sums,
-                                        self._photons)
+        rows, cols, n = counts.shape
+        here = slice((first := (histograms.first_row or 0) * cols), first + rows * cols)
+        table, of_template = (values[here] if of_pixels else values for values, of_pixels in (
+            (table, table.ndim == 3), (of_template, of_template is not None and of_template.ndim == 2)))
+        self._kernels.sketch_histograms(counts.reshape(-1, n), table, of_template, self._sums[here],
+                                        self._photons[here])
         self._subtracted |= counts.dtype.kind != "u" or of_template is not None
 
     @cached_property

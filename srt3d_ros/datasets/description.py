@@ -9,7 +9,6 @@ from srt3d_ros.core.gate import AUTO
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.sketch_design import SketchDesign, design_for
 from srt3d_ros.datasets.photons import Photons
-from srt3d_ros.datasets.stream import PhotonStream
 
 HALF = 0.5                  # of the peak, where an IRF's width is measured
 WORD_BYTES = 4              # of each real number of a sketch, and of the count beside them
@@ -20,12 +19,12 @@ class Description:
     """Figures of a photon file.
 
     Args:
-        photons: as `open_stream` gave them; light and gate of a stream are those of its sample.
+        photons: of which light and gate are those of the sample.
         design: gate and frequencies for their light.
         histogram, counts: float64 [T] and [rows, cols], photons in each bin and in each pixel.
     """
 
-    photons: Photons | PhotonStream
+    photons: Photons
     design: SketchDesign
     histogram: np.ndarray
     counts: np.ndarray
@@ -59,12 +58,11 @@ class Description:
                 "notes": list(self.photons.notes)}
 
 
-def describe(photons: Photons | PhotonStream) -> Description:
-    """Figures of the photons that `open_stream` gave."""
-    design = design_for(photons.sample.frame, photons.sample.sensor, AUTO)
-    if isinstance(photons, PhotonStream):
-        return Description(photons, design, photons.histogram, photons.counts)
-    sensor, frame = photons.sensor, photons.frame
+def describe(photons: Photons) -> Description:
+    """Figures of photons."""
+    design, sensor, frame = design_for(*photons.sample, AUTO), photons.sensor, photons.source
+    if not photons.is_loaded:
+        return Description(photons, design, frame.histogram, frame.counts)
     if isinstance(frame, PhotonHistograms):
         counts = frame.on_axis(sensor).astype(np.float64)
         return Description(photons, design, counts.sum(axis=(0, 1)), counts.sum(axis=2))

@@ -48,6 +48,13 @@ def spad(bin_width_s: float, fwhm_s: float = 55e-12, tail_s: float = 100e-12, ta
     return (bins / bins.sum()).astype(np.float32)
 
 
+def gaussian(sigma_bins: float) -> np.ndarray:
+    """A Gaussian of this standard deviation, in bins; float64 [L], cut at 4 of them."""
+    require(0 < sigma_bins < MAX_LENGTH / 8, "irf_sigma_bins", sigma_bins, "bins, above 0")
+    reach = int(np.ceil(4 * sigma_bins))
+    return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_bins) ** 2)
+
+
 def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> np.ndarray:
     """An IRF given as an array or list, or as the path of a file; float64 [L] or [pixels, L], not yet normalised.
 

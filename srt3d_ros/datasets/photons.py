@@ -1,37 +1,44 @@
-"""Photons: one frame with all that is known about it, and the options by which users complete or correct a file."""
+"""Photons: what every file, bag, log and array gives, one frame with all that is known about it."""
 
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any, Self, Unpack
 
 import numpy as np
 
-from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.photons import COUNT_DTYPES, PhotonEvents, PhotonHistograms
-from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Pinhole
-from srt3d_ros.core.sensor import MAX_BINS, SensorModel
-from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import read_text
-from srt3d_ros.errors import InvalidInput, quoted, require
-from srt3d_ros.messages import json_text
+from srt3d_ros.core.gate import OFF, Gate
+from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonHistograms
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketch_design import design_for
+from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.datasets import arrays
+from srt3d_ros.datasets.options import (
+    ASSUMED_FOV,
+    OF_SENSOR,
+    SensorOptions,
+    described,
+    gathered,
+    outside_note,
+    refuse_channel,
+    replaced_note,
+)
+from srt3d_ros.datasets.recording import StoredPhotons
+from srt3d_ros.errors import require
+from srt3d_ros.results import Cloud, Reconstructor, Sketch
 
-MAX_PHOTONS = 2**28
-MAX_GATE_BIN = 2**31
-SENSOR_OPTIONS = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols", "gates"))
-ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
-               "(--fov-deg), or the projection")
-OPTIONS = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref", "irf", "fov_deg",
-           "gate", "rows", "cols", "channel")
+NAME = "arrays"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Photons:
-    """One frame of photons.
+    """One frame of photons. Of a large file they stay there, and are read when they are sketched.
 
     Args:
         sensor: the sensor that saw them.
-        frame: the photons, as events or as histograms; they all lie inside the sensor's pixels and bins.
+        source: the photons, as events or as histograms, or where they are stored; they all lie inside the sensor's
+            pixels and bins.
         reference_depth_bins: float32 [S, rows, cols], reference depths of S surfaces in the sensor's bins (see
             SensorModel), NaN = unknown or no surface; None if the file has none.
         name: the file's name without its suffix.
@@ -41,183 +48,188 @@ class Photons:
     """
 
     sensor: SensorModel
-    frame: PhotonEvents | PhotonHistograms
-    reference_depth_bins: np.ndarray | None
-    name: str
+    source: PhotonEvents | PhotonHistograms | StoredPhotons
+    reference_depth_bins: np.ndarray | None = None
+    name: str = NAME
     notes: tuple[str, ...] = ()
     reference_intensity: np.ndarray | None = None
+
+    @classmethod
+    def from_events(cls, row: Any, col: Any, toa: Any, *, sensor: SensorModel | None = None, stamp_ns: int = 0,
+                    **options: Unpack[SensorOptions]) -> Self:
+        """Photons in memory: one entry of row, col and toa for each, in any order.
+
+        Arrays and lists of any integer or float type, of NumPy or torch; tensors are copied from their device.
+
+        Args:
+            row, col: [N], the pixel of each photon.
+            toa: [N], time of arrival in bins, 0 ≤ toa < T. Integers are whole bins, floats positions: see Sensor.
+            sensor: all that the photons do not say; or say it by options, which also win over what the sensor says.
+            stamp_ns: start of acquisition, nanoseconds.
+            options: shape=(rows, cols), num_bins, bin_width_s, irf or irf_sigma_bins, fov_deg or projection, and the
+                other arguments of Sensor. Without irf it is estimated from the photons, without fov_deg and projection
+                a pinhole of 30° is assumed, without bin_width_s x, y and z count bins; notes say so.
+
+        Raises:
+            InvalidInput: naming the argument that is missing or cannot be used.
+        """
+        return cls._in_memory(arrays.from_events, (row, col, toa, stamp_ns), sensor, options)
+
+    @classmethod
+    def from_counts(cls, counts: Any, *, axes: str = arrays.AXES, sensor: SensorModel | None = None, stamp_ns: int = 0,
+                    **options: Unpack[SensorOptions]) -> Self:
+        """Photons in memory, counted in bins; they say shape and num_bins themselves.
+
+        Args:
+            counts: [rows, cols, bins], photons in each bin. Negative where the sensor has subtracted ambient light.
+            axes: which axis of the array is which, such as "bins rows cols".
+            sensor, stamp_ns, options: as of `from_events`.
+
+        Raises:
+            InvalidInput: naming the argument that is missing or cannot be used.
+        """
+        return cls._in_memory(arrays.from_counts, (counts, stamp_ns, axes), sensor, options)
+
+    @classmethod
+    def from_frame(cls, frame: PhotonFrame, *, sensor: SensorModel | None = None, **options: Unpack[SensorOptions]
+                   ) -> Self:
+        """A frame of srt3d_ros.core.photons, with its sensor and options as of `from_events`."""
+        return cls._in_memory(arrays.from_frame, (frame,), sensor, options)
+
+    @classmethod
+    def _in_memory(cls, describe, arguments: tuple, sensor: SensorModel | None, options: dict) -> Self:
+        options = gathered(options, sensor)
+        sensor, frame, notes = describe(*arguments, options)
+        photons = cls(sensor, frame, None, NAME, notes)
+        return photons.gated(*options["gate"]) if "gate" in options else photons
+
+    def __repr__(self) -> str:
+        sensor, notes = self.sensor, f"; {len(self.notes)} notes" if self.notes else ""
+        return (f"Photons of {self.name}: {round(self.photons):,} in {sensor.rows} × {sensor.cols} pixels and "
+                f"{sensor.num_bins} bins{notes}")
+
+    @property
+    def photons(self) -> int | float:
+        """Number of photons; of fractional counts in a file, their sum."""
+        return self.source.photons
+
+    @property
+    def frame(self) -> PhotonEvents | PhotonHistograms:
+        """All photons in memory; InvalidInput if they are too many, or fractional counts of a file."""
+        return self.source if isinstance(self.source, PhotonEvents | PhotonHistograms) else self.source.frame
 
     @property
     def events(self) -> PhotonEvents:
         """The photons one by one; InvalidInput for histograms of negative or fractional counts."""
         return self.frame if isinstance(self.frame, PhotonEvents) else self.frame.to_events(self.sensor)
 
-    @property
-    def photons(self) -> int:
-        """Number of photons."""
-        return self.frame.photons
+    def packets(self) -> Iterator[PhotonEvents | PhotonHistograms]:
+        """The photons in parts: one if they are in memory, else as they are read, from the first on."""
+        return iter([self.source]) if self.is_loaded else self.source.packets()
 
     @property
-    def sample(self) -> "Photons":
-        """What gate and frequencies are chosen by: all of them. Of a PhotonStream, some."""
-        return self
+    def is_loaded(self) -> bool:
+        """Whether the photons are in memory, and not in their file."""
+        return isinstance(self.source, PhotonEvents | PhotonHistograms)
 
-    def read_whole(self) -> "Photons":
-        """All photons in memory, which they are."""
-        return self
+    @property
+    def sample(self) -> tuple[PhotonEvents | PhotonHistograms, SensorModel]:
+        """What gate and frequencies are chosen by: all photons, or those of the pixels in the sensor's mask."""
+        if self.is_loaded:
+            return self.source, self.sensor
+        sampled, mask = self.source.sampled, self.sensor.mask
+        if sampled.all():
+            return self.source.sample, self.sensor
+        return self.source.sample, self.sensor.replace(mask=sampled if mask is None else sampled & mask)
 
-    def with_sensor(self, sensor: SensorModel) -> "Photons":
-        """The same photons, of this sensor; InvalidInput if they do not fit it."""
-        self.frame.check(sensor)
-        return replace(self, sensor=sensor, notes=still_assumed(self.notes, self.sensor, sensor))
+    def sketch(self, sketch_size: int | None = None, *, frequencies: str | Sequence[int] = "auto",
+               gate: str | tuple[int, int] = OFF) -> Sketch:
+        """The sketch: m complex numbers a pixel, whatever the number of photons.
 
-    def sketch(self, frequencies, gate: Gate | None = None) -> Sketch:
-        """The sketch of all photons, of those inside a gate if there is one."""
-        return sketch_photons(self.frame, self.sensor, frequencies, gate)
+        Args:
+            sketch_size: m, 10 unless given.
+            frequencies: which numbers are kept: of least expected error for these photons ("auto"), "spread" over what
+                the IRF passes, "consecutive" from 1 to m, or the integers.
+            gate: keep the photons of the bins (first, last) only; or "auto": of those in which the histogram of all
+                photons shows a scene; or "off".
 
-    def with_options(self, options: dict) -> "Photons":
-        """The photons of a file that describes its sensor, with `options` in place of what it says."""
+        Raises:
+            InvalidInput: naming the argument that cannot be used.
+        """
+        found, used, _ = design_for(*self.sample, _written(gate, ":"), _written(frequencies, ","), sketch_size)
+        gate = found and Gate(self.sensor, found.first, found.last)       # without the sample's mask
+        sketcher, notes = Sketcher(self.sensor, used, gate=gate), self.notes
+        for packet in self.packets():
+            sketcher.add(packet)
+        made = sketcher.sketch()
+        if gate is not None:
+            whole = round(self.photons)
+            notes += outside_note(max(whole - int(made.photons.sum()), 0), whole, gate.first, gate.last)
+        return Sketch(**vars(made) | {"sensor": sketcher.sketch_sensor}, notes=notes)
+
+    def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
+                    frequencies: str | Sequence[int] | None = None, gate: str | tuple[int, int] = OFF,
+                    surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
+                    background: str | None = None) -> Cloud:
+        """The point cloud.
+
+        Args:
+            method: "pooled", "srt3d", "smle", "xcorr" or "rt3d" (docs/algorithm.md).
+            sketch_size, frequencies, gate: as of `sketch`; frequencies are those that the method is published with
+                unless given.
+            surfaces: K, the most surfaces in a pixel.
+            device: "cpu", "cuda", or "auto" for the GPU if there is one.
+            false_alarm_rate: probability that a pixel with background alone shows a point.
+            background: how it spreads over the bins (pooled): as the frame itself shows ("auto"), as the "sensor"
+                says, or "flat".
+
+        Raises:
+            InvalidInput: naming the argument that cannot be used.
+        """
+        chosen = find(method)
+        own = {"method": method, "surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate,
+               "background": background}
+        if chosen.needs == "sketch":
+            started, used = time.perf_counter(), chosen.frequencies if frequencies is None else frequencies
+            sketch = self.sketch(sketch_size, frequencies=used, gate=gate)
+            sketch_ms = round((time.perf_counter() - started) * 1e3, 3)
+            cloud = sketch.reconstruct(**own)
+            return replace(cloud, facts=cloud.facts | {"sketch_ms": sketch_ms})
+        for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
+            require(value is None, name, value, f"nothing: {method} makes no sketch")
+        found = None if gate == OFF else design_for(*self.sample, _written(gate, ":")).gate
+        seen = self if found is None else self.gated(found.first, found.last)
+        cloud = Reconstructor(seen.sensor, **own)(seen.frame)
+        return replace(cloud, notes=seen.notes)
+
+    def gated(self, first: int, last: int) -> Self:
+        """Only what is inside the bins from `first` to `last`; a note says how many photons are outside."""
+        gate, whole, reference = Gate(self.sensor, first, last), self.events, self.reference_depth_bins
+        events = gate.photons(whole)
+        if reference is not None:
+            moved = reference - np.float32(first)
+            reference = np.where((moved >= 0) & (moved <= last - first), moved, np.float32(np.nan))
+        note = outside_note(whole.photons - events.photons, whole.photons, first, last)
+        # The words in which these photons may be sent still count from their own bin 0.
+        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), source=events,
+                       reference_depth_bins=reference, notes=self.notes + note)
+
+    def with_options(self, options: dict[str, Any]) -> Self:
+        """The same photons, with options (options.gathered) in place of what their sensor says; a note says which."""
         refuse_channel(options)
         for name in ("rows", "cols"):
             own = getattr(self.sensor, name)
             require(options.get(name, own) == own, name, options.get(name), f"{own}, as in the file")
-        photons = self.with_sensor(described(self.sensor, options))
-        if "gate" not in options:
-            return photons
-        first, bins = options["gate"]
-        return photons.gated(Gate(photons.sensor, first, first + bins - 1))
-
-    def gated(self, gate: Gate) -> "Photons":
-        """Only what is inside a gate of the sensor; a note says how many photons are outside."""
-        whole = self.events
-        events = gate.photons(whole)
-        reference = self.reference_depth_bins
-        if reference is not None:
-            moved = reference - np.float32(gate.first)
-            reference = np.where((moved >= 0) & (moved <= gate.last - gate.first), moved, np.float32(np.nan))
-        note = outside_note(whole.photons - events.photons, whole.photons, gate.first, gate.last)
-        # The words in which these photons may be sent still count from their own bin 0.
-        return replace(self, sensor=gate.sensor.replace(gates=self.sensor.gates), frame=events,
-                       reference_depth_bins=reference, notes=self.notes + note)
+        sensor = described(self.sensor, options)
+        self.source.check(sensor)
+        own, now = ({name: getattr(one, name) for name in OF_SENSOR} for one in (self.sensor, sensor))
+        notes = self.notes
+        if sensor.projection is not self.sensor.projection and ASSUMED_FOV in notes:
+            notes, own = tuple(note for note in notes if note != ASSUMED_FOV), own | {"projection": sensor.projection}
+        photons = replace(self, sensor=sensor, notes=notes + replaced_note(own, now))
+        return photons.gated(*options["gate"]) if "gate" in options else photons
 
 
-def still_assumed(notes: tuple[str, ...], before: SensorModel, now: SensorModel) -> tuple[str, ...]:
-    """The notes without that on an assumed projection, if another was given since."""
-    return notes if now.projection is before.projection else tuple(note for note in notes if note != ASSUMED_FOV)
-
-
-def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
-    """The note on photons that a gate drops, if there are any."""
-    note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
-    return (note,) if dropped else ()
-
-
-def refuse_channel(options: dict) -> None:
-    """Raise InvalidInput if the options choose a channel, for a file without."""
-    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
-
-
-def gather_options(path: Path, overrides: dict) -> dict:
-    """The options of a photon file: the sidecar's (FILE.json, "head.mat.json" for head.mat), then `overrides` on top.
-
-    An `irf` becomes an array here, one in the sidecar read relative to the sidecar's folder; a `gate` becomes two
-    integers. An override of None counts as not given.
-
-    Raises:
-        InvalidInput: an unknown name, a broken sidecar, an IRF or a gate that cannot be used.
-    """
-    sidecar = path.with_name(path.name + ".json")
-    options = json_text.parse(read_text(sidecar), sidecar.name) if sidecar.exists() else {}
-    _check_names(options, sidecar.name)
-    given = {name: value for name, value in overrides.items() if value is not None}
-    _check_names(given, "option")
-    if "irf" in given:
-        given["irf"] = irfs.read(given["irf"])
-        options.pop("irf_ref", None)                # it belongs to the IRF that is replaced
-    elif "irf" in options:
-        options["irf"] = irfs.read(options["irf"], path.parent)
-    options |= given
-    if "gate" in options:
-        options["gate"] = _gate(options["gate"])
-    return options
-
-
-def described(sensor: SensorModel, options: dict) -> SensorModel:
-    """The sensor with options in place of its own values; those that do not describe it are left out."""
-    changes = {name: value for name, value in options.items() if name in SENSOR_OPTIONS}
-    if "irf" in changes:        # irf_ref belongs to the one that is replaced
-        changes = {"irf_ref": None} | changes
-    if "fov_deg" in options:
-        changes["projection"] = pinhole(sensor.rows, sensor.cols, options["fov_deg"])
-    return sensor.replace(**changes) if changes else sensor
-
-
-def sendable(counts: np.ndarray) -> np.ndarray:
-    """Counts in a type that histograms may have: of integers the smallest that holds them."""
-    if counts.dtype in COUNT_DTYPES and counts.dtype.isnative:
-        return counts
-    if counts.dtype.kind == "f":
-        return counts.astype(np.float32)
-    low, high = (int(counts.min()), int(counts.max())) if counts.size else (0, 0)
-    kind = next((kind for kind in COUNT_DTYPES[:-1] if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max), None)
-    require(kind is not None, "counts", low if low < 0 else high, "32-bit numbers")
-    return counts.astype(kind)
-
-
-def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
-    """A pinhole with `fov_deg` across the larger side."""
-    return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
-
-
-def check_within(name: str, values: np.ndarray, end: int) -> None:
-    """Raise InvalidInput unless all values are 0 or more, and below `end`."""
-    if values.size:
-        low, high = values.min().item(), values.max().item()        # a NaN makes both NaN
-        require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
-
-
-def number(field: str, value: object, expected: str) -> float:
-    """`value` as a finite float, or InvalidInput."""
-    try:
-        result = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(field, quoted(value), expected) from None
-    require(np.isfinite(result), field, quoted(value), expected)
-    return result
-
-
-def positive_integer(field: str, value: object) -> int:
-    """`value` as an integer of 1 or more, or InvalidInput."""
-    result = number(field, value, "an integer, 1 or more")
-    require(result == int(result) >= 1, field, value, "an integer, 1 or more")
-    return int(result)
-
-
-def whole_counts(field: str, rows: object, shape: tuple[int, ...]) -> np.ndarray:
-    """Nested lists of a log as int32 counts; InvalidInput unless they are numbers of this shape, -1 for any length."""
-    try:
-        values = np.array(rows, np.float64)
-    except (ValueError, TypeError, OverflowError):
-        values = np.empty(0)
-    fits = values.ndim == len(shape) and all(wanted in (-1, found) for wanted, found in zip(shape, values.shape))
-    sizes = " × ".join("n" if wanted < 0 else str(wanted) for wanted in shape)
-    require(fits and values.size > 0 and bool((np.abs(values) < 2**31).all()), field, f"{values.shape} values",
-            f"{sizes} whole numbers")
-    return values.astype(np.int32)
-
-
-def _check_names(options: dict, where: str) -> None:
-    for name in options:
-        require(name in OPTIONS, f"{where} name", quoted(name), f"one of {', '.join(OPTIONS)}")
-
-
-def _gate(value: object) -> tuple[int, int]:
-    expected = f"two integers: first bin, and number of bins from 2 to {MAX_BINS}"
-    try:
-        first, bins = value
-    except (TypeError, ValueError):
-        raise InvalidInput("gate", quoted(value), expected) from None
-    first, bins = number("gate", first, expected), number("gate", bins, expected)
-    valid = first == int(first) and bins == int(bins) and 0 <= first <= MAX_GATE_BIN and 2 <= bins <= MAX_BINS
-    require(valid, "gate", quoted(value), expected)
-    return int(first), int(bins)
+def _written(value: Any, mark: str) -> str:
+    """Numbers as the command line has them, with marks between; a text as it is."""
+    return str(value) if isinstance(value, str) or np.ndim(value) == 0 else mark.join(map(str, value))

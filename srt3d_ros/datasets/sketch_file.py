@@ -6,7 +6,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
-from srt3d_ros.datasets.files import naming_file, read_npz_arrays
+from srt3d_ros.datasets.files import naming_file, open_npz, read_npz_arrays
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import atomic_write
@@ -15,6 +15,12 @@ from srt3d_ros.new_files import atomic_write
 FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
         "added_variance": ("f", 0), "sensor": ("u", 1)}
 SINCE = {"added_variance": np.float64(0)}       # what files of the version before lack
+
+
+def is_sketch(path: Path) -> bool:
+    """Whether an .npz file has the arrays of a sketch; InvalidInput if it is none."""
+    with open_npz(path) as archive:
+        return {"sums.npy", "frequencies.npy"} <= set(archive.namelist())
 
 
 def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:

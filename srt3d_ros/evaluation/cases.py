@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from srt3d_ros import datasets
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import Photons, open_photons
+from srt3d_ros.datasets import Photons
 from srt3d_ros.datasets.simulation.scene import NetScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulation.silhouettes import house, lattice, silhouette_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -127,7 +128,7 @@ def of_files(files: list[str], tolerance: str | None = None, surfaces: int | Non
         held_out_share: of the photons, or 0 for none; None: the usual share of a file that has no reference.
     """
     cases = []
-    for photons in map(open_photons, files):
+    for photons in map(datasets.read, files):
         references = 0 if photons.reference_depth_bins is None else len(photons.reference_depth_bins)
         within = tolerance_bins(tolerance or FILE_TOLERANCE, photons.sensor)
         share, more = _held_out_share(photons, held_out_share, references)

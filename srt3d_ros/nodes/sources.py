@@ -19,7 +19,6 @@ from srt3d_ros.core.photons import PhotonFrame
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.bags.frames import find_photons
-from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, photon_frames
@@ -28,8 +27,6 @@ from srt3d_ros.nodes import topics
 
 SIMULATOR = "simulator"
 NS_PER_S = 1_000_000_000
-# What readers of photon files need of a sensor: the others do not change how photons are read.
-READ_WITH = ("rows", "cols", "num_bins", "bin_width_s", "irf", "irf_ref")
 
 
 class Item(NamedTuple):
@@ -60,16 +57,9 @@ def open_source(parameters: Mapping) -> "FrameSource | BagSource":
         return FrameSource(simulator.sensor, lambda k: simulator.frame(k)[0], None, parameters)
     if not is_file:
         return BagSource(path)
-    photons = open_photons_with(path, sensor_file) if sensor_file else datasets.open_photons(path)
+    photons = datasets.read(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
     return FrameSource(photons.sensor, lambda k: photons.frame, None if parameters["loop"] else 1, parameters,
                        photons.notes)
-
-
-def open_photons_with(path: str, sensor_file: str) -> Photons:
-    """The photons of a file, of the sensor that another file describes; InvalidInput if they do not fit it."""
-    sensor = datasets.open_sensor(sensor_file)
-    given = {name: getattr(sensor, name) for name in READ_WITH}
-    return datasets.open_photons(path, **given).with_sensor(sensor)
 
 
 class FrameSource:

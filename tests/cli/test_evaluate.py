@@ -10,7 +10,7 @@ from srt3d_ros.cli import main
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -26,9 +26,9 @@ def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("evaluate")
     depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
     events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
-    npz.save(path / "layers.npz", SENSOR, events, truth)
-    npz.save(path / "bare.npz", SENSOR, events)
-    npz.save(path / "few.npz", SENSOR, PhotonEvents(events.pixel[:240], events.toa[:240]))
+    photon_file.save(path / "layers.npz", SENSOR, events, truth)
+    photon_file.save(path / "bare.npz", SENSOR, events)
+    photon_file.save(path / "few.npz", SENSOR, PhotonEvents(events.pixel[:240], events.toa[:240]))
     (path / "README.md").write_text("of something else")
     np.savez(path / "step.npz", depth_m=np.where(np.arange(24) < 12, 3.0, 3.1) + np.zeros((16, 1)))
     return path

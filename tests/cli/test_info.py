@@ -7,8 +7,7 @@ import pytest
 from PIL import Image
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -21,14 +20,14 @@ def wall(tmp_path_factory):
     """A photon file of a wall at bin 80, SBR 4, 50 photons a pixel."""
     path = tmp_path_factory.mktemp("info") / "wall.npz"
     scene = StaticScene(SENSOR.range_m(np.full((12, 20), 80.0)))
-    npz.save(path, SENSOR, Simulator(scene, SENSOR, sbr=4, ppp=50).frame(0)[0])
+    photon_file.save(path, SENSOR, Simulator(scene, SENSOR, sbr=4, ppp=50).frame(0)[0])
     return path
 
 
 @pytest.fixture
 def cube(wall, tmp_path):
     """The same photons as an array of counts."""
-    photons = open_photons(wall)
+    photons = read(wall)
     counts = np.zeros((240, 600), np.uint16)
     np.add.at(counts, (photons.frame.pixel, photons.frame.toa), 1)
     np.save(tmp_path / "wall.npy", counts.reshape(12, 20, 600))
@@ -37,7 +36,7 @@ def cube(wall, tmp_path):
 
 def test_figures_are_those_of_the_photons(srt3d, wall):
     code, printed, err = srt3d("info", wall, "--json")
-    facts, photons = json.loads(printed), open_photons(wall).frame.photons
+    facts, photons = json.loads(printed), read(wall).frame.photons
     assert (code, err, facts["rows"], facts["cols"], facts["num_bins"]) == (0, "", 12, 20, 600)
     assert facts["photons"] == photons and facts["photons_per_pixel"] == pytest.approx(photons / 240)
     assert facts["sbr"] == pytest.approx(4, rel=0.15)
@@ -74,7 +73,7 @@ def test_convert_keeps_photons_and_options(srt3d, wall, cube, tmp_path):
     out = tmp_path / "out.npz"
     code, printed, _ = srt3d("convert", cube, out, "--bin-width-s", "5e-11", "--fov-deg", "20", "--json")
     assert code == 0 and json.loads(printed)["output"] == str(out)
-    before, after = open_photons(wall), open_photons(out)
+    before, after = read(wall), read(out)
     assert np.array_equal(before.frame.pixel, after.frame.pixel)
     assert after.sensor.bin_width_s == 5e-11 and after.notes == ()
     assert after.sensor.projection.fx == pytest.approx(before.sensor.replace(

@@ -9,7 +9,7 @@ from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import read
 from srt3d_ros.datasets.irf import spad
 from srt3d_ros.datasets.simulation.scene import StaticScene, default_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -35,7 +35,7 @@ def reconstruct(frame, sensor, **options):
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_on_measured_photons(shared_data, name):
-    photons = open_photons(shared_data / "photons" / f"{name}.npz")
+    photons = read(shared_data / "photons" / f"{name}.npz")
     tolerance, true, false, error = MEASURED[name]
     cloud = reconstruct(photons.frame, photons.sensor)
     found = evaluate(cloud, photons.reference_depth_bins, tolerance, photons.sensor.num_bins)
@@ -54,10 +54,10 @@ def test_on_simulated_photons_and_errors_are_as_large_as_is_said(sbr, ppp):
 
 
 def test_two_surfaces_are_kept_where_there_are_two_and_edges_show_no_double_points(shared_data):
-    photons = open_photons(shared_data / "photons" / "art_real_unif_ppp5_sbr10.npz")
+    photons = read(shared_data / "photons" / "art_real_unif_ppp5_sbr10.npz")
     one, two = (reconstruct(photons.frame, photons.sensor, surfaces=surfaces) for surfaces in (1, 2))
     assert len(two) - (two.surface == 0).sum() < 0.003 * len(one)
-    photons = open_photons(shared_data / "photons" / "two_layer_100.npz")
+    photons = read(shared_data / "photons" / "two_layer_100.npz")
     cloud = reconstruct(photons.frame, photons.sensor, surfaces=2)
     assert (cloud.surface == 1).sum() > 0.95 * photons.sensor.pixels
     found = evaluate(cloud, photons.reference_depth_bins, 40, photons.sensor.num_bins)

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+import srt3d_ros
 from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import arrays
+from srt3d_ros.datasets import Photons, arrays
+from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -19,12 +21,12 @@ PIXEL = [3, 8, 5, 11]
 
 
 def events(row=ROW, col=COL, toa=TOA, sensor=None, **changes):
-    return arrays.from_events(row, col, toa, sensor, 0, KNOWN | changes if sensor is None else changes)
+    return Photons.from_events(row, col, toa, sensor=sensor, **(KNOWN | changes if sensor is None else changes))
 
 
 def counts(cube, sensor=None, **changes):
     given = {name: KNOWN[name] for name in ("bin_width_s", "irf", "fov_deg")} if sensor is None else {}
-    return arrays.from_counts(cube, sensor, 0, given | changes)
+    return Photons.from_counts(cube, sensor=sensor, **(given | changes))
 
 
 def cube(dtype=np.uint16):
@@ -71,10 +73,11 @@ def test_the_options_describe_the_sensor():
 
 def test_a_sensor_says_all_and_options_win_over_it():
     sensor = events(irf_ref=0).sensor
-    assert events(sensor=sensor).sensor is sensor and events(sensor=sensor).notes == ()
+    assert events(sensor=sensor).sensor.same_as(sensor) and events(sensor=sensor).notes == ()
     assert events(sensor=sensor, toa_offset_bins=9).sensor.same_as(sensor.replace(toa_offset_bins=9))
     assert events(sensor=sensor, irf=[1, 3, 1]).sensor.irf_ref == 1     # the old one's mark does not stay
-    assert counts(cube(), sensor=sensor).sensor is sensor
+    assert events(sensor=sensor.replace(gain=np.ones((3, 4))), gain=None).sensor.gain is not None
+    assert counts(cube(), sensor=sensor).sensor.same_as(sensor)
 
 
 @pytest.mark.parametrize(("values", "dtype"), [((0, 256), np.uint16), ((-1, 9), np.int32), ((0, 70_000), np.int32)])
@@ -94,13 +97,14 @@ def test_counts_of_wider_bins():
 
 
 def test_photons_that_are_there_already_get_the_options():
-    read = events(toa=[1, 2, 3, 4])
-    assert arrays.completed(read, None, {}).sensor is read.sensor
-    assert arrays.completed(read, None, {"fov_deg": 5}).sensor.projection == Pinhole.from_fov(3, 4, 5)
+    seen = events(toa=[1, 2, 3, 4])
+    assert srt3d_ros.read(seen).sensor.same_as(seen.sensor) and srt3d_ros.read(seen).notes == ()
+    assert srt3d_ros.read(seen, fov_deg=5).sensor.projection == Pinhole.from_fov(3, 4, 5)
     frame = PhotonEvents(np.array([11], np.uint32), np.array([49], np.uint16), 5)
-    assert arrays.completed(frame, read.sensor, {}).frame is frame
+    assert srt3d_ros.read(frame, sensor=seen.sensor).frame is frame
     with pytest.raises(InvalidInput, match="^toa is 49: expected bins in "):
-        arrays.completed(frame, read.sensor, {"num_bins": 40})
+        srt3d_ros.read(frame, sensor=seen.sensor, num_bins=40)
+    assert np.array_equal(srt3d_ros.read(cube(), **KNOWN | {"shape": None}).frame.counts, cube())
 
 
 def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels():
@@ -111,14 +115,29 @@ def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pi
     mask[0, 0] = False
     row, col = np.divmod(np.concatenate([photons.pixel, np.zeros(len(noise), np.uint32)]), 30)
     toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
-    by_events = arrays.from_events(row, col, toa, None, 0, given | {"shape": (30, 30), "num_bins": 400})
-    assert by_events.notes == (arrays.ESTIMATED_IRF, arrays.ASSUMED_FOV)
+    by_events = Photons.from_events(row, col, toa, **given, shape=(30, 30), num_bins=400)
+    assert by_events.notes == (arrays.ESTIMATED_IRF, ASSUMED_FOV)
     found, ref = by_events.sensor.irf, by_events.sensor.irf_ref
     assert np.sqrt((found * (np.arange(len(found)) - ref)**2).sum()) == pytest.approx(3, abs=1)
     cube = np.zeros((30, 30, 400), np.float64)
     np.add.at(cube, (row, col, toa), 1)
-    by_counts = arrays.from_counts(cube, None, 0, given)
+    by_counts = Photons.from_counts(cube, **given)
     assert np.array_equal(by_counts.sensor.irf, found) and by_counts.notes == by_events.notes
+
+
+def test_a_first_cloud_needs_neither_bin_width_nor_measured_irf():
+    found = events(bin_width_s=None, irf=None, irf_sigma_bins=1.5)
+    assert found.sensor.bin_width_m == pytest.approx(1) and [note[:11] for note in found.notes] == ["bin_width_s"]
+    assert found.sensor.irf[found.sensor.irf_ref + 3] / found.sensor.irf.max() == pytest.approx(np.exp(-2))
+
+
+def test_axes_say_which_is_which_and_a_cube_that_may_be_turned_is_noted():
+    turned = np.moveaxis(cube(), 2, 0)
+    assert np.array_equal(counts(turned, axes="bins rows cols").frame.counts, cube())
+    assert counts(np.ones((30, 6, 8)), irf=[1]).notes == () and counts(np.ones((30, 8, 6)), irf=[1]).notes == (
+        arrays.FEW_BINS,)
+    with pytest.raises(InvalidInput, match="^axes is thw: expected 'rows cols bins' in the order of the array"):
+        counts(turned, axes="thw")
 
 
 def test_photons_that_show_no_irf_ask_for_it():
@@ -136,7 +155,7 @@ def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"row": None}, "row is missing: expected row, col and toa, one entry a photon; or counts"),
+    ({"row": None}, "row dtype is object: expected numbers"),
     ({"toa": TOA[:3]}, r"row, col and toa shapes is \(4,\), \(4,\), \(3,\): expected the same \[N\], one a photon"),
     ({"row": [0, 1, 2, 3]}, "row is 3: expected 0 to below 3"), ({"col": [0, 1, 2, -1]}, "col is -1: expected 0 to"),
     ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"row": [0, 1, 2, np.nan]}, "row is nan: "),
@@ -145,11 +164,12 @@ def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
     ({"toa": [0, 1, 2, 50]}, "toa is 50: expected 0 to below 50"), ({"toa": [0, 1, 2, np.nan]}, "toa is nan: "),
     ({"shape": None}, r"shape is missing: expected \(rows, cols\), or sensor"), ({"shape": 12}, "shape is 12: "),
     ({"num_bins": None}, "num_bins is missing: expected T, bins of a laser period"),
-    ({"bin_width_s": None}, "bin_width_s is missing: expected seconds in a bin .where bins alone matter 2 / 299792458"),
+    ({"toa": [1e-9, 2e-9, 3e-9, 1e-10]}, "toa is below 1 everywhere: expected times in bins: divide seconds by"),
+    ({"irf_sigma_bins": 2}, "irf_sigma_bins is 2: expected irf_sigma_bins or irf, not both"),
     ({"irf": None, "irf_ref": 2}, "irf_ref is 2: expected irf beside it"),
     ({"projection": AngularScan(0, 1, 0, 1)}, "fov_deg is 20: expected fov_deg or projection, not both"),
-    ({"irff": [1]}, "option is irff: expected one of shape, fov_deg, num_bins, "),
-    ({"sensor": SensorModel(3, 4, 50, 1e-10, IRF), "shape": (4, 3)}, r"shape is \(4, 3\): expected \(3, 4\), as the s"),
+    ({"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, gate, '),
+    ({"sensor": SensorModel(3, 4, 50, 1e-10, IRF, gain=np.ones((3, 4))), "shape": (4, 3)}, "gain shape is "),
 ])
 def test_a_mistake_is_one_line_that_names_it(changes, said):
     with pytest.raises(InvalidInput, match=f"^{said}") as refused:

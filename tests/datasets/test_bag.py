@@ -18,12 +18,12 @@ from srt3d_ros import zstd
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags import bag as bags
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.frames import BagFrames, find_photons
 from srt3d_ros.datasets.bags.writer import STORAGES, BagWriter, Offer
-from srt3d_ros.datasets.photons import ASSUMED_FOV
+from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
 from srt3d_ros.messages import sensor as sensor_message
@@ -124,7 +124,7 @@ def test_several_files_are_read_in_the_order_of_their_times_whatever_qos_the_met
     metadata = bag / "metadata.yaml"
     text = metadata.read_text().replace("relative_file_paths:", f"relative_file_paths:\n  - {name}")
     metadata.write_text(text.replace("transient_local", "volatile"))
-    assert [open_photons(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
+    assert [read(bag, number).frame.toa[0] for number in range(4)] == [0, 1, 2, 7]
 
 
 def write_compressed(path: Path, storage: str, mode: str, messages: list[tuple[str, str, bytes]]) -> Path:
@@ -146,7 +146,7 @@ COMPRESSED = [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"), ("m
 @pytest.mark.parametrize("storage, mode", COMPRESSED)
 def test_compressed_bags_are_read_unless_they_unpack_to_far_too_much(tmp_path, monkeypatch, storage, mode):
     whole = write_compressed(tmp_path / "whole", storage, mode, RECORDED[:2])
-    assert open_photons(whole).frame.toa.tolist() == [0, 7, 9]
+    assert read(whole).frame.toa.tolist() == [0, 7, 9]
     monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
     zeros = write_compressed(tmp_path / "zeros", storage, mode, [("/sensor", TEXT, bytes(2**26))])
     assert peak_of_refusal(zeros, "unpacked") < 2**24
@@ -190,7 +190,7 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path, statements):
             database.execute(statement)
         database.commit()
     with pytest.raises(InvalidInput, match="is computed, not stored"):
-        open_photons(bag)
+        read(bag)
 
 
 def peak_of_refusal(bag: Path, why: str) -> int:
@@ -206,24 +206,24 @@ def peak_of_refusal(bag: Path, why: str) -> int:
 
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
     for number in range(3):
-        opened = open_photons(bag, number)
+        opened = read(bag, number)
         assert opened.sensor.same_as(SENSOR) and opened.frame.toa.tolist() == [number, 7, 9]
         assert opened.frame.stamp_ns == START_NS + number
-    assert open_photons(bag, range_offset_m=2.0, fov_deg=20).sensor.range_offset_m == 2.0
+    assert read(bag, range_offset_m=2.0, fov_deg=20).sensor.range_offset_m == 2.0
     content = sensor_message.to_object(SENSOR)
     del content["projection"]
     plain = write(bag / "plain", [("/sensor", TEXT, cdr.write_text(json_text.dump(content))), RECORDED[1]])
-    assert (open_photons(bag).notes, open_photons(plain).notes) == ((), (ASSUMED_FOV,))
+    assert (read(bag).notes, read(plain).notes) == ((), (ASSUMED_FOV,))
     with pytest.raises(InvalidInput, match=r"frame is 3: expected 0 to 2"):
-        open_photons(bag, 3)
+        read(bag, 3)
 
 
 def test_no_ros_is_needed(tmp_path, repository):
     bag = write(tmp_path / "bag", RECORDED)
     script = ("import sys\n"
               "for name in ('rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces'): sys.modules[name] = None\n"
-              "from srt3d_ros.datasets import open_photons\n"
-              f"print(open_photons({str(bag)!r}, 2).frame.toa.tolist())")
+              "from srt3d_ros.datasets import read\n"
+              f"print(read({str(bag)!r}, 2).frame.toa.tolist())")
     done = subprocess.run([sys.executable, "-c", script], cwd=repository, capture_output=True, text=True)
     assert done.stdout == "[2, 7, 9]\n", done.stderr
 
@@ -233,21 +233,21 @@ def test_histograms_are_read_as_they_are(tmp_path):
     raw = histograms.encode_cdr(PhotonHistograms(counts, START_NS), SENSOR, "spad")
     bag = write(tmp_path / "bag", [RECORDED[0], ("/histograms", IMAGE, raw), ("/histograms", IMAGE, raw.replace(
         b"\xff", b"\0"))])
-    opened = open_photons(bag)
+    opened = read(bag)
     assert (opened.frame.counts == counts).all() and opened.frame.stamp_ns == START_NS
-    assert open_photons(bag, 1, gate=(10, 30)).frame.photons == 0
+    assert read(bag, 1, gate=(10, 39)).frame.photons == 0
     with pytest.raises(InvalidInput, match="histograms is negative or fractional in places"):
-        open_photons(bag, gate=(10, 30))
+        read(bag, gate=(10, 39))
 
 
-def test_a_bag_of_sketches_has_no_photons_to_read(tmp_path):
+def test_a_bag_of_sketches_gives_sketches_made_without_options(tmp_path):
     bag = write(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, described(SENSOR))])
-    with pytest.raises(InvalidInput, match="expected one of photons; it has sketches of them$"):
-        open_photons(bag)
+    sketch = read(bag)
+    assert sketch.sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
+    with pytest.raises(InvalidInput, match="^fov_deg is 20: expected nothing: the bag has sketches, made without it"):
+        read(bag, fov_deg=20)
     with BagFrames(bag) as frames:
         assert frames.are_sketches and len(frames) == 1
-        sensor, sketch = frames.sketch(frames.place(0))
-    assert sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
 
 
 def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
@@ -262,13 +262,14 @@ def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
         places = {place.number: place for place in frames.places()}
         assert len(places) == 7
         for number in (0, 1, 2, 3, 5):
-            sensor, sketch = frames.sketch(places[number])
+            sketch = frames.read(places[number], {})
+            sensor = sketch.sensor
             assert sensor.num_bins == wanted[number][1].num_bins
             assert (sketch.stamp_ns, sketch.frequencies) == (wanted[number][0], (1, 2 + wanted[number][0]))
         missing = f"sketch/sensor of frame 4 is missing: expected the description sensor_{digest(sensors[2])}"
         for number, said in ((4, missing), (6, "fields.offset is cut off")):
             with pytest.raises(InvalidInput, match=f"^{said}"):
-                frames.sketch(places[number])
+                frames.read(places[number], {})
 
 
 @pytest.mark.parametrize("kind", [*STORAGES, "without index"])
@@ -291,7 +292,7 @@ def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
         places = list(frames.places())
         assert [place.number for place in places] == list(range(5)) and list(frames.places(3)) == places[3:]
         for place in (*reversed(places), *places[::2]):
-            found = frames.photons(place, {})
+            found = frames.read(place, {})
             assert found.frame.toa[0] == place.number
             assert found.sensor.num_bins == (40 if place.number > 2 else 50)
 
@@ -349,7 +350,7 @@ def test_what_cannot_be_told_apart_is_listed(tmp_path, topics, given, words):
 
 def test_photons_without_a_sensor_cannot_be_reconstructed(tmp_path):
     with pytest.raises(InvalidInput, match="without a sensor: expected a description of the sensor beside /photons"):
-        open_photons(write(tmp_path / "bag", RECORDED[1:]))
+        read(write(tmp_path / "bag", RECORDED[1:]))
 
 
 def rewritten(name: str, change: Callable[[bytes], bytes | None]) -> Callable[[Path], Path]:
@@ -379,7 +380,7 @@ BROKEN = {
 def test_a_broken_bag_is_one_line(bag, name):
     path = BROKEN[name](bag)
     with pytest.raises(InvalidInput) as error:
-        open_photons(path, 2)
+        read(path, 2)
     assert path.name[-15:] in str(error.value) and "\n" not in str(error.value)
 
 

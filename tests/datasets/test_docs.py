@@ -6,9 +6,8 @@ import numpy as np
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.photons import OPTIONS
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file, read
+from srt3d_ros.datasets.options import SIDECAR
 from srt3d_ros.datasets.readers.mat_layouts import LAYOUTS
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -18,7 +17,7 @@ def test_the_snippet_writes_a_photon_file(repository, tmp_path, monkeypatch):
     text = (repository / "docs" / "photon-file.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], {})
-    photons = open_photons("photons.npz")
+    photons = read("photons.npz")
     assert photons.frame.photons == 32 * 32 * 20 and photons.sensor.irf_ref == 1
     assert (photons.reference_depth_bins == 60).all()
     assert np.bincount(photons.frame.toa).argmax() == 60
@@ -26,7 +25,7 @@ def test_the_snippet_writes_a_photon_file(repository, tmp_path, monkeypatch):
 
 def test_every_array_option_and_layout_is_described(repository):
     text = (repository / "docs" / "photon-file.md").read_text(encoding="utf-8")
-    for name in (*npz.KNOWN, *OPTIONS, *(layout.variable for layout in LAYOUTS)):
+    for name in (*photon_file.KNOWN, *SIDECAR, *(layout.variable for layout in LAYOUTS)):
         assert f"`{name}`" in text or re.fullmatch(r"ref_depth_bins_[3-8]", name), name
 
 
@@ -42,10 +41,10 @@ def test_the_calibration_finds_what_the_sensor_is(repository, tmp_path, monkeypa
         events = Simulator(wall, true, sbr=sbr, ppp=ppp).frame(0)[0]
         if name == "dark":
             events = PhotonEvents(np.append(events.pixel, hot), np.append(events.toa, hot % 600).astype(np.uint16))
-        npz.save(f"{name}.npz", plain, events)
+        photon_file.save(f"{name}.npz", plain, events)
     text = (repository / "docs" / "calibration.md").read_text(encoding="utf-8")
     exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], {})
-    found = open_photons("calibrated.npz").sensor
+    found = read("calibrated.npz").sensor
     used = found.mask
     assert np.flatnonzero(~used).tolist() == np.unique(hot).tolist()
     gain, late = found.gain[used] / true.gain[used], (found.delay_bins - true.delay_bins)[used]

@@ -24,18 +24,18 @@ def test_each_log_is_read_as_its_sensors(tmp_path, log):
     packed = tmp_path / "c.json.gz"
     packed.write_bytes(gzip.compress(log.read_bytes()))
     other = made_logs.tmf882x_log(tmp_path / "b.json", [9.0])
-    frame_ids = [datasets.open_stream(path).sensor.frame_id for path in (log, packed, other)]
+    frame_ids = [datasets.read(path).sensor.frame_id for path in (log, packed, other)]
     assert frame_ids == ["tmf8829", "tmf8829", "tmf882x"]
 
 
 def test_a_log_opens_as_a_photon_file_does(tmp_path, log):
     (tmp_path / "log.json.json").write_text(json.dumps({"range_offset_m": 0.25}))
-    second = datasets.open_photons(log, frame=1, fov_deg=20)
+    second = datasets.read(log, frame=1, fov_deg=20)
     assert (second.name, second.sensor.range_offset_m) == ("log", 0.25)
     assert (second.frame.counts == made_logs.zones_16(SLANTED + 1)[..., :54]).all() and second.notes
     for frame in (2, -1):
         with pytest.raises(InvalidInput, match="frame"):
-            datasets.open_photons(log, frame=frame)
+            datasets.read(log, frame=frame)
 
 
 CUT_OFF = gzip.compress(b"[" * 1000, mtime=0)[:30]
@@ -48,7 +48,7 @@ def test_damaged_logs_are_refused(tmp_path, content):
     path = tmp_path / "log.json.gz"
     path.write_bytes(content)
     with pytest.raises(InvalidInput, match="log.json.gz"):
-        datasets.open_stream(path)
+        datasets.read(path)
 
 
 def test_logs_are_bounded(tmp_path, monkeypatch):
@@ -56,4 +56,4 @@ def test_logs_are_bounded(tmp_path, monkeypatch):
     path = tmp_path / "log.json.gz"
     path.write_bytes(gzip.compress(bytes(10**6)))
     with pytest.raises(InvalidInput, match="more than 100 bytes"):
-        datasets.open_stream(path)
+        datasets.read(path)

@@ -8,14 +8,14 @@ from importlib.util import find_spec
 LIMITED = """
 import resource, sys
 from pathlib import Path
-from srt3d_ros.datasets import open_photons, open_sensor
+from srt3d_ros.datasets import read, open_sensor
 from srt3d_ros.errors import InvalidInput
 import lz4.frame, rosbags.rosbag2, scipy.io
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + 300 * 2**20,) * 2)
 for path in sys.argv[1:]:
     try:
-        (open_sensor if path.endswith(".json") else open_photons)(path)
+        (open_sensor if path.endswith(".json") else read)(path)
         print("read", path)
     except InvalidInput as error:
         print(error)

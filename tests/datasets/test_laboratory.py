@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets import open_photons, open_stream
+from srt3d_ros.datasets import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets import laboratory_files as files
 
@@ -40,7 +40,7 @@ def frames(tmp_path):
 @pytest.mark.parametrize("record_type", [0x00010303, 0x00010307])
 def test_a_frame_written_as_ptu_gives_its_photons(frames, record_type):
     path, counts = frames(record_type=record_type)
-    photons = open_photons(path, irf=IRF)
+    photons = read(path, irf=IRF)
     assert (photons.sensor.num_bins, photons.sensor.bin_width_s) == (120, pytest.approx(1e-10))
     assert np.array_equal(counts_of(photons), counts)
 
@@ -50,28 +50,28 @@ def test_channels_and_incomplete_frames(tmp_path):
     body = [FRAME | 30, LINE | 40, t3(45, 7, 1), t3(51, 8, 1), t3(52, 9), STOP | 60,
             LINE | 70, t3(79, 10, 1), STOP | 90]
     path = files.ptu(tmp_path / "a.ptu", body, files.T3, SCAN)
-    photons = open_photons(path, irf=[1])
+    photons = read(path, irf=[1])
     assert photons.frame.pixel.tolist() == [0, 1, 2] and photons.frame.toa.tolist() == [7, 8, 10]
     assert "channel 1, which has the most, of channels 0, 1" in photons.notes[0]
-    assert open_photons(path, irf=[1], channel=0).frame.toa.tolist() == [9]
+    assert read(path, irf=[1], channel=0).frame.toa.tolist() == [9]
     early = files.ptu(tmp_path / "b.ptu", [LINE, t3(3, 5), STOP | 20, *body], files.T3, SCAN | {"ImgHdr_PixY": 4})
-    assert open_photons(early, irf=[1], channel=1).frame.toa.tolist() == [7, 8, 10]
+    assert read(early, irf=[1], channel=1).frame.toa.tolist() == [7, 8, 10]
     with pytest.raises(InvalidInput, match="channel is 5: expected one with photons: 0, 1"):
-        open_photons(path, irf=[1], channel=5)
+        read(path, irf=[1], channel=5)
 
 
 def test_t2_is_refused_in_one_line(tmp_path):
     pytest.importorskip("ptufile")
     path = files.ptu(tmp_path / "t2.ptu", [1 << 25 | 5], files.T2, SCAN)
     with pytest.raises(InvalidInput, match="t2.ptu measurement mode is T2: expected T3"):
-        open_photons(path, irf=[1])
+        read(path, irf=[1])
 
 
 def test_a_file_without_a_scan_is_one_pixel_and_a_cut_one_is_said_to_be(tmp_path):
     pytest.importorskip("ptufile")
     point = {"TTResult_NumberOfRecords": 5, "Measurement_SubMode": 0}
     path = files.ptu(tmp_path / "point.ptu", [t3(1, 5), t3(2, 6)], files.T3, point)
-    photons = open_photons(path, irf=[1])
+    photons = read(path, irf=[1])
     assert photons.sensor.pixels == 1 and photons.frame.toa.tolist() == [5, 6]
     assert "one pixel" in photons.notes[0] and photons.notes[1] == "cut off: 2 of 5 records are there"
 
@@ -79,12 +79,12 @@ def test_a_file_without_a_scan_is_one_pixel_and_a_cut_one_is_said_to_be(tmp_path
 def test_sdt_images(tmp_path):
     pytest.importorskip("sdtfile")
     path = files.sdt(tmp_path / "a.sdt", [CUBE, CUBE * 2], 120e-10)
-    photons = open_photons(path, irf=IRF)
+    photons = read(path, irf=IRF)
     assert np.array_equal(counts_of(photons), CUBE * 2) and "data set 1" in photons.notes[0]
     assert photons.sensor.bin_width_s == pytest.approx(1e-10)
-    assert np.array_equal(counts_of(open_photons(path, irf=IRF, channel=0)), CUBE)
+    assert np.array_equal(counts_of(read(path, irf=IRF, channel=0)), CUBE)
     with pytest.raises(InvalidInput, match="channel is 2: expected 0 to 1"):
-        open_photons(path, irf=IRF, channel=2)
+        read(path, irf=IRF, channel=2)
 
 
 def test_photon_hdf5_detectors_are_pixels(tmp_path):
@@ -96,7 +96,7 @@ def test_photon_hdf5_detectors_are_pixels(tmp_path):
             group = file.create_group(f"photon_data{spot}")
             group["nanotimes"], group["detectors"] = toa[here].astype(np.uint16), pixel[here].astype(np.uint8) % 24 + 5
             group["nanotimes_specs/tcspc_num_bins"], group["nanotimes_specs/tcspc_unit"] = 120, 1e-10
-    photons = open_photons(tmp_path / "a.h5", irf=IRF, rows=6, cols=8)
+    photons = read(tmp_path / "a.h5", irf=IRF, rows=6, cols=8)
     assert np.array_equal(counts_of(photons), CUBE > 0) and photons.sensor.bin_width_s == 1e-10
     assert "48 detectors" in photons.notes[0]
 
@@ -106,21 +106,21 @@ def test_hdf5_and_matlab_cubes(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["run/counts"], file["mean"], file["irf"] = CUBE, CUBE.mean(axis=2), np.array(IRF)
         file.attrs["bin_width_s"] = 1e-10
-    photons = open_photons(tmp_path / "a.h5")
+    photons = read(tmp_path / "a.h5")
     assert np.array_equal(counts_of(photons), CUBE) and photons.sensor.bin_width_s == 1e-10
     assert np.allclose(photons.sensor.irf, IRF)
     with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
         file["hist"] = CUBE.T
     with (tmp_path / "b.mat").open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    assert np.array_equal(counts_of(open_photons(tmp_path / "b.mat", irf=IRF, bin_width_s=1e-10)), CUBE)
+    assert np.array_equal(counts_of(read(tmp_path / "b.mat", irf=IRF, bin_width_s=1e-10)), CUBE)
 
 
 @pytest.mark.parametrize(("name", "array"), [("counts", CUBE), ("anything", np.asfortranarray(CUBE))])
 def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
     described = {"irf": IRF, "bin_width_s": 1e-10, "fov_deg": 9.0}
     np.savez_compressed(tmp_path / "a.npz", **{name: array}, mean=CUBE.mean(axis=2), **described)
-    photons = open_photons(tmp_path / "a.npz")
+    photons = read(tmp_path / "a.npz")
     assert np.array_equal(counts_of(photons), CUBE) and photons.notes == ()
     assert photons.sensor.bin_width_s == 1e-10 and np.allclose(photons.sensor.irf, IRF)
 
@@ -128,7 +128,7 @@ def test_npz_cubes_may_describe_their_sensor(tmp_path, name, array):
 @pytest.mark.parametrize("array", [CUBE.reshape(48, 120), np.asfortranarray(CUBE), CUBE.astype(">u2")])
 def test_npy_cubes_of_any_type_and_order(tmp_path, array):
     np.save(tmp_path / "a.npy", array)
-    photons = open_photons(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10, rows=6, cols=8)
+    photons = read(tmp_path / "a.npy", irf=IRF, bin_width_s=1e-10, rows=6, cols=8)
     assert np.array_equal(counts_of(photons), CUBE)
 
 
@@ -139,5 +139,5 @@ def test_npy_cubes_of_any_type_and_order(tmp_path, array):
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, array, options, said):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(InvalidInput) as refused:
-        open_stream(tmp_path / "a.npy", **options)
+        read(tmp_path / "a.npy", **options)
     assert str(refused.value).startswith(said)

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import read
 from srt3d_ros.errors import InvalidInput
 from tests.datasets.test_mat import IRF, cells, write
 
@@ -16,7 +16,7 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path):
     path = write(tmp_path, Ts=cells([[[12, 15], []]]))
     path.write_bytes(path.read_bytes()[:-5])
     with pytest.raises(InvalidInput, match="^some name.mat is unreadable"):
-        open_photons(path, irf=IRF)
+        read(path, irf=IRF)
 
 
 def test_a_damaged_matlab_7_3_file_is_refused_by_its_reader(tmp_path):
@@ -24,14 +24,14 @@ def test_a_damaged_matlab_7_3_file_is_refused_by_its_reader(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF")
     with pytest.raises(InvalidInput, match=r"^a\.mat is unreadable .*: expected a whole HDF5 file"):
-        open_photons(path)
+        read(path)
 
 
 def test_a_file_that_unpacks_to_more_than_its_reader_may_take_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("srt3d_ros.datasets.readers.mat_child.MAX_MEMORY_BYTES", 2**25)
     path = write(tmp_path, Y=np.zeros((2**12, 2**14), np.uint8))
     with pytest.raises(InvalidInput, match=r"^some name.mat is unreadable \(MemoryError"):
-        open_photons(path, irf=IRF)
+        read(path, irf=IRF)
 
 
 def element(kind: int, content: bytes) -> bytes:
@@ -60,7 +60,7 @@ def written(path, *variables: bytes):
 def test_a_file_at_which_scipy_ends_the_process_is_one_line(tmp_path):
     cell = of_cells((1, 1), struct.pack("<HH4s", 99, 4, b"\x0c"), kind=11)      # MATLAB has no such type code
     with pytest.raises(InvalidInput) as caught:
-        open_photons(written(tmp_path / "a.mat", of_cells((1, 1), cell)), irf=IRF)
+        read(written(tmp_path / "a.mat", of_cells((1, 1), cell)), irf=IRF)
     assert str(caught.value).startswith("a.mat is unreadable (its reader was killed by SIG")
 
 
@@ -70,8 +70,8 @@ def test_a_script_without_a_main_guard_reads_in_the_child_too(tmp_path, reposito
     (tmp_path / "numpy.py").write_text("raise SystemExit('a stranger')")
     (tmp_path / "scripts").mkdir()
     script = tmp_path / "scripts" / "script.py"
-    script.write_text(f"import sys\nsys.path.append({str(repository)!r})\nfrom srt3d_ros.datasets import open_photons\n"
-                      f"print(open_photons('some name.mat', irf={IRF}).frame.toa)\n")
+    script.write_text(f"import sys\nsys.path.append({str(repository)!r})\nfrom srt3d_ros.datasets import read\n"
+                      f"print(read('some name.mat', irf={IRF}).frame.toa)\n")
     done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[0 3]\n", "")
 
@@ -80,6 +80,6 @@ def test_objects_beside_the_photons_are_not_read(tmp_path):
     good = of_cells((1, 1), of_cells((1, 1), struct.pack("<II8s", 4, 2, b"\x0c"), kind=11))
     for variables in ((good, of_object()), (of_object(), good)):
         path = written(tmp_path / "a.mat", *variables)
-        assert open_photons(path, irf=IRF, num_bins=20).frame.toa.tolist() == [12]
+        assert read(path, irf=IRF, num_bins=20).frame.toa.tolist() == [12]
     with pytest.raises(InvalidInput, match="a.mat variables is others, some of them objects"):
-        open_photons(written(path, of_object()), irf=IRF)
+        read(written(path, of_object()), irf=IRF)

@@ -11,9 +11,8 @@ from srt3d_ros.core.distortion import PlumbBob
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.projection import AngularScan, Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import files, open_photons
-from srt3d_ros.datasets.photons import ASSUMED_FOV
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import files, photon_file, read
+from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([0.25, 0.5, 0.25], np.float32)
@@ -41,8 +40,8 @@ def write(tmp_path, **changes):
 def test_everything_comes_back(tmp_path, sensor):
     reference = np.arange(12, dtype=np.float32).reshape(2, 2, 3)
     reference[1, 0, 0] = np.nan
-    npz.save(tmp_path / "a.npz", sensor, EVENTS, reference)
-    back = open_photons(tmp_path / "a.npz")
+    photon_file.save(tmp_path / "a.npz", sensor, EVENTS, reference)
+    back = read(tmp_path / "a.npz")
     assert back.sensor.same_as(sensor) and (back.name, back.notes) == ("a", ())
     for name in ("pixel", "toa", "stamp_ns"):
         np.testing.assert_array_equal(getattr(back.frame, name), getattr(EVENTS, name), strict=True)
@@ -52,7 +51,7 @@ def test_everything_comes_back(tmp_path, sensor):
 @pytest.mark.parametrize(("dtype", "read_as"), [
     (np.uint16, np.uint16), (np.uint32, np.uint16), (np.int64, np.uint16), (np.float32, np.float32)])
 def test_every_type_of_toa_is_read(tmp_path, dtype, read_as):
-    back = open_photons(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame
+    back = read(write(tmp_path, toa=EVENTS.toa.astype(dtype), pixel=EVENTS.pixel.astype(np.int64))).frame
     np.testing.assert_array_equal(back.toa, EVENTS.toa)
     assert (back.toa.dtype, back.pixel.dtype) == (read_as, np.uint32)
 
@@ -60,25 +59,25 @@ def test_every_type_of_toa_is_read(tmp_path, dtype, read_as):
 def test_gates_are_saved_as_events(tmp_path):
     sensor = SENSOR.replace(gates=GateWords(0, 65_535))
     gates = PhotonGates.from_events(EVENTS, sensor)
-    npz.save(tmp_path / "a.npz", sensor, gates)
-    back = open_photons(tmp_path / "a.npz").frame
+    photon_file.save(tmp_path / "a.npz", sensor, gates)
+    back = read(tmp_path / "a.npz").frame
     assert sorted(zip(back.pixel, back.toa)) == sorted(zip(EVENTS.pixel, EVENTS.toa))
 
 
 def test_the_better_reference_is_preferred(tmp_path):
     one, two, three = (np.full((2, 3), value, np.float32) for value in (1, 2, 3))
-    photons = open_photons(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three,
+    photons = read(write(tmp_path, ref_depth_bins=one, ref_depth_ml_bins=two, ref_depth_bins_2=three,
                                  ref_refl_photons=three))
     assert photons.reference_depth_bins[:, 0, 0].tolist() == [2, 3]
     np.testing.assert_array_equal(photons.reference_intensity, [three, np.full((2, 3), np.nan)])    # of the first alone
-    assert open_photons(write(tmp_path, ref_depth_bins=one)).reference_intensity is None
-    without = open_photons(write(tmp_path, ref_refl_photons=one))
+    assert read(write(tmp_path, ref_depth_bins=one)).reference_intensity is None
+    without = read(write(tmp_path, ref_refl_photons=one))
     assert without.reference_depth_bins is None and without.reference_intensity is None
 
 
 def test_arrays_of_other_names_are_left_alone(tmp_path):
     path = write(tmp_path, anything=np.array([{"an": "object"}], dtype=object), source="a text", fov_deg=20.0)
-    photons = open_photons(path)
+    photons = read(path)
     assert photons.frame.photons == 4 and photons.sensor.projection == Pinhole.from_fov(2, 3, 20)
 
 
@@ -101,16 +100,16 @@ DEPTH = np.full((2, 3), 20.0)
     ("ref_refl_photons", {"ref_depth_bins": DEPTH, "ref_refl_photons": -DEPTH})])
 def test_malformed_files_are_named_in_one_line(tmp_path, field, changes):
     with pytest.raises(InvalidInput) as caught:
-        open_photons(write(tmp_path, **changes))
+        read(write(tmp_path, **changes))
     assert caught.value.field == f"photons.npz {field}"
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 
 def test_a_geometry_that_nobody_gives_is_said_to_be_assumed(tmp_path):
-    assert open_photons(write(tmp_path, fov_deg=20.0)).notes == ()
-    assert open_photons(write(tmp_path)).notes == (ASSUMED_FOV,)
-    assert open_photons(write(tmp_path), fov_deg=30).notes == ()
-    assert open_photons(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
+    assert read(write(tmp_path, fov_deg=20.0)).notes == ()
+    assert read(write(tmp_path)).notes == (ASSUMED_FOV,)
+    assert read(write(tmp_path), fov_deg=30).notes == ()
+    assert read(write(tmp_path), toa_offset_bins=3).notes == (ASSUMED_FOV,)
 
 
 @pytest.mark.parametrize(("damage", "said"), [
@@ -122,7 +121,7 @@ def test_damaged_files_are_refused(tmp_path, damage, said):
     path = write(tmp_path)
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InvalidInput, match=f"^photons.npz.* {said}"):
-        open_photons(path)
+        read(path)
 
 
 def write_with_member(tmp_path, content: bytes, method: int = zipfile.ZIP_STORED):
@@ -152,13 +151,13 @@ MEMBERS = {
 @pytest.mark.parametrize(("content", "expected"), MEMBERS.values(), ids=MEMBERS)
 def test_members_that_are_no_array_are_one_line(tmp_path, content, expected):
     with pytest.raises(InvalidInput, match=f"^photons.npz toa {expected}") as caught:
-        open_photons(write_with_member(tmp_path, content, zipfile.ZIP_DEFLATED))
+        read(write_with_member(tmp_path, content, zipfile.ZIP_DEFLATED))
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_packing_without_bounds_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match="toa is packed by method 14: expected an array stored or deflated"):
-        open_photons(write_with_member(tmp_path, header((4,), body=bytes(8)), zipfile.ZIP_LZMA))
+        read(write_with_member(tmp_path, header((4,), body=bytes(8)), zipfile.ZIP_LZMA))
 
 
 def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_path, monkeypatch):
@@ -169,7 +168,7 @@ def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_pa
     monkeypatch.setattr(files, "MAX_BYTES", 10**7)
     tracemalloc.start()
     with pytest.raises(InvalidInput, match="^photons.npz size is .* bytes: expected at most 10000000 bytes of arrays"):
-        open_photons(path)
+        read(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1_000_000
@@ -181,7 +180,7 @@ def test_arrays_that_are_too_much_together_are_refused_before_any_is_read(tmp_pa
 def test_what_is_no_photon_file_is_named(tmp_path, name, expected):
     (tmp_path / "folder.npz").mkdir()
     with pytest.raises(InvalidInput, match=f"^photon file is .*{name[-5:]}: expected a file that {expected}"):
-        open_photons(tmp_path / name)
+        read(tmp_path / name)
 
 
 @pytest.mark.parametrize(("field", "arguments"), [
@@ -191,5 +190,5 @@ def test_what_is_no_photon_file_is_named(tmp_path, name, expected):
 ])
 def test_what_cannot_be_saved_is_named(tmp_path, field, arguments):
     with pytest.raises(InvalidInput) as caught:
-        npz.save(tmp_path / arguments[0], *arguments[1:])
+        photon_file.save(tmp_path / arguments[0], *arguments[1:])
     assert caught.value.field == field

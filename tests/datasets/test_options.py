@@ -8,8 +8,7 @@ import pytest
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import open_photons
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.errors import InvalidInput
 
 IRF = np.array([1, 2, 1], np.float32) / 4
@@ -20,7 +19,7 @@ def path(tmp_path):
     sensor = SensorModel(2, 3, 50, 1e-10, IRF, irf_ref=0, toa_offset_bins=7)
     events = PhotonEvents(np.array([5, 0, 3], np.uint32), np.array([49, 0, 7], np.uint16))
     reference = np.array([[10, 20, np.nan], [30, 12, 49]], np.float32)
-    npz.save(tmp_path / "a.npz", sensor, events, reference)
+    photon_file.save(tmp_path / "a.npz", sensor, events, reference)
     return tmp_path / "a.npz"
 
 
@@ -32,30 +31,30 @@ def sidecar(path, text) -> None:
 def test_options_replace_what_the_file_says(path):
     given = {"num_bins": 60, "bin_width_s": 2e-10, "toa_offset_bins": 1.5, "range_offset_m": 3,
              "toa_reference": "bin_edge"}
-    sensor = open_photons(path, fov_deg=20, **given).sensor
+    sensor = read(path, fov_deg=20, **given).sensor
     assert {name: getattr(sensor, name) for name in given} == given
     assert sensor.projection == Pinhole.from_fov(2, 3, 20) and sensor.irf_ref == 0
-    assert open_photons(path, num_bins=None).sensor.num_bins == 50
+    assert read(path, num_bins=None).sensor.num_bins == 50
 
 
 def test_options_win_over_the_sidecar_which_wins_over_the_file(path):
     np.save(path.with_name("response.npy"), np.array([1.0, 1, 1, 5]))       # looked for beside the sidecar
     sidecar(path, {"num_bins": 60, "bin_width_s": 2e-10, "irf": "response.npy", "irf_ref": 1})
-    sensor = open_photons(path, num_bins=70).sensor
+    sensor = read(path, num_bins=70).sensor
     assert (sensor.num_bins, sensor.bin_width_s, sensor.toa_offset_bins) == (70, 2e-10, 7)
     np.testing.assert_allclose(sensor.irf, [0.125, 0.125, 0.125, 0.625])
-    assert sensor.irf_ref == 1 and open_photons(path, irf_ref=3).sensor.irf_ref == 3
-    assert open_photons(path, irf=[0, 1, 5, 1]).sensor.irf_ref == 2         # an IRF comes with its own reference
+    assert sensor.irf_ref == 1 and read(path, irf_ref=3).sensor.irf_ref == 3
+    assert read(path, irf=[0, 1, 5, 1]).sensor.irf_ref == 2         # an IRF comes with its own reference
 
 
 def test_a_gate_moves_toa_offset_and_reference_together(path):
-    photons = open_photons(path, gate=[5, 20])
+    photons = read(path, gate=[5, 24])
     assert photons.frame.toa.tolist() == [2] and photons.frame.pixel.tolist() == [3]
     assert photons.sensor.num_bins == 20 and photons.sensor.toa_offset_bins == 12
     expected = [[5, 15, np.nan], [np.nan, 7, np.nan]]
     np.testing.assert_array_equal(photons.reference_depth_bins, [expected])
     assert photons.notes == ("2 of 3 photons lie outside the gate (bins 5 to 24): dropped",)
-    whole = open_photons(path)
+    whole = read(path)
     assert photons.sensor.range_m(5) == pytest.approx(whole.sensor.range_m(10))
 
 
@@ -66,7 +65,7 @@ def test_a_gate_moves_toa_offset_and_reference_together(path):
     ("channel", {"channel": 1}), ("frame", {"frame": 1})])
 def test_unusable_options_are_named(path, field, options):
     with pytest.raises(InvalidInput) as caught:
-        open_photons(path, **options)
+        read(path, **options)
     assert caught.value.field == field
 
 
@@ -75,10 +74,12 @@ def test_unusable_options_are_named(path, field, options):
     ({"bin_width_s": None}, "bin_width_s"), (b"\xff\xfe\x00", "a.npz.json"),
     ('{"num_bins": 1' + "0" * 5000 + "}", "a.npz.json"),
     *((f'{{"{name}": {number}}}', name) for name, number in (
-        ("fov_deg", "1" + "0" * 400), ("gate", "[1" + "0" * 400 + ", 2]"), ("irf", "[1" + "0" * 400 + "]"))),
-    ({"irf": "a" * 300 + ".npy"}, "irf"), ({"irf": {}}, "irf"), ({"irf": "absent.npy"}, "irf"), ({"gate": 3}, "gate")])
+        ("fov_deg", "1" + "0" * 400), ("gate_bins", "[1" + "0" * 400 + ", 2]"), ("irf", "[1" + "0" * 400 + "]"))),
+    ({"irf": "a" * 300 + ".npy"}, "irf"), ({"irf": {}}, "irf"), ({"irf": "absent.npy"}, "irf"),
+    ({"gate_bins": 3}, "gate_bins"),
+    ({"gate": [3000, 3000]}, "a.npz.json gate")])
 def test_unusable_sidecars_are_named(path, text, field):
     sidecar(path, text)
     with pytest.raises(InvalidInput) as caught:
-        open_photons(path)
+        read(path)
     assert caught.value.field == field

@@ -7,8 +7,7 @@ from srt3d_ros.core.frequencies import choose, irf_spectrum
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets import open_sensor
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 
@@ -24,7 +23,7 @@ def test_the_text_of_the_sensor_topic_is_read(tmp_path, name, encoding):
 
 
 def test_the_sensor_of_a_photon_file_is_read_with_its_sidecar(tmp_path):
-    npz.save(tmp_path / "a.npz", SENSOR, PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
+    photon_file.save(tmp_path / "a.npz", SENSOR, PhotonEvents(np.zeros(1, np.uint32), np.zeros(1, np.uint16)))
     assert open_sensor(tmp_path / "a.npz").same_as(SENSOR)
     (tmp_path / "a.npz.json").write_text('{"range_offset_m": 0.25}')
     assert open_sensor(tmp_path / "a.npz").same_as(SENSOR.replace(range_offset_m=0.25))

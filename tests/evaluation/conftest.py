@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.readers import npz
+from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -17,7 +17,7 @@ def layers(tmp_path_factory):
     path = tmp_path_factory.mktemp("photons") / "layers.npz"
     depth = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
     events, truth = Simulator(StaticScene(SENSOR.range_m(depth)), SENSOR, sbr=10, ppp=60).frame(0)
-    npz.save(path, SENSOR, events, truth - np.array([0, 13], np.float32)[:, None, None])
+    photon_file.save(path, SENSOR, events, truth - np.array([0, 13], np.float32)[:, None, None])
     return path
 
 

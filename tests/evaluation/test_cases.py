@@ -7,7 +7,7 @@ import pytest
 
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation.cases import of_files, photons_near, simulated, tolerance_bins
@@ -35,8 +35,8 @@ def test_a_file_has_as_many_surfaces_as_references(layers):
 
 
 def test_held_out_photons_are_no_longer_in_the_frame_and_its_reference(layers, monkeypatch):
-    photons = replace(open_photons(layers), reference_intensity=np.full((2, 12, 20), 10.0))
-    monkeypatch.setattr("srt3d_ros.evaluation.cases.open_photons", lambda path: photons)
+    photons = replace(read(layers), reference_intensity=np.full((2, 12, 20), 10.0))
+    monkeypatch.setattr("srt3d_ros.datasets.read", lambda path: photons)
     case, = of_files([str(layers)], held_out_share=0.25)
     seen = case.observe()
     assert case.held_out == 0.25 and seen.frame.photons + seen.held_out.photons == photons.frame.photons
@@ -57,7 +57,7 @@ def test_photons_near_a_depth_are_counted_around_the_end_of_the_period():
 
 def test_what_is_to_be_known_about_a_file_is_passed_on(layers):
     sidecar = layers.with_name(layers.name + ".json")
-    sidecar.write_text('{"gate": [50, 100]}')
+    sidecar.write_text('{"gate_bins": [50, 149]}')
     try:
         case, = of_files([str(layers)])
     finally:

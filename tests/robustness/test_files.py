@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from srt3d_ros import datasets
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.datasets import open_photons, open_sensor, sketch_file
+from srt3d_ros.datasets import open_sensor, photon_file, sketch_file
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer
-from srt3d_ros.datasets.readers import npz
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photons, sensor
 from srt3d_ros.recording.writer import RecordingWriter
@@ -43,7 +43,7 @@ def counts() -> np.ndarray:
 
 
 def photon_bytes(folder: Path) -> bytes:
-    npz.save(folder / "made.npz", SENSOR, EVENTS, np.full((3, 4), 7, np.float32))
+    photon_file.save(folder / "made.npz", SENSOR, EVENTS, np.full((3, 4), 7, np.float32))
     return (folder / "made.npz").read_bytes()
 
 
@@ -76,18 +76,18 @@ def ptu_bytes(folder: Path) -> bytes:
 
 # Name of the file, its reader, what makes an example, and how many times slower than the others it is.
 FILES = {
-    "npz": ("a.npz", open_photons, photon_bytes, 1),
-    "sidecar": ("made.npz.json", lambda path: open_photons(path.with_suffix("")),
+    "npz": ("a.npz", datasets.read, photon_bytes, 1),
+    "sidecar": ("made.npz.json", lambda path: datasets.read(path.with_suffix("")),
                 lambda folder: photon_bytes(folder) and SIDECAR, 1),
-    "irf": ("irf.npy", lambda path: open_photons(path.with_name("made.npz"), irf=path),
+    "irf": ("irf.npy", lambda path: datasets.read(path.with_name("made.npz"), irf=path),
             lambda folder: photon_bytes(folder) and saved(np.save, np.array([1, 3, 1.5])), 1),
     "sketch": ("s.npz", sketch_file.read, sketch_bytes, 1),
     "sensor_file": ("s.json", open_sensor, lambda folder: CODECS["sensor"][1][0], 1),
-    "npy_counts": ("c.npy", partial(open_photons, irf=IRF, bin_width_s=1e-10),
+    "npy_counts": ("c.npy", partial(datasets.read, irf=IRF, bin_width_s=1e-10),
                    lambda folder: saved(np.save, counts()), 1),
-    "ptu": ("b.ptu", partial(open_photons, irf=IRF), ptu_bytes, 1),
-    "mat": ("b.mat", partial(open_photons, irf=IRF), mat_bytes, 10),
-    "hdf5": ("b.h5", partial(open_photons, irf=IRF, bin_width_s=1e-10), hdf5_bytes, 1),
+    "ptu": ("b.ptu", partial(datasets.read, irf=IRF), ptu_bytes, 1),
+    "mat": ("b.mat", partial(datasets.read, irf=IRF), mat_bytes, 10),
+    "hdf5": ("b.h5", partial(datasets.read, irf=IRF, bin_width_s=1e-10), hdf5_bytes, 1),
 }
 
 
@@ -114,7 +114,7 @@ def test_a_damaged_array_in_a_photon_file_is_read_or_refused_in_one_line(rounds,
         with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
             for name, content in arrays.items():
                 archive.writestr(name, raw[1:] if name == damaged else content)
-        open_photons(tmp_path / "a.npz")
+        datasets.read(tmp_path / "a.npz")
 
     read_or_refused(read, [bytes([k]) + content for k, content in enumerate(arrays.values())], rounds)
 
@@ -133,7 +133,7 @@ def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, pattern, rounds, 
         path.write_bytes(raw)
         with Bag(path.parent) as bag:
             list(bag.messages(bag.topics))
-        open_photons(path.parent)
+        datasets.read(path.parent)
 
     read_or_refused(read, [path.read_bytes()], rounds)
 

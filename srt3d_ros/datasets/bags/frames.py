@@ -11,15 +11,16 @@ from typing import NamedTuple
 
 from srt3d_ros.core.photons import PhotonGates
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic, Message
 from srt3d_ros.datasets.bags.in_order import InOrder
-from srt3d_ros.datasets.photons import ASSUMED_FOV, Photons, gather_options
+from srt3d_ros.datasets.options import ASSUMED_FOV
+from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.photon_frames import CODECS
+from srt3d_ros.results import Sketch
 
 CLOUD, IMAGE, TEXT = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image", "std_msgs/msg/String"
 PHOTON_FIELDS = {"row", "col", "toa"}
@@ -154,28 +155,29 @@ class BagFrames:
         """Whether the frames are sketches."""
         return self.topics.output == "sketch"
 
-    def photons(self, place: FramePlace, overrides: dict) -> Photons:
-        """The photons of a frame, with these options, and a sidecar's, in place of what the bag says of the sensor.
+    def read(self, place: FramePlace, options: dict) -> Photons | Sketch:
+        """A frame: its sketch, or its photons with options (options.gathered) in place of what the bag says.
 
         Raises:
-            InvalidInput: they cannot be read, or are sketches; an option that cannot be used.
+            InvalidInput: it cannot be read; an option that cannot be used.
         """
-        options = gather_options(self.path.absolute(), overrides)       # a bag may be the folder "."
-        require(not self.are_sketches, "bag", str(self.path), "one of photons; it has sketches of them")
+        if self.are_sketches:
+            for name, value in options.items():
+                raise InvalidInput(name, value, "nothing: the bag has sketches, made without it")
+            return self._sketch(place)
         sensor, notes = self._sensor_at(place.sensor)
         frame = CODECS[self.topics.output].decode_cdr(self._frame(place), sensor)[1]
         photons = Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,
                           f"{self.path.stem}_{place.number}", notes)
         return photons.with_options(options)
 
-    def sketch(self, place: FramePlace) -> tuple[SensorModel, Sketch]:
-        """The sketch of a frame, with its sensor; InvalidInput if it cannot be read."""
+    def _sketch(self, place: FramePlace) -> Sketch:
         raw = self._frame(place)
         if place.sensor is None:
             digest = sketch_message.description_cdr(raw)
             raise InvalidInput(f"sketch/sensor of frame {place.number}", "missing", f"the description sensor_{digest}")
         sensor, _ = self._sensor_at(place.sensor)
-        return sensor, sketch_message.decode_cdr(raw, sensor)[1]
+        return Sketch(**vars(sketch_message.decode_cdr(raw, sensor)[1]) | {"sensor": sensor})
 
     def _digest(self, message: Message) -> str:
         """By what a sketch and its description are paired; the same for all photons and their descriptions."""

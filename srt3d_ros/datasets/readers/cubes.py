@@ -9,8 +9,8 @@ import numpy as np
 from srt3d_ros.core.sensor import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
-from srt3d_ros.datasets.photons import number, positive_integer
-from srt3d_ros.datasets.stream import Counts, Recording
+from srt3d_ros.datasets.recording import Counts, Recording
+from srt3d_ros.datasets.values import number, positive_integer
 from srt3d_ros.errors import require
 
 CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.datasets.files import naming_file
-from srt3d_ros.datasets.photons import positive_integer
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, the_cube
-from srt3d_ros.datasets.stream import Events, Recording
+from srt3d_ros.datasets.recording import Events, Recording
+from srt3d_ros.datasets.values import positive_integer
 from srt3d_ros.errors import require
 
 EXPECTED = "a whole HDF5 file of counts [rows, cols, bins], or a photon-HDF5 file"

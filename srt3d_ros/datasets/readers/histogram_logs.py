@@ -4,7 +4,6 @@ import gzip
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 from srt3d_ros.datasets.files import naming_file, require_file
@@ -12,18 +11,12 @@ from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import tmf882x, tmf8829
 from srt3d_ros.errors import require
 
-SUFFIXES = (".json", ".gz")
 MAX_LOG_BYTES = 2**28       # of text, unpacked: a parsed log takes some five times as much
 EXPECTED = "a log of a TMF8829 (an object with Result_Set) or TMF882x (a list of captures)"
 
 
-def is_log(path: Path) -> bool:
-    """True if the file's name is that of a log."""
-    return path.suffix.lower() in SUFFIXES
-
-
 def frames(path: Path, options: dict) -> Iterator[Photons]:
-    """The frames of a log, with these options (photons.gather_options) in place of what it says.
+    """The frames of a log, with these options (options.gathered) in place of what it says.
 
     Raises:
         InvalidInput: no whole log, or at the frame that is broken.
@@ -37,11 +30,3 @@ def frames(path: Path, options: dict) -> Iterator[Photons]:
     require(reader is tmf882x or isinstance(log, dict) and "Result_Set" in log, path.name, type(log).__name__, EXPECTED)
     for photons in reader.frames(log, path.name):
         yield replace(photons, name=path.stem).with_options(options)
-
-
-def read_frame(path: Path, number: int, options: dict) -> Photons:
-    """Frame `number` of a log; InvalidInput if it ends before."""
-    require(number >= 0, "frame", number, "0 or more")
-    found = next(islice(frames(path, options), number, None), None)
-    require(found is not None, "frame", number, f"less: {path.name} ends before")
-    return found

@@ -7,11 +7,12 @@ import numpy as np
 
 from srt3d_ros.core.sensor import MAX_PIXELS
 from srt3d_ros.datasets.files import naming_file
-from srt3d_ros.datasets.photons import MAX_PHOTONS, number, positive_integer, refuse_channel
+from srt3d_ros.datasets.options import refuse_channel
 from srt3d_ros.datasets.readers import hdf5, mat_child
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, parts_of
 from srt3d_ros.datasets.readers.mat_layouts import CELLS, COUNTS, LAYOUTS, SPARSE, WANTED, Layout
-from srt3d_ros.datasets.stream import Events, Recording
+from srt3d_ros.datasets.recording import Events, Recording
+from srt3d_ros.datasets.values import MAX_PHOTONS, number, positive_integer
 from srt3d_ros.errors import require
 
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
@@ -51,7 +52,8 @@ def _published(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     photons, reference, given = found[layout.variable], found.get(layout.reference), {"bin_width_s": width_s}
     if layout.form == CELLS:
         pixel, toa, (rows, cols) = _of_cells(layout, found, width_s, options)
-        first, bins = given["gate"] = _window(layout, found, width_s, toa, options)
+        first, bins = _window(layout, found, width_s, toa, options)
+        given["gate"] = first, first + bins - 1
     else:
         pixels, bins = found[f"{layout.variable}.shape"].tolist() if layout.form == SPARSE else photons.shape[::-1]
         _check_bins(options, bins)

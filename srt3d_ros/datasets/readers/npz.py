@@ -1,34 +1,28 @@
 """The npz photon file (docs/photon-file.md): photons of one frame, their sensor and, if known, the true depths."""
 
 import sys
-from dataclasses import astuple, fields, replace
+from dataclasses import fields, replace
 from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 
 from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
-from srt3d_ros.datasets.photons import ASSUMED_FOV, MAX_PHOTONS, Photons, check_within, pinhole
+from srt3d_ros.datasets.options import ASSUMED_FOV, pinhole
+from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, INTENSITY, KNOWN, NUMBERS, OTHER_REFERENCES, OWN, TEXTS
+from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
-from srt3d_ros.datasets.stream import Recording
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.datasets.recording import Recording
+from srt3d_ros.datasets.values import MAX_PHOTONS, check_within
+from srt3d_ros.errors import require
 from srt3d_ros.messages.sensor import PROJECTIONS
 
-REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa", "irf")
-NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
-MAPS = ("gain", "delay_bins", "mask", "background_shape")
-TEXTS = ("frame_id", "toa_reference")
-OWN = (*NUMBERS, "irf", *MAPS, *TEXTS)                          # arguments of SensorModel
-FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
-MAX_SURFACES = 8
-OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
-INTENSITY = "ref_refl_photons"
-KNOWN = (*OWN, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg",
-         "projection", "projection_values", "distortion", "gate_words")
+REQUIRED = ("rows", "cols", "num_bins", "bin_width_s", "pixel", "toa")
 
 
 def read(path: Path, options: dict) -> Photons | Recording:
@@ -40,53 +34,21 @@ def read(path: Path, options: dict) -> Photons | Recording:
     arrays = read_npz_arrays(path, KNOWN)
     if not {"pixel", "toa"} & arrays.keys():
         return cubes.read_npz(path, options)
+    notes = () if {"projection", "fov_deg"} & arrays.keys() else (ASSUMED_FOV,)
     with naming_file(path):
+        values = {name: options[name] for name in OWN if name in options}
+        values |= {name: _value(name, array) for name, array in arrays.items()}
         for name in REQUIRED:
-            require(name in arrays, name, "missing", f"the arrays {', '.join(REQUIRED)}")
-        values = {name: _value(name, array) for name, array in arrays.items()}
-        sensor = _sensor(values)
+            require(name in values, name, "missing", f"the arrays {', '.join(REQUIRED)}, or options")
+        has_irf = "irf" in values
+        sensor = _sensor({"irf": np.ones(1)} | values)
         events = _events(values, sensor)
         reference = _reference(values, sensor)
         intensity = _reference_intensity(values, reference)
-    notes = () if {"projection", "fov_deg"} & arrays.keys() else (ASSUMED_FOV,)
-    return Photons(sensor, events, reference, path.stem, notes, intensity)
-
-
-def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
-         reference_depth_bins: np.ndarray | None = None) -> None:
-    """Write an npz photon file.
-
-    Args:
-        path: ends in .npz.
-        frame: photons; gates are written as events.
-        reference_depth_bins: [rows, cols] or [S, rows, cols], NaN = unknown or no surface.
-
-    Raises:
-        InvalidInput: another suffix, photons outside the sensor, a reference of another shape, a path that cannot be
-            written.
-    """
-    path = Path(path)
-    require(path.suffix.lower() == ".npz", "photon file", path.name, "a name that ends in .npz")
-    events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
-    events.check(sensor)
-    projection = sensor.projection
-    arrays = {name: getattr(sensor, name) for name in OWN} | {
-        "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns),
-        "projection": projection.kind, "projection_values": astuple(projection)[:4],
-        "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16)}
-    if getattr(projection, "distortion", None):
-        arrays["distortion"] = astuple(projection.distortion)
-    if reference_depth_bins is not None:
-        surfaces = np.asarray(reference_depth_bins, np.float32)
-        surfaces = surfaces[None] if surfaces.ndim == 2 else surfaces
-        fits = surfaces.shape[1:] == (sensor.rows, sensor.cols) and 1 <= len(surfaces) <= MAX_SURFACES
-        require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
-                f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
-        arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
-    try:
-        np.savez_compressed(path, **{name: values for name, values in arrays.items() if values is not None})
-    except OSError as error:
-        raise InvalidInput("photon file", str(path), f"a path that can be written ({error.strerror})") from None
+    if not has_irf:
+        response, note = irfs.estimated(events, sensor.num_bins, guess=False)
+        sensor, notes = sensor.replace(irf=response, irf_ref=None), (note, *notes)
+    return Photons(sensor, events, reference, path.stem, notes, intensity).with_options(options)
 
 
 def _sensor(values: dict) -> SensorModel:

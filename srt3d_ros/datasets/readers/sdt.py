@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.datasets.files import naming_file
-from srt3d_ros.datasets.photons import number
 from srt3d_ros.datasets.readers.cubes import cube, parts_of
-from srt3d_ros.datasets.stream import Recording
+from srt3d_ros.datasets.recording import Recording
+from srt3d_ros.datasets.values import number
 from srt3d_ros.errors import require
 
 EXPECTED = "a Becker & Hickl .sdt file of histograms, whole"

@@ -19,7 +19,8 @@ import numpy as np
 from srt3d_ros.core.photons import PhotonHistograms
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.datasets.photons import Photons, whole_counts
+from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets.values import whole_counts
 from srt3d_ros.errors import InvalidInput, require
 
 NAME = "tmf8829"

@@ -12,9 +12,9 @@ from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import open_photons
+from srt3d_ros.datasets import read
 from srt3d_ros.kernels import cpu
-from tests.core.scenes import T, background_alone, make_sensor, run, simulate
+from tests.core.scenes import T, make_sensor, run, simulate
 
 
 def blob(rows=48, cols=48) -> np.ndarray:
@@ -32,15 +32,6 @@ def test_it_detects_more_with_less_error_than_pixels_alone(name, pixelwise, ppp,
     found, alone = (evaluate(run(method, frame, sensor), depth, 10, T) for method in (name, pixelwise))
     assert found.true_detections >= least and found.false_detections <= most and found.dae_bins <= error, found
     assert found.dae_bins < alone.dae_bins and found.true_detections > alone.true_detections - 0.015
-
-
-@pytest.mark.parametrize("name", ["srt3d", "rt3d"])
-def test_background_alone_shows_next_to_nothing(name):
-    sensor = make_sensor(48, 48)
-    frame = background_alone(sensor, 5, seed=2)
-    cloud = run(name, frame, sensor)
-    assert len(cloud) < 0.1 * sensor.pixels
-    assert cloud.background.sum() == pytest.approx(frame.photons, rel=0.03)        # what the start took for signal too
 
 
 def test_the_papers_numbers_of_steps_and_denoisings_are_run():
@@ -92,7 +83,7 @@ MEASURED = {
 
 
 def measured(folder, name: str, method: str) -> tuple[Metrics, object]:
-    photons = open_photons(folder / "photons" / f"{name}.npz")
+    photons = read(folder / "photons" / f"{name}.npz")
     cloud = run(method, photons.frame, photons.sensor)
     return evaluate(cloud, photons.reference_depth_bins, 10, photons.sensor.num_bins), photons
 

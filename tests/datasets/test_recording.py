@@ -1,4 +1,4 @@
-"""PhotonStream: files that are read chunk by chunk give what they give as a whole."""
+"""Files of more photons than are kept in memory: read packet by packet, they give what they give as a whole."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,7 @@ from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import design_for
 from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.datasets import PhotonStream, open_photons, open_stream, stream, survey
-from srt3d_ros.datasets.photons import Photons
+from srt3d_ros.datasets import read, readers, recording, survey
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -33,7 +32,7 @@ def cube(events):
 
 @pytest.fixture
 def few_kept(monkeypatch):
-    """Files of more than 2000 photons are streams, read in several chunks."""
+    """Files of more than 2000 photons stay files, read in several chunks."""
     monkeypatch.setattr(survey, "MAX_KEPT", 2000)
     monkeypatch.setattr("srt3d_ros.datasets.readers.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
 
@@ -44,41 +43,49 @@ def npy(cube, tmp_path):
     return tmp_path / "cube.npy"
 
 
+def completed(rows, cols, num_bins, chunks, irf):
+    found = recording.Recording(rows, cols, num_bins, 1e-10, lambda: iter(chunks), "a")
+    return readers.completed(found, {"irf": irf}, False)
+
+
 def same(sketch, expected) -> None:
     np.testing.assert_array_equal(sketch.photons, expected.photons)
     np.testing.assert_allclose(sketch.sums, expected.sums, atol=2e-3)
 
 
 def test_the_sketch_of_many_is_that_of_all_photons(npy, events, few_kept):
-    found = open_stream(npy, **GIVEN)
-    assert isinstance(found, PhotonStream) and found.whole is None and found.photons == events.photons
-    same(found.sketch(FREQUENCIES), sketch_photons(events, SENSOR, FREQUENCIES))
-    gate = Gate(found.sensor, 60, 120)
-    same(found.sketch(FREQUENCIES, gate), sketch_photons(events, SENSOR, FREQUENCIES, Gate(SENSOR, 60, 120)))
+    found = read(npy, **GIVEN)
+    assert not found.is_loaded and found.photons == events.photons and len(list(found.packets())) == 4
+    same(found.sketch(frequencies=FREQUENCIES), sketch_photons(events, SENSOR, FREQUENCIES))
+    gated = found.sketch(frequencies=FREQUENCIES, gate=(60, 120))
+    same(gated, sketch_photons(events, SENSOR, FREQUENCIES, Gate(SENSOR, 60, 120)))
 
 
 def test_the_sample_has_all_photons_of_some_pixels_and_all_can_be_had(npy, events, few_kept, monkeypatch):
-    found = open_stream(npy, **GIVEN)
-    sample, mask = found.sample.frame, found.sample.sensor.mask
+    found = read(npy, **GIVEN)
+    sample, sensor = found.sample
+    mask = sensor.mask
     counts = np.bincount(events.pixel, minlength=SENSOR.pixels)
     assert 0 < sample.photons <= 2000
     assert np.array_equal(np.bincount(sample.pixel, minlength=SENSOR.pixels), counts * mask.ravel())
     light, whole = (design_for(frame, sensor).light for frame, sensor in
-                    ((sample, found.sample.sensor), (events, SENSOR)))
+                    ((sample, sensor), (events, SENSOR)))
     assert light.photons_per_pixel == pytest.approx(whole.photons_per_pixel, rel=0.1)
     assert light.sbr == pytest.approx(whole.sbr, rel=0.3)
-    assert open_photons(npy, **GIVEN).frame.photons == events.photons
-    monkeypatch.setattr(stream, "MAX_PHOTONS", 3000)
+    assert read(npy, **GIVEN).frame.photons == events.photons
+    monkeypatch.setattr(recording, "MAX_PHOTONS", 3000)
     with pytest.raises(InvalidInput, match="cube photons is .*at most 3000 in memory"):
-        found.read_whole()
-    assert np.array_equal(found.counts.ravel(), counts)
-    assert np.array_equal(found.histogram, np.bincount(events.toa, minlength=200))
+        found.frame
+    assert np.array_equal(found.source.counts.ravel(), counts)
+    assert np.array_equal(found.source.histogram, np.bincount(events.toa, minlength=200))
+    changed = found.with_options({"mask": np.eye(16, 24) == 0})
+    assert np.array_equal(changed.sketch(1).sensor.mask, np.eye(16, 24) == 0)       # not that of the sample
 
 
 def test_few_photons_are_kept_whole_and_a_gate_drops_and_says_so(npy, events):
-    photons = open_stream(npy, gate=(60, 100), **GIVEN)
+    photons = read(npy, gate=(60, 159), **GIVEN)
     inside = (events.toa >= 60) & (events.toa < 160)
-    assert isinstance(photons, Photons) and np.array_equal(photons.frame.pixel, events.pixel[inside])
+    assert photons.is_loaded and np.array_equal(photons.frame.pixel, events.pixel[inside])
     assert np.array_equal(np.sort(photons.frame.toa), np.sort(events.toa[inside]) - 60)
     assert photons.sensor.toa_offset_bins == 60
     assert photons.notes == (f"{np.count_nonzero(~inside)} of {events.photons} photons lie outside the gate "
@@ -86,30 +93,29 @@ def test_few_photons_are_kept_whole_and_a_gate_drops_and_says_so(npy, events):
 
 
 def test_what_is_not_said_is_assumed_and_noted(npy):
-    photons = open_stream(npy, bin_width_s=5e-11)
+    photons = read(npy, bin_width_s=5e-11)
     assert [note.split()[0] for note in photons.notes] == ["IRF", "geometry"]
-    known = photons.sensor.replace(projection=Pinhole(9, 9, 1, 1))
-    assert photons.with_sensor(known).notes == photons.notes[:1]
+    assert photons.with_options({"projection": Pinhole(9, 9, 1, 1)}).notes == photons.notes[:1]
     assert np.abs(np.argmax(photons.sensor.irf) - photons.sensor.irf_ref) == 0
 
 
 def test_an_irf_that_cannot_be_seen_is_refused_or_guessed(tmp_path):
     np.save(tmp_path / "even.npy", np.ones((4, 5, 300), np.uint8))
     with pytest.raises(InvalidInput, match="give irf"):
-        open_stream(tmp_path / "even.npy", bin_width_s=1e-10)
-    guessed = open_stream(tmp_path / "even.npy", bin_width_s=1e-10, guess_irf=True)
+        read(tmp_path / "even.npy", bin_width_s=1e-10)
+    guessed = read(tmp_path / "even.npy", bin_width_s=1e-10, guess_irf=True)
     assert guessed.sensor.irf.tolist() == [1] and "one bin" in guessed.notes[0]
 
 
 def test_negative_and_fractional_counts_are_sketched(cube, tmp_path):
     counts = cube.astype(np.float64) - 0.25
     np.save(tmp_path / "less.npy", counts)
-    found = open_stream(tmp_path / "less.npy", **GIVEN)
-    assert isinstance(found, PhotonStream)
+    found = read(tmp_path / "less.npy", **GIVEN)
+    assert not found.is_loaded
     expected = counts.reshape(-1, 200) @ np.exp(2j * np.pi * np.outer(np.arange(200), FREQUENCIES) / 200)
-    np.testing.assert_allclose(found.sketch(FREQUENCIES).sums.reshape(expected.shape), expected, atol=0.02)
+    np.testing.assert_allclose(found.sketch(frequencies=FREQUENCIES).sums.reshape(expected.shape), expected, atol=0.02)
     with pytest.raises(InvalidInput, match="counts"):
-        open_photons(tmp_path / "less.npy", **GIVEN)
+        read(tmp_path / "less.npy", **GIVEN).frame
 
 
 def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch):
@@ -117,17 +123,17 @@ def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch
     counts = np.zeros((1, 2, 50), np.uint32)
     counts[0, 0, 20:23] = 1_000_000
     np.save(tmp_path / "bright.npy", counts)
-    found = open_stream(tmp_path / "bright.npy", bin_width_s=1e-10, irf=np.ones(3))
-    assert found.whole is None and found.photons == 3_000_000 and 1900 < found.sample.frame.photons <= 2000
-    assert found.sketch((1,)).photons.tolist() == [[3_000_000, 0]]
-    one = stream.Events(np.zeros(1500, int), np.full(1500, 20), 0.5)
-    point = PhotonStream(stream.Recording(1, 1, 50, 1e-10, lambda: iter([one] * 3), "a"), {"irf": np.ones(3)})
-    assert point.whole is None and point.photons == 4500 and point.sample.frame.photons == 1500
-    assert point.sketch((1,)).photons.tolist() == [[4500]]
+    found = read(tmp_path / "bright.npy", bin_width_s=1e-10, irf=np.ones(3))
+    assert not found.is_loaded and found.photons == 3_000_000 and 1900 < found.sample[0].photons <= 2000
+    assert found.sketch(1).photons.tolist() == [[3_000_000, 0]]
+    one = recording.Events(np.zeros(1500, int), np.full(1500, 20), 0.5)
+    point = completed(1, 1, 50, [one] * 3, np.ones(3))
+    assert not point.is_loaded and point.photons == 4500 and point.sample[0].photons == 1500
+    assert point.sketch(1).photons.tolist() == [[4500]]
 
 
 def test_events_outside_are_left_out():
-    chunk = stream.Events(np.array([0, -1, 3, 2]), np.array([0, 1, 10, 9]), 1.0)
-    found = PhotonStream(stream.Recording(2, 2, 10, 1e-10, lambda: iter([chunk]), "a"), {"irf": np.ones(1)})
-    assert found.whole.frame.pixel.tolist() == [0, 2] and found.whole.frame.toa.tolist() == [0, 9]
+    chunk = recording.Events(np.array([0, -1, 3, 2]), np.array([0, 1, 10, 9]), 1.0)
+    found = completed(2, 2, 10, [chunk], np.ones(1))
+    assert found.frame.pixel.tolist() == [0, 2] and found.frame.toa.tolist() == [0, 9]
     assert "1 of 3 photons" in found.notes[-1]

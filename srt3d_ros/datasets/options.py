@@ -1,0 +1,167 @@
+"""What the photons do not say of their sensor, or say wrongly: options and sensors of the caller, and sidecars.
+
+One rule: the caller wins over the sidecar, which wins over the file; a note says which of the file's values went.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from srt3d_ros.core.histogram_bins import HistogramBins
+from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Pinhole, Projection
+from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.datasets import irf as irfs
+from srt3d_ros.datasets.files import read_text
+from srt3d_ros.datasets.values import array, number, pair
+from srt3d_ros.errors import quoted, require
+from srt3d_ros.messages import json_text
+
+MAX_GATE_BIN = 2**31
+ASSUMED_FOV = (f"geometry taken to be a pinhole of {DEFAULT_FOV_DEG:g}° across the larger side: give fov_deg "
+               "(--fov-deg), or the projection")
+GATE = f"first and last bin, both kept, 2 to {MAX_BINS} bins"
+OF_SENSOR = tuple(name for name in SensorModel.__dataclass_fields__ if name not in ("rows", "cols"))
+DEFAULTS = {field.name: field.default for field in fields(SensorModel)}
+MAPS = ("gain", "delay_bins", "mask", "background_shape")
+SIDECAR = ("num_bins", "bin_width_s", "toa_offset_bins", "range_offset_m", "toa_reference", "irf_ref", "irf", "fov_deg",
+           "gate_bins", "rows", "cols", "channel")
+NAMES = ("shape", "rows", "cols", "gate", "channel", "fov_deg", "irf_sigma_bins", *OF_SENSOR)
+
+
+class SensorOptions(TypedDict, total=False):
+    """What the photons do not say: `shape` is (rows, cols), `fov_deg` makes a pinhole, `irf_sigma_bins` a Gaussian IRF,
+    `gate` (first, last) keeps these bins; `channel` is one of a laboratory's file; the rest are of SensorModel."""
+
+    shape: tuple[int, int]
+    rows: int
+    cols: int
+    gate: tuple[int, int]
+    channel: int
+    num_bins: int
+    bin_width_s: float
+    irf: ArrayLike | str | Path
+    irf_ref: int
+    irf_sigma_bins: float
+    fov_deg: float
+    projection: Projection
+    toa_offset_bins: float
+    range_offset_m: float
+    toa_reference: str
+    gain: ArrayLike
+    delay_bins: ArrayLike
+    mask: ArrayLike
+    background_shape: ArrayLike
+    histograms: HistogramBins
+    frame_id: str
+
+
+def gathered(given: Mapping[str, Any], sensor: SensorModel | None = None, path: Path | None = None) -> dict[str, Any]:
+    """The options by name: those given, on top of the sensor's fields, on top of the sidecar's (FILE.json).
+
+    An `irf` becomes an array, one in the sidecar read relative to the sidecar's folder, and replaces the `irf_ref` of
+    another; `shape` becomes rows and cols. What is None counts as not given.
+
+    Raises:
+        InvalidInput: an unknown name, a broken sidecar, a value that cannot be used.
+    """
+    given = {name: value for name, value in given.items() if value is not None}
+    _check_names(given, "option", NAMES)
+    for name, other in (("fov_deg", "projection"), ("irf_sigma_bins", "irf")):
+        require(not {name, other} <= given.keys(), name, given.get(name), f"{name} or {other}, not both")
+    options = {} if path is None else _sidecar(path)
+    if sensor is not None:
+        require(isinstance(sensor, SensorModel), "sensor", type(sensor).__name__, "a Sensor")
+        options |= {name: getattr(sensor, name) for name in ("rows", "cols", *OF_SENSOR)}
+    if "shape" in given:
+        given["rows"], given["cols"] = pair("shape", given.pop("shape"), "(rows, cols)")
+    if "gate" in given:
+        given["gate"] = _gate("gate", given["gate"])
+    for name in MAPS:
+        if name in given:
+            given[name] = array(name, given[name])
+    if "irf_sigma_bins" in given:
+        given["irf"] = irfs.gaussian(number("irf_sigma_bins", given.pop("irf_sigma_bins"), "bins, above 0"))
+    elif "irf" in given:
+        own = given["irf"]
+        given["irf"] = irfs.read(own if isinstance(own, (str, Path, list)) else array("irf", own))
+    if "irf" in given:
+        options.pop("irf_ref", None)
+    if "fov_deg" in given:
+        options.pop("projection", None)
+    return options | given
+
+
+def described(sensor: SensorModel, options: Mapping[str, Any]) -> SensorModel:
+    """The sensor with options in place of its own values; those that do not describe it are left out."""
+    changes = {name: options[name] for name in OF_SENSOR if name in options}
+    if "irf" in changes:        # irf_ref belongs to the one that is replaced
+        changes = {"irf_ref": None} | changes
+    if "fov_deg" in options:
+        changes["projection"] = pinhole(sensor.rows, sensor.cols, options["fov_deg"])
+    return sensor.replace(**changes) if changes else sensor
+
+
+def says_geometry(options: Mapping[str, Any]) -> bool:
+    """Whether the options have the angles of the pixels."""
+    return "fov_deg" in options or options.get("projection") is not None
+
+
+def replaced_note(own: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[str, ...]:
+    """The note on values of a file that others replace, if there are any."""
+    said = {name: value for name, value in own.items() if not _same(value, DEFAULTS.get(name))}
+    names = [name for name in said if name in now and not _same(said[name], now[name])
+             and not (name == "irf_ref" and "irf" in said and not _same(said["irf"], now.get("irf")))]
+    return (f"as given, not as in the file: {', '.join(names)}",) if names else ()
+
+
+def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
+    """A pinhole with `fov_deg` across the larger side."""
+    return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
+
+
+def refuse_channel(options: Mapping[str, Any]) -> None:
+    """Raise InvalidInput if the options choose a channel, for a file without."""
+    require("channel" not in options, "channel", options.get("channel"), "nothing: the file tells no channels apart")
+
+
+def outside_note(dropped: int, photons: int, first: int, last: int) -> tuple[str, ...]:
+    """The note on photons that a gate drops, if there are any."""
+    note = f"{dropped} of {photons} photons lie outside the gate (bins {first} to {last}): dropped"
+    return (note,) if dropped else ()
+
+
+def _sidecar(path: Path) -> dict[str, Any]:
+    sidecar = path.with_name(path.name + ".json")
+    if not sidecar.exists():
+        return {}
+    options = json_text.parse(read_text(sidecar), sidecar.name)
+    require("gate" not in options, f"{sidecar.name} gate", quoted(options.get("gate")),
+            'the key "gate_bins": first and last bin, both kept ("gate" was first bin and number of bins)')
+    _check_names(options, sidecar.name, SIDECAR)
+    if "irf" in options:
+        options["irf"] = irfs.read(options["irf"], path.parent)
+    if "gate_bins" in options:
+        options["gate"] = _gate("gate_bins", options.pop("gate_bins"))
+    return options
+
+
+def _check_names(options: Mapping[str, Any], where: str, names: tuple[str, ...]) -> None:
+    for name in options:
+        require(name in names, f"{where} name", quoted(name), f"one of {', '.join(names)}")
+
+
+def _gate(field: str, value: Any) -> tuple[int, int]:
+    first, last = pair(field, value, GATE)
+    require(first <= MAX_GATE_BIN and 1 <= last - first < MAX_BINS, field, quoted(value), GATE)
+    return first, last
+
+
+def _same(one: Any, other: Any) -> bool:
+    if np.ndim(one) and np.ndim(other):         # an IRF as it was measured, and the same of sum 1
+        one, other = (np.asarray(values, np.float64) / max(np.sum(values), 1e-300) for values in (one, other))
+        return one.shape == other.shape and np.allclose(one, other, rtol=1e-5, atol=0)
+    return np.array_equal(one, other)

@@ -1,0 +1,58 @@
+"""The npz photon file (docs/photon-file.md): its arrays, and how it is written. `readers.npz` reads it."""
+
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.errors import InvalidInput, require
+
+NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")
+MAPS = ("gain", "delay_bins", "mask", "background_shape")
+TEXTS = ("frame_id", "toa_reference")
+OWN = (*NUMBERS, "irf", *MAPS, *TEXTS)                          # arguments of SensorModel
+FIRST_REFERENCES = ("ref_depth_ml_bins", "ref_depth_bins")      # the better one first
+MAX_SURFACES = 8
+OTHER_REFERENCES = tuple(f"ref_depth_bins_{k}" for k in range(2, MAX_SURFACES + 1))
+INTENSITY = "ref_refl_photons"
+KNOWN = (*OWN, "pixel", "toa", "stamp_ns", *FIRST_REFERENCES, *OTHER_REFERENCES, INTENSITY, "fov_deg",
+         "projection", "projection_values", "distortion", "gate_words")
+
+
+def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
+         reference_depth_bins: np.ndarray | None = None) -> None:
+    """Write an npz photon file.
+
+    Args:
+        path: ends in .npz.
+        frame: photons; gates are written as events.
+        reference_depth_bins: [rows, cols] or [S, rows, cols], NaN = unknown or no surface.
+
+    Raises:
+        InvalidInput: another suffix, photons outside the sensor, a reference of another shape, a path that cannot be
+            written.
+    """
+    path = Path(path)
+    require(path.suffix.lower() == ".npz", "photon file", path.name, "a name that ends in .npz")
+    events = frame if isinstance(frame, PhotonEvents) else frame.to_events(sensor)
+    events.check(sensor)
+    projection = sensor.projection
+    arrays = {name: getattr(sensor, name) for name in OWN} | {
+        "pixel": events.pixel, "toa": events.toa, "stamp_ns": np.int64(events.stamp_ns),
+        "projection": projection.kind, "projection_values": astuple(projection)[:4],
+        "gate_words": sensor.gates and np.array(astuple(sensor.gates), np.uint16)}
+    if getattr(projection, "distortion", None):
+        arrays["distortion"] = astuple(projection.distortion)
+    if reference_depth_bins is not None:
+        surfaces = np.asarray(reference_depth_bins, np.float32)
+        surfaces = surfaces[None] if surfaces.ndim == 2 else surfaces
+        fits = surfaces.shape[1:] == (sensor.rows, sensor.cols) and 1 <= len(surfaces) <= MAX_SURFACES
+        require(fits, "reference_depth_bins shape", np.shape(reference_depth_bins),
+                f"[S, {sensor.rows}, {sensor.cols}], S from 1 to {MAX_SURFACES}")
+        arrays |= dict(zip((FIRST_REFERENCES[-1], *OTHER_REFERENCES), surfaces))
+    try:
+        np.savez_compressed(path, **{name: values for name, values in arrays.items() if values is not None})
+    except OSError as error:
+        raise InvalidInput("photon file", str(path), f"a path that can be written ({error.strerror})") from None

@@ -1,0 +1,132 @@
+"""What readers find in files of any size: a `Recording` gives photons or histograms chunk by chunk."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.progress import DELAY_S
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.datasets.survey import Survey, events_of
+from srt3d_ros.datasets.values import MAX_PHOTONS, sendable
+from srt3d_ros.errors import require
+
+
+class Events(NamedTuple):
+    """Some photons: pixel, -1 outside, and ToA in bins, integers [N]; the part of the file read so far, 0 … 1."""
+
+    pixel: np.ndarray
+    toa: np.ndarray
+    done: float
+
+
+class Counts(NamedTuple):
+    """Histograms of whole rows: the first pixel; counts [pixels, n], numbers; the part of the file read so far."""
+
+    first_pixel: int
+    counts: np.ndarray
+    done: float
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a reader finds in a file.
+
+    Args:
+        rows, cols, num_bins: size of the frame; num_bins: of a laser period, or of all that the file can hold.
+        bin_width_s: seconds.
+        chunks: begins to read the file anew, in bounded memory, as often as it is called; Events or else Counts.
+        name: the file's name without its suffix.
+        notes: one line each for what was assumed.
+        given: what the file says of its sensor: irf, fov_deg, … by their names in `options.NAMES`.
+        reference: depths that the file has, float32 [rows, cols], numbers of its bins.
+    """
+
+    rows: int
+    cols: int
+    num_bins: int
+    bin_width_s: float
+    chunks: Callable[[], Iterator[Events | Counts]]
+    name: str
+    notes: tuple[str, ...] = ()
+    given: dict = field(default_factory=dict)
+    reference: np.ndarray | None = None
+
+
+class StoredPhotons:
+    """The photons of a recording that are in `bins` bins from `first` on: a first pass counts them and samples some.
+
+    Attributes:
+        photons: their number; of fractional counts, their sum. `outside`: the number of the others.
+        countable: whether all counts are whole photons.
+        sample: PhotonEvents of every step-th pixel; `sampled`: bool [rows, cols], those pixels.
+        histogram, counts: float64 [T] and [rows, cols], photons of all pixels in each bin, and in each pixel.
+    """
+
+    def __init__(self, recording: Recording, first: int, bins: int):
+        self._recording, self._first, self._bins = recording, first, bins
+        rows, cols = recording.rows, recording.cols
+        survey, total = Survey(rows * cols, bins), 0.0
+        for chunk in self._chunks():
+            part = self._inside(chunk)
+            if isinstance(part, Counts):
+                total += chunk.counts.sum(dtype=np.float64)
+                survey.add_histograms(part.counts, part.first_pixel)
+            else:
+                total += np.count_nonzero(chunk.pixel >= 0)
+                survey.add_events(part)
+        self.photons, self.countable, self.sample = survey.photons, survey.countable, survey.sample
+        self.outside = round(total - self.photons)
+        self.sampled = np.arange(rows * cols).reshape(rows, cols) % survey.step == 0
+        self.histogram, self.counts = survey.histogram, survey.counts.reshape(rows, cols)
+
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput unless the sensor has as many pixels and bins."""
+        own = {"rows": self._recording.rows, "cols": self._recording.cols, "num_bins": self._bins}
+        for name, value in own.items():
+            found = getattr(sensor, name)
+            require(found == value, name, found, f"{value}, as in {self._recording.name}")
+
+    def packets(self) -> Iterator[PhotonEvents | PhotonHistograms]:
+        """The photons from the first on, in bounded memory."""
+        for chunk in self._chunks():
+            part = self._inside(chunk)
+            if isinstance(part, PhotonEvents):
+                yield part
+                continue
+            counts = np.pad(part.counts, ((0, 0), (0, self._bins - part.counts.shape[1])))     # of fewer bins than T
+            counts = sendable(counts).reshape(-1, self._recording.cols, self._bins)
+            yield PhotonHistograms(counts, first_row=part.first_pixel // self._recording.cols)
+
+    @cached_property
+    def frame(self) -> PhotonEvents:
+        """All photons in memory; InvalidInput if they are more than MAX_PHOTONS, or fractional counts."""
+        name = self._recording.name
+        require(self.countable, f"{name} counts", "negative or fractional in places",
+                "whole photons: only methods on sketches take others")
+        require(self.photons <= MAX_PHOTONS, f"{name} photons", round(self.photons), f"at most {MAX_PHOTONS} in "
+                "memory; methods on sketches take any number")
+        parts = [self._inside(chunk) for chunk in self._chunks()]
+        parts = [events_of(part.counts, part.first_pixel) if isinstance(part, Counts) else part for part in parts]
+        return PhotonEvents(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("pixel", "toa")))
+
+    def _chunks(self) -> Iterator[Events | Counts]:
+        """The file from its beginning; a progress bar on a terminal if it takes long."""
+        from tqdm import tqdm  # here: it takes a tenth of `import srt3d_ros`
+
+        with tqdm(desc=f"reading {self._recording.name}", total=100, delay=DELAY_S, disable=None, leave=False,
+                  bar_format="{desc}: {percentage:3.0f} %|{bar}| {remaining}") as bar:
+            for chunk in self._recording.chunks():
+                bar.update(100 * chunk.done - bar.n)
+                yield chunk
+
+    def _inside(self, chunk: Events | Counts) -> PhotonEvents | Counts:
+        """What of a chunk is in a pixel and in one of the bins that are kept, which count from the first of them."""
+        end = self._first + self._bins
+        if isinstance(chunk, Counts):
+            return chunk._replace(counts=chunk.counts[:, self._first:end])
+        kept = (chunk.pixel >= 0) & (chunk.toa >= self._first) & (chunk.toa < end)
+        return PhotonEvents(chunk.pixel[kept].astype(np.uint32), (chunk.toa[kept] - self._first).astype(np.uint16))
