@@ -42,7 +42,7 @@ def add_photon_file(parser: argparse.ArgumentParser) -> None:
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--gate", default="off", metavar="FIRST:LAST",
+    parser.add_argument("--gate", default="off", metavar="FIRST-LAST",
                         help="keep the photons of bins FIRST to LAST only (off)")
 
 

@@ -46,7 +46,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument("--background", choices=BACKGROUNDS,
                         help="how it spreads over the bins (pooled): as the frame itself shows, if that is "
                              "significantly uneven (auto, the default); as the file says (sensor); evenly (flat)")
-    parser.add_argument("--gate", default=OFF, metavar="FIRST:LAST|auto|off",
+    parser.add_argument("--gate", default=OFF, metavar="FIRST-LAST|auto|off",
                         help="keep the photons of bins FIRST to LAST only, or of those in which the histogram of all "
                              "photons shows a scene (auto); T becomes their number (off)")
     common.add_json(parser)

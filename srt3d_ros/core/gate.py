@@ -1,6 +1,7 @@
 """Gate: the bins in which photons are kept. T becomes their number, and background from elsewhere is gone."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 
 OFF, AUTO = "off", "auto"
-FORM = "off, first and last bin such as 100:400, or for a file auto"
+FORM = "off, first and last bin such as 100-400, or for a file auto"
 
 
 class Gate:
@@ -34,7 +35,7 @@ class Gate:
     """
 
     def __init__(self, source: SensorModel, first: int, last: int):
-        shown, most, irf = f"{first}:{last}", source.num_bins - 1, source.irf.shape[-1]
+        shown, most, irf = f"{first}-{last}", source.num_bins - 1, source.irf.shape[-1]
         require(0 <= first and last <= most, "gate", shown, f"first and last within the sensor's bins, 0 to {most}")
         require(first < last, "gate", shown, "a first bin below the last")
         require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
@@ -56,7 +57,7 @@ class Gate:
             histograms=None, delay_bins=None if late is None else late - np.float32(least))
 
     def __str__(self) -> str:
-        return f"{self.first}:{self.last}"
+        return f"{self.first}-{self.last}"
 
     def photons(self, events: PhotonEvents) -> PhotonEvents:
         """The photons inside, in the bins of `self.sensor`."""
@@ -86,11 +87,16 @@ def in_ranges(gate: Gate | None) -> str:
     return f"{gate}, {nearest:.4g} to {farthest:.4g} m"
 
 
-def parse(spec: str) -> tuple[int, int] | str:
-    """First and last bin, OFF or AUTO; InvalidInput for anything else."""
-    if spec in (OFF, AUTO):
+def parse(spec: str | Sequence[int]) -> tuple[int, int] | str:
+    """First and last bin, OFF or AUTO; InvalidInput for anything else.
+
+    Args:
+        spec: in words, as 100-400, 100:400 or [100, 400] (20:45 is a number of YAML); or both bins.
+    """
+    if isinstance(spec, str) and spec in (OFF, AUTO):
         return spec
-    numbers = re.fullmatch(r"\s*\[?\s*(-?\d{1,9})\s*[:,]\s*(-?\d{1,9})\s*\]?\s*", spec)
+    text = spec if isinstance(spec, str) or np.ndim(spec) != 1 else ",".join(map(str, spec))
+    numbers = re.fullmatch(r"\s*[\[(]?\s*(-?\d{1,9})\s*[-:,]\s*(-?\d{1,9})\s*[\])]?\s*", str(text))
     if numbers is None:
         raise InvalidInput("gate", spec, FORM)
     return int(numbers[1]), int(numbers[2])

@@ -35,7 +35,7 @@ def fixed_design(sensor: SensorModel, gate: str = OFF, frequencies: str = DESIGN
     """The design for a sensor whose photons are not known, or of this light.
 
     Args:
-        gate: off, or the first and the last bin, such as "100:400".
+        gate: off, or the first and the last bin, such as "100-400".
         frequencies, sketch_size: as of `choose`.
 
     Raises:

@@ -156,7 +156,7 @@ class Photons:
         Raises:
             InvalidInput: naming the argument that cannot be used.
         """
-        found, used, _ = design_for(*self.sample, _written(gate, ":"), _written(frequencies, ","), sketch_size)
+        found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
         gate = found and Gate(self.sensor, found.first, found.last)       # without the sample's mask
         sketcher, notes = Sketcher(self.sensor, used, gate=gate), self.notes
         for packet in self.packets():
@@ -197,7 +197,7 @@ class Photons:
             return replace(cloud, facts=cloud.facts | {"sketch_ms": sketch_ms})
         for name, value in (("sketch_size", sketch_size), ("frequencies", frequencies)):
             require(value is None, name, value, f"nothing: {method} makes no sketch")
-        found = None if gate == OFF else design_for(*self.sample, _written(gate, ":")).gate
+        found = None if gate == OFF else design_for(*self.sample, gate).gate
         seen = self if found is None else self.gated(found.first, found.last)
         cloud = Reconstructor(seen.sensor, **own)(seen.frame)
         return replace(cloud, notes=seen.notes)
@@ -230,6 +230,6 @@ class Photons:
         return photons.gated(*options["gate"]) if "gate" in options else photons
 
 
-def _written(value: Any, mark: str) -> str:
-    """Numbers as the command line has them, with marks between; a text as it is."""
-    return str(value) if isinstance(value, str) or np.ndim(value) == 0 else mark.join(map(str, value))
+def _written(frequencies: str | Sequence[int]) -> str:
+    """Frequencies as the command line has them."""
+    return str(frequencies) if np.ndim(frequencies) == 0 else ",".join(map(str, frequencies))

@@ -8,9 +8,8 @@ from srt3d_ros.core.light import light_of
 from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import design_for, fixed_design
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
+from tests.core.scenes import simulate
 
 T = 500
 SENSOR = SensorModel(8, 10, T, 1e-10, [1, 2, 4, 2, 1])
@@ -58,10 +57,10 @@ def test_a_gate_has_room_for_the_irf_and_for_the_frequencies():
 
 
 @pytest.mark.parametrize(("settings", "line"), [
-    (("open",), "gate is open: expected off, first and last bin such as 100:400, or for a file auto"),
-    (("-3:50",), "gate is -3:50: expected first and last within the sensor's bins, 0 to 499"),
-    (("300:300",), "gate is 300:300: expected a first bin below the last"),
-    (("300:302",), "gate is 300:302: expected 5 bins or more, as many as the IRF has"),
+    (("open",), "gate is open: expected off, first and last bin such as 100-400, or for a file auto"),
+    (("-3:50",), "gate is -3-50: expected first and last within the sensor's bins, 0 to 499"),
+    (("300:300",), "gate is 300-300: expected a first bin below the last"),
+    (("300:302",), "gate is 300-302: expected 5 bins or more, as many as the IRF has"),
     (("300:309", "auto", 10), "sketch_size is 10: expected 1 to 4 for T = 10 bins"),
     (("300:399", "1,60"), "frequencies is 60: expected integers from 1 to 49 (T = 100 bins; higher ones repeat these)"),
 ])
@@ -79,8 +78,7 @@ EDGE = SensorModel(40, 40, T, 1e-10, np.exp(-BINS / 40) + 4 * np.exp(-0.5 * ((BI
 
 def lit(ppp: float, sbr: float = 2.0) -> PhotonEvents:
     """Photons of a scene 100 bins deep."""
-    depth = np.linspace(150, 250, EDGE.pixels).reshape(1, EDGE.rows, EDGE.cols)
-    return Simulator(StaticScene(EDGE.range_m(depth), np.ones_like(depth)), EDGE, sbr=sbr, ppp=ppp, seed=0).frame(0)[0]
+    return simulate(np.linspace(150, 250, EDGE.pixels).reshape(EDGE.rows, EDGE.cols), sbr, ppp, EDGE)
 
 
 def test_many_photons_take_frequencies_up():

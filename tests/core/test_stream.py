@@ -149,7 +149,7 @@ def test_photons_outside_the_gate_are_dropped_and_counted():
     outside = 60 - int(expected.photons.sum())
     assert outside > 0 and +stream.counts.photons_dropped == {"gate": outside} and not +stream.counts.dropped
     assert stream.counts.totals["photons"] == 60 - outside
-    assert sketch.sensor.num_bins == 60 and stream.facts["gate"].startswith("20:79, ")
+    assert sketch.sensor.num_bins == 60 and stream.facts["gate"].startswith("20-79, ")
 
 
 # ---- Merging
