@@ -20,6 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from benchmarks.relief import hand, read_relief, trajectory
 from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.metrics import Metrics, evaluate
@@ -31,8 +32,8 @@ from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch
 from srt3d_ros.core.sketching import Sketcher, sketch_photons
 from srt3d_ros.core.viewpoint import look_at
-from srt3d_ros.datasets.simulation.motion_profiles import Path, hand, trajectory, walk
-from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor, read_relief
+from srt3d_ros.datasets.simulation.motion_profiles import Path, walk
+from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import Room, World
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator

@@ -1,5 +1,6 @@
 """The npz photon file (docs/photon-file.md): its arrays, and how it is written. `readers.npz` reads it."""
 
+import sys
 from dataclasses import astuple
 from pathlib import Path
 
@@ -56,3 +57,17 @@ def save(path: str | Path, sensor: SensorModel, frame: PhotonFrame,
         np.savez_compressed(path, **{name: values for name, values in arrays.items() if values is not None})
     except OSError as error:
         raise InvalidInput("photon file", str(path), f"a path that can be written ({error.strerror})") from None
+
+
+def value_of(name: str, array: np.ndarray) -> np.ndarray | float | str:
+    """An array as its name wants it: a text, one number, or an array of numbers."""
+    if name in (*TEXTS, "projection"):
+        require(array.dtype.kind == "U" and array.size == 1, f"{name} dtype", str(array.dtype), "one text")
+        codes = array.reshape(1).astype(array.dtype.newbyteorder("=")).view(np.uint32)
+        require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
+        return str(array.item())
+    require(array.dtype.kind in "iufb", f"{name} dtype", str(array.dtype), "numbers")
+    if name not in (*NUMBERS, "fov_deg", "stamp_ns"):
+        return array
+    require(array.size == 1, f"{name} shape", array.shape, "one number")
+    return array.item()

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, hand, measured, trajectory, walk
-from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor, read_relief
-from srt3d_ros.datasets.simulation.room import FURNITURE, WALLS, Relief, Room
+from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, measured, walk
+from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
+from srt3d_ros.datasets.simulation.room import FURNITURE, WALLS, Room
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.errors import InvalidInput
 
 SENSOR = moving_sensor(side=31)
 
@@ -82,39 +81,6 @@ def test_a_static_world_stays_where_it_is_while_the_sensor_moves():
         assert (again < distance + 1e-3).all()
 
 
-def test_a_relief_seen_from_its_camera_is_its_map():
-    rng = np.random.default_rng(0)
-    smooth = 2 + 0.2 * np.sin(np.arange(60) / 9)[:, None] * np.cos(np.arange(80) / 11)
-    valid = np.ones(smooth.shape, bool)
-    valid[20:30, 40:50] = False
-    relief = Relief(smooth, rng.uniform(0.2, 1, smooth.shape), valid, fov_deg=70)
-    sensor = moving_sensor().replace(rows=60, cols=80, projection=relief._camera)
-    range_m, reflectivity = MovingView(relief, lambda t_s: Pose(), sensor).at(0)
-    np.testing.assert_allclose(range_m[1:-1, 1:-1][valid[1:-1, 1:-1]], smooth[1:-1, 1:-1][valid[1:-1, 1:-1]], atol=1e-3)
-    assert np.isnan(range_m[22:28, 42:48]).all() and (reflectivity[22:28, 42:48] == 0).all()
-
-
-def test_a_flat_relief_is_a_sphere_from_wherever_it_is_seen():
-    relief = Relief(np.full((200, 200), 2.0), np.ones((200, 200)), np.ones((200, 200), bool))
-    for t_s in (0.0, 0.13, 0.4):
-        view = MovingView(relief, hand, SENSOR)
-        range_m, _ = view.at(t_s)
-        points = view.sensor_pose(t_s)((SENSOR.rays * range_m[..., None]).reshape(-1, 3))
-        np.testing.assert_allclose(np.linalg.norm(points, axis=1), 2, atol=2e-4)
-
-
-def test_a_scene_file_is_a_world(shared_data):
-    relief = read_relief(shared_data / "scenes" / "synth_bowling1.npz")
-    range_m, _ = MovingView(relief, hand, SENSOR).at(0.2)
-    assert 1.0 < np.nanmin(range_m) < np.nanmax(range_m) < 2.3 and np.isfinite(range_m).mean() > 0.9
-
-
-def test_a_scene_file_without_arrays_is_refused(tmp_path):
-    np.savez(tmp_path / "scene.npz", depth_m=np.ones((4, 4)))
-    with pytest.raises(InvalidInput, match="depth_m, reflectivity and valid"):
-        read_relief(tmp_path / "scene.npz")
-
-
 @pytest.mark.parametrize("name", MOTIONS)
 def test_paths_are_smooth_and_keep_away_from_walls_and_furniture(name):
     path, step_s = MOTIONS[name], 0.01
@@ -132,11 +98,10 @@ def test_paths_are_smooth_and_keep_away_from_walls_and_furniture(name):
     assert np.abs([pose.translation[:2] for pose in poses]).max() < 2.5
 
 
-def test_a_walk_and_a_hand_keep_the_speeds_named():
-    for path in (walk, hand):
-        step = path(3.0).inverse() @ path(3.001)
-        assert np.linalg.norm(step.translation) == pytest.approx(1e-3, rel=0.03)
-        assert np.degrees(np.linalg.norm(step.rotation_vector)) == pytest.approx(0.03, rel=0.06)
+def test_a_walk_keeps_the_speeds_named():
+    step = walk(3.0).inverse() @ walk(3.001)
+    assert np.linalg.norm(step.translation) == pytest.approx(1e-3, rel=0.03)
+    assert np.degrees(np.linalg.norm(step.rotation_vector)) == pytest.approx(0.03, rel=0.06)
 
 
 def test_odometry_is_exact_and_its_velocity_holds_until_the_next_report():
@@ -146,12 +111,6 @@ def test_odometry_is_exact_and_its_velocity_holds_until_the_next_report():
         step = Pose(Pose.turned(report.rate_rad_s / 50).rotation, report.velocity_m_s / 50)
         np.testing.assert_allclose((report.pose @ step).translation, after.pose.translation, atol=1e-12)
         np.testing.assert_allclose((report.pose @ step).rotation, after.pose.rotation, atol=1e-12)
-
-
-def test_a_trajectory_covers_what_was_asked_for():
-    known = trajectory(walk, 1.0, 2.0)
-    assert known.covers(10**9, 2 * 10**9)
-    np.testing.assert_allclose(known.at(15 * 10**8).translation, walk(1.5).translation, atol=1e-3)       # smoothed
 
 
 def test_the_same_seed_gives_the_same_photons_and_their_truth_is_of_the_middle():

@@ -1,6 +1,5 @@
 """The npz photon file (docs/photon-file.md): photons of one frame, their sensor and, if known, the true depths."""
 
-import sys
 from dataclasses import fields, replace
 from itertools import takewhile
 from pathlib import Path
@@ -14,7 +13,7 @@ from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
 from srt3d_ros.datasets.options import ASSUMED_FOV, pinhole
-from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, INTENSITY, KNOWN, NUMBERS, OTHER_REFERENCES, OWN, TEXTS
+from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, INTENSITY, KNOWN, OTHER_REFERENCES, OWN, value_of
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.recording import Recording
@@ -37,7 +36,7 @@ def read(path: Path, options: dict) -> Photons | Recording:
     notes = () if {"projection", "fov_deg"} & arrays.keys() else (ASSUMED_FOV,)
     with naming_file(path):
         values = {name: options[name] for name in OWN if name in options}
-        values |= {name: _value(name, array) for name, array in arrays.items()}
+        values |= {name: value_of(name, array) for name, array in arrays.items()}
         for name in REQUIRED:
             require(name in values, name, "missing", f"the arrays {', '.join(REQUIRED)}, or options")
         has_irf = "irf" in values
@@ -111,17 +110,3 @@ def _reference_intensity(values: dict, reference: np.ndarray | None) -> np.ndarr
     require(not (first < 0).any(), INTENSITY, "negative in places", "0 or more, NaN = unknown")
     intensity[0] = first
     return intensity
-
-
-def _value(name: str, array: np.ndarray) -> np.ndarray | float | str:
-    """An array as its name wants it: a text, one number, or an array of numbers."""
-    if name in (*TEXTS, "projection"):
-        require(array.dtype.kind == "U" and array.size == 1, f"{name} dtype", str(array.dtype), "one text")
-        codes = array.reshape(1).astype(array.dtype.newbyteorder("=")).view(np.uint32)
-        require(bool((codes <= sys.maxunicode).all()), name, "not text in places", "Unicode characters")
-        return str(array.item())
-    require(array.dtype.kind in "iufb", f"{name} dtype", str(array.dtype), "numbers")
-    if name not in (*NUMBERS, "fov_deg", "stamp_ns"):
-        return array
-    require(array.size == 1, f"{name} shape", array.shape, "one number")
-    return array.item()

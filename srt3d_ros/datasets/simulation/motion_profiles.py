@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.motion import SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.core.motion import Pose
 
 Path = Callable[[float], Pose]          # the pose at a time, s
 
@@ -19,7 +19,6 @@ WALK_RADIUS_M = SPEED_M_S / TURN_RAD_S  # of the circle on which both hold: 1.9 
 EYE_M = 1.5                             # above the floor
 STEPS_HZ = 1.8                          # of a walking person
 GRAVITY_M_S2 = 9.81
-SHAKE_RAD_S = 2 * np.pi                 # of a hand: once a second
 OPTICAL = Pose(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))     # of a camera that looks ahead, in the body's frame
 
 
@@ -48,14 +47,6 @@ def spin(t_s: float) -> Pose:
     return _heading((0.2 * np.cos(yaw), 0.2 * np.sin(yaw), EYE_M), yaw)
 
 
-def hand(t_s: float) -> Pose:
-    """A hand that shakes about the origin: 1 m/s and 30°/s at every instant, within 0.16 m and 4.8°."""
-    cosine, sine = np.cos(SHAKE_RAD_S * t_s), np.sin(SHAKE_RAD_S * t_s)
-    turn = TURN_RAD_S / SHAKE_RAD_S * np.array([0, cosine, sine])       # of the speed named, to 0.1 %
-    place = SPEED_M_S / SHAKE_RAD_S * np.array([cosine, 0.8 * sine, 0.6 * sine])
-    return Pose(Pose.turned(turn).rotation, place)
-
-
 MOTIONS: dict[str, Path] = {"walk": walk, "drone": drone, "spin": spin}     # of a body in the room
 
 
@@ -81,12 +72,3 @@ def measured(path: Path, rate_hz: float = 100.0, start_s: float = 0.0) -> Iterat
         pose = path(at_s)
         moved = pose.inverse() @ path(next_s)
         yield Measured(at_s, pose, moved.translation * rate_hz, moved.rotation_vector * rate_hz)
-
-
-def trajectory(path: Path, first_s: float, last_s: float) -> Trajectory:
-    """What `measured` gives from before first_s to after last_s, as the sketcher follows it; stamps are ns from 0 s."""
-    known, margin_s = Trajectory(SMOOTH_NS), 0.1        # longer than a period
-    for report in measured(path, start_s=first_s - margin_s):
-        known.add(round(report.at_s * 1e9), report.pose)
-        if report.at_s > last_s + margin_s:
-            return known

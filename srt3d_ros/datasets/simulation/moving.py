@@ -1,17 +1,13 @@
 """A sensor that moves: what it sees on its way, as a Scene, and photons whose truth is exact at every instant."""
 
-from pathlib import Path as FilePath
-
 import numpy as np
 
 from srt3d_ros.core.motion import Pose
 from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.datasets import irf
-from srt3d_ros.datasets.files import read_npz_arrays, require_file
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, Path
-from srt3d_ros.datasets.simulation.room import Relief, World
-from srt3d_ros.errors import require
+from srt3d_ros.datasets.simulation.room import World
 
 
 def moving_sensor(side: int = 141, fov_deg: float = 55.0) -> SensorModel:
@@ -54,11 +50,3 @@ class MovingView:
         """What a frame that begins at `t_s` sees; see scene.Scene."""
         range_m, reflectivity = self.at(t_s + self._exposure_s / 2)
         return range_m[None], reflectivity[None]
-
-
-def read_relief(path: str | FilePath) -> Relief:
-    """The depth map of a scene file (see scene.read_scene) as a world to move in."""
-    require_file(FilePath(path), "scene")
-    arrays = read_npz_arrays(FilePath(path), ("depth_m", "reflectivity", "valid"))
-    require(len(arrays) == 3, "scene", f"with {', '.join(arrays)}", "depth_m, reflectivity and valid")
-    return Relief(arrays["depth_m"], arrays["reflectivity"], arrays["valid"].astype(bool))

@@ -1,4 +1,4 @@
-"""Worlds to move through: a furnished room with a bust, and the relief of a depth map. Rays are cast from any pose."""
+"""Worlds to move through: a furnished room with a bust. Rays are cast from any pose."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -7,14 +7,10 @@ from typing import Protocol
 import numpy as np
 
 from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.projection import Pinhole
 from srt3d_ros.datasets.simulation.bust import HEAD, TORSO, Figure
-from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL
-from srt3d_ros.errors import require
 
 TINY = np.float32(1e-9)
 SLOPE_M = 1e-3                  # over which the normal of a figure is measured
-MARCH_STEPS, BISECTIONS = 96, 12
 Hits = tuple[np.ndarray, np.ndarray]
 
 
@@ -144,64 +140,3 @@ def _cast_figure(figure: Figure, pose: Pose, origin: np.ndarray, rays: np.ndarra
     cosine = np.abs((slope * rays).sum(axis=0)) / np.maximum(np.sqrt((slope**2).sum(axis=0)), TINY)
     reflectivity[seen] = figure.reflectivity(points) * (0.25 + 0.75 * cosine)
     return range_m, reflectivity
-
-
-class Relief:
-    """The surface of a depth map, without gaps, seen from poses about that of its camera: the origin, looking along x.
-
-    Args:
-        range_m: float [rows, cols], metres along the rays of a pinhole camera.
-        reflectivity: the same shape.
-        valid: bool, the same shape: elsewhere nothing returns light.
-        fov_deg: of the camera's larger side; scenes are stretched to it.
-    """
-
-    def __init__(self, range_m: np.ndarray, reflectivity: np.ndarray, valid: np.ndarray, fov_deg: float = 75.0):
-        self._range_m = np.asarray(range_m, np.float32)
-        require(bool(np.isfinite(self._range_m).all()), "range_m", "unknown in places", "finite: see `valid`")
-        self._reflectivity = np.where(valid, reflectivity, np.nan).astype(np.float32)
-        self._camera = Pinhole.from_fov(*self._range_m.shape, fov_deg=fov_deg)
-
-    def cast(self, origin: np.ndarray, rays: np.ndarray) -> Hits:
-        """See World: march in even steps to the first crossing, then halve the interval. NaN outside of the map."""
-        start = (origin @ OPTICAL.rotation).astype(np.float32)[:, None]
-        rays = np.einsum("ji,jn->in", OPTICAL.rotation.astype(np.float32), rays)
-        moved = float(np.linalg.norm(start))
-        first, last = max(self._range_m.min() - moved, 0) * 0.95, self._range_m.max() * 1.05 + moved
-        step = np.float32((last - first) / MARCH_STEPS)
-        near = np.full(rays.shape[1], first, np.float32)
-        going = np.arange(len(near))
-        for _ in range(MARCH_STEPS):
-            going = going[self._gap(start + (near[going] + step) * rays[:, going]) > 0]
-            near[going] += step
-        half = np.full(len(near), step / 2, np.float32)
-        for _ in range(BISECTIONS):
-            middle = near + half
-            near = np.where(self._gap(start + middle * rays) > 0, middle, near)
-            half /= 2
-        row, col = self._places(start + near * rays)
-        inside = (row >= 0) & (row <= self._range_m.shape[0] - 1) & (col >= 0) & (col <= self._range_m.shape[1] - 1)
-        inside[going] = False
-        row, col = (np.where(inside, place, 0).round().astype(int) for place in (row, col))
-        reflectivity = np.where(inside, self._reflectivity[row, col], np.nan)
-        seen = np.isfinite(reflectivity)
-        return np.where(seen, near + half, np.nan).astype(np.float32), np.where(seen, reflectivity, 0)
-
-    def _places(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of points [3, N] in the map."""
-        depth = np.maximum(points[2], np.float32(1e-3))
-        camera = self._camera
-        return (points[1] / depth * np.float32(camera.fy) + np.float32(camera.cy),
-                points[0] / depth * np.float32(camera.fx) + np.float32(camera.cx))
-
-    def _gap(self, points: np.ndarray) -> np.ndarray:
-        """How far points [3, N] lie before the surface, bilinear between pixels, even beyond the map's edge."""
-        rows, cols = self._range_m.shape
-        row, col = self._places(points)
-        row, col = np.clip(row, 0, rows - 1.001), np.clip(col, 0, cols - 1.001)
-        top, left = row.astype(np.int32), col.astype(np.int32)
-        down, right = row - top, col - left
-        at, flat = top * cols + left, self._range_m.reshape(-1)
-        upper = flat[at] * (1 - right) + flat[at + 1] * right
-        lower = flat[at + cols] * (1 - right) + flat[at + cols + 1] * right
-        return upper * (1 - down) + lower * down - np.sqrt((points**2).sum(axis=0))
