@@ -1,32 +1,26 @@
-"""What a page of the documentation holds: sections, blocks, commands, inline code, rows of tables."""
+"""What a page of the documentation holds: sections, blocks, commands, inline code."""
 
 import re
 import shlex
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[2]
+PATHS = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("msg_schemas/*.md")]
+PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in sorted(PATHS)}
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
 INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+")
-
-
-def load(repository: Path) -> dict[str, str]:
-    """The text of each page by its path."""
-    paths = [repository / "README.md", *repository.glob("docs/*.md"), *repository.glob("msg_schemas/*.md")]
-    return {str(path.relative_to(repository)): path.read_text(encoding="utf-8") for path in sorted(paths)}
 
 
 def headings(text: str) -> list[re.Match]:
     """The headings; comments in code are none."""
-    return list(HEADING.finditer(FENCE.sub(lambda fence: re.sub("(?m)^#", " ", fence[0]), text)))
+    return list(re.finditer("(?m)^#+ (.*)$", FENCE.sub(lambda fence: re.sub("(?m)^#", " ", fence[0]), text)))
 
 
 def section(text: str, heading: str) -> str:
-    """The text under the first heading that matches this regular expression, until the next heading."""
+    """The text under the first heading that begins so, until the next heading."""
     found = headings(text)
-    for this, following in zip(found, [*found[1:], None]):
-        if re.search(heading, this[1]):
-            return text[this.end():following.start() if following else None]
-    raise LookupError(f"no heading {heading!r} among {[one[1] for one in found]}")
+    at = next(k for k, one in enumerate(found) if one[1].startswith(heading))
+    return text[found[at].end():found[at + 1].start() if at + 1 < len(found) else None]
 
 
 def fenced(text: str, language: str) -> list[str]:
@@ -41,32 +35,22 @@ def indented(text: str) -> list[str]:
 
 def command_lines(text: str) -> list[list[str]]:
     """The words of each shell command in the page's blocks, without comments."""
-    lines = "\n".join(indented(text)).replace("\\\n", " ").splitlines()
-    return [command for line in lines for command in _commands(line)]
-
-
-def _commands(line: str) -> list[list[str]]:
-    """The commands of a line, which && and ; join; nothing of a line that a shell could not read."""
-    try:
+    commands: list[list[str]] = []
+    for line in "\n".join(indented(text)).replace("\\\n", " ").splitlines():
         lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|")
         lexer.whitespace_split = True
-        words = list(lexer)
-    except ValueError:
-        return []
-    commands: list[list[str]] = [[]]
-    for word in words:
-        if set(word) <= set(";&|"):
-            commands.append([])
-        else:
-            commands[-1].append(word)
+        commands.append([])
+        try:
+            for word in lexer:
+                if set(word) <= set(";&|"):
+                    commands.append([])
+                else:
+                    commands[-1].append(word)
+        except ValueError:          # no shell could read this line: output, or a table
+            commands.pop()
     return [command for command in commands if command]
 
 
 def inline(text: str) -> list[str]:
     """What stands in single backticks, also across a line's end."""
     return [re.sub(r"\s+", " ", code).strip() for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", FENCE.sub("", text))]
-
-
-def rows(text: str) -> list[list[str]]:
-    """The cells of each row of the tables."""
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]

@@ -34,14 +34,12 @@ def names(tmp_path, monkeypatch) -> dict:
     return {"row": row, "col": col, "toa": events.toa, "irf": sensor.irf, "cube": cube}
 
 
-@pytest.mark.parametrize(("page", "made"), [
-    ("docs/api.md", {"cloud.png", "cloud.ply", "face.npz"}), ("README.md", {"cloud.png", "cloud.ply"}),
-    ("docs/photon-file.md", {"photons.npz"})])
-def test_the_code_of_a_page(names, page, made):
+@pytest.mark.parametrize("page", ["docs/api.md", "README.md", "docs/photon-file.md"])
+def test_the_code_of_a_page_runs_and_makes_the_files_that_it_names(names, page):
     for block in fenced(PAGES[page], "python"):
         exec(block, names)
         assert page == "docs/photon-file.md" or len(names["cloud"]) > 400
-    assert {path.name for path in Path().iterdir()} == {"head.npz", *made}
+        assert all(Path(name).exists() for name in re.findall(r'"(\w+\.(?:npz|png|ply))"', block))
 
 
 @pytest.mark.parametrize("one", [getattr(api, name) for name in api.__all__], ids=api.__all__)

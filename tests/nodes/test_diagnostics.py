@@ -1,4 +1,4 @@
-"""/diagnostics: totals, and levels that follow from them. tests/docs/test_quickstart_trouble.py has more."""
+"""/diagnostics: totals, and levels that follow from them. tests/docs has what the middleware says."""
 
 import pytest
 from builtin_interfaces.msg import Time
