@@ -131,7 +131,7 @@ class Pooled:
 
     def _sums_near(self, values):
         """Sums over the square around each pixel, of an array [rows, cols] on the device."""
-        return self.kernels.blur(values[:, None], self._square, 1)[:, 0]
+        return self.kernels.blur(values[:, None], self._square)[:, 0]
 
     def _points(self, warm: bool, photons, sums, background=None, mean=None, clutter=None) -> tuple:
         """What `unexplained` finds, background and points of a frame, from its photons and sums.

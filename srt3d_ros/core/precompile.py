@@ -3,19 +3,14 @@
 import numpy as np
 
 from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingSketcher
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.pooled import Pooled
 from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
-from srt3d_ros.core.sketch import noise_sketch
 from srt3d_ros.core.window import WindowSketcher
-from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import SAME_SURFACE
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
-FREQUENCIES = choose("auto", ANY_SENSOR, 3)
 
 
 def sketching() -> None:
@@ -35,17 +30,6 @@ def deskewing() -> None:
     sketcher.finish(sketcher.end_frame(), trajectory)
 
 
-def birth_death_and_sketching() -> None:
-    """A step of `birth_death`, which takes a fifth of all the time, then sketching."""
-    from srt3d_ros.kernels import cpu
-
-    frame = Matcher(ANY_SENSOR, FREQUENCIES)(noise_sketch(ANY_SENSOR, FREQUENCIES)).padded
-    state = maps.no_surfaces(*frame.shape, 1)
-    terms = np.zeros((*state.shape[:2], maps.TERMS, state.shape[3]), np.float32)
-    cpu.birth_death(frame, state, terms, SAME_SURFACE**2)
-    sketching()
-
-
 def reconstruction() -> None:
-    """A frame by the default method; `birth_death`, late in it, is read from the disk if it is there by then."""
-    Pooled(ANY_SENSOR, FREQUENCIES, device="cpu").warm_up()
+    """A frame by the default method."""
+    Pooled(ANY_SENSOR, choose("auto", ANY_SENSOR, 3), device="cpu").warm_up()

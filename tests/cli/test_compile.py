@@ -13,7 +13,7 @@ import srt3d_ros
 RUN = "import sys, srt3d_ros.cli.main as main; sys.exit(main.main(sys.argv[1:]))"
 SMALLER = """
 import numpy as np
-def birth_death_and_sketching():
+def sketching():
     from srt3d_ros.kernels.cpu import phase_sums
     phase_sums._border(np.arange(3, dtype=np.uint32), 1)
 def reconstruction():
@@ -56,19 +56,13 @@ def test_the_folder_that_the_environment_names_wins(installed, tmp_path):
     assert not (tmp_path / "cache").exists()
 
 
-def test_a_process_that_fails_is_one_line(installed, tmp_path):
-    ahead = installed / "srt3d_ros" / "core" / "precompile.py"
-    ahead.write_text(ahead.read_text().replace("    pass", "    import os; os._exit(7)"))
-    done = srt3d(installed, "compile", XDG_CACHE_HOME=str(tmp_path))
-    assert (done.returncode, done.stderr) == (1, "srt3d: error: a process that compiles died (too little memory?)\n")
-
-
 def test_where_nothing_can_be_written_it_says_what_to_set(installed, tmp_path):
     nowhere = tmp_path / "a file"
     nowhere.write_text("")
     done = srt3d(installed, "compile", HOME=str(nowhere), XDG_CACHE_HOME=str(nowhere))
-    assert (done.returncode, done.stdout) == (1, "") and done.stderr.count("\n") == 1
-    assert "NUMBA_CACHE_DIR" in done.stderr
+    assert (done.returncode, done.stdout) == (2, "")
+    said = "~/.cache is not writable: expected a folder for kernels; NUMBA_CACHE_DIR names another"
+    assert done.stderr == f"srt3d: error: {said}\n"
 
 
 def test_what_has_to_be_compiled_for_a_command_is_said_in_one_line(tmp_path):

@@ -27,13 +27,13 @@ SCALES = [*SURE_SCALES, *REST_SCALES]
 
 
 @pytest.mark.parametrize("shape", [SHAPES[1], (1, 1), (1, 9), (9, 1), (5, 7)])
-@pytest.mark.parametrize(("sigma", "step"), [(1.0, 1), (2.0, 1), (1.0, 2), (1.5, 3), (1.0, 4)])
-def test_blur(backend, shape, sigma, step):
+@pytest.mark.parametrize("sigma", [1.0, 2.0])
+def test_blur(backend, shape, sigma):
     values = np.random.default_rng(0).normal(size=(shape[0], 3, shape[1])).astype(np.float32)
     weights = maps.window_weights(sigma)
-    found, expected = (kernels.off(kernels.kernels.blur(kernels.on(values), weights, step))
+    found, expected = (kernels.off(kernels.kernels.blur(kernels.on(values), weights))
                        for kernels in (backend, REFERENCE))
-    np.testing.assert_allclose(found, expected, atol=1e-6 * step**2 * weights.sum()**2)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * weights.sum()**2)
 
 
 @pytest.mark.parametrize("size", [1, 20])

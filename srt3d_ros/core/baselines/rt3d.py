@@ -104,9 +104,9 @@ class RT3D:
         """
         kernels, weights = self.kernels, window_weights(BACKGROUND_WINDOW)
         least = kernels.array(LEAST_BACKGROUND * seen[:, None])
-        pooled = kernels.numpy(kernels.blur(kernels.array(seen[:, None]), weights, 1))[:, 0]
+        pooled = kernels.numpy(kernels.blur(kernels.array(seen[:, None]), weights))[:, 0]
         bins = kernels.array(np.maximum(pooled * self.sensor.num_bins, 1e-6))
-        return lambda stray: kernels.blur(stray[:, None] + least, weights, 1)[:, 0] / bins
+        return lambda stray: kernels.blur(stray[:, None] + least, weights)[:, 0] / bins
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the disk."""

@@ -50,13 +50,13 @@ def sincos(turns):
 
 
 @lru_cache
-def fair_order(rows, threads, strip=8):
+def fair_order(rows, threads):
     """The rows in an order of which every thread's contiguous share holds strips from the whole image.
 
     numba gives each thread one range of a loop; what costs more at edges and in gaps, of which one part of an image
     has more than another, would leave some threads waiting.
     """
-    strips = np.arange(rows) // strip
+    strips = np.arange(rows) // 8
     return np.lexsort((np.arange(rows), strips // threads, strips % threads))
 
 

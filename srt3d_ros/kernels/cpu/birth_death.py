@@ -223,6 +223,22 @@ def _subtract(rest, at, photons, energy, bin_frequencies):
         rest[m + l] -= photons * energy[l] * sine
 
 
+@line
+def _any(changed):
+    """Whether one of the pixels has changed."""
+    for row in range(changed.shape[0]):
+        for col in range(changed.shape[1]):
+            if changed[row, col] != 0:
+                return True
+    return False
+
+
+@inline
+def _copy(values, into):
+    for f in range(len(into)):
+        into[f] = values[f]
+
+
 @parallel
 def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_response, background_table, moments,
             max_chi2, blur2, spreads, changed, before, own_before, after, own_after, changes, order):
@@ -235,12 +251,13 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
         values, info = np.empty((most, 4), np.float32), np.empty((most, 7), np.int64)
         s = aligned(8 * BLOCK)
         rest, record = np.empty(2 * len(energy), np.float32), np.empty(fields, np.float32)
-        changes[i] = 0
+        for j in range(padded_cols):
+            changes[i, j] = 0
         for k in range(surfaces):
             for f in range(fields):
-                after[i, k, f] = before[i, k, f]
-            own_after[i, k] = own_before[i, k]
-        if spreads and changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1].max() == 0:
+                _copy(before[i, k, f], after[i, k, f])
+            _copy(own_before[i, k], own_after[i, k])
+        if spreads and not _any(changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1]):
             continue
         for j in range(MARGIN, padded_cols - MARGIN):
             x = U(j - MARGIN) % B
@@ -250,12 +267,12 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
             if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO:
                 continue
             around = changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1]
-            if spreads and (int(s[OWN + x]) == surfaces or not around.any()):
+            if spreads and (int(s[OWN + x]) == surfaces or not _any(around)):
                 continue
             found, had, blank, dark = _collect(i, j, before, own_before, counts, exposure, max_chi2, blur2, max_std,
                                                values, info)
             blank, dark = (ZERO, ZERO) if had > 0 else (EMPTY_PENALTY * blank, EMPTY_PENALTY * dark)
-            rest[:] = matched[i, :, j]
+            _copy(matched[i, :, j], rest)
             photons = counts[i, j]
             for k in range(surfaces):
                 least = blank + BIRTH if k > 0 or had == 0 else NEVER
@@ -267,11 +284,12 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
                     after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
                     continue
                 if mine >= 0:
-                    record[:] = before[i, info[mine, SURFACE], :, j]
+                    _copy(before[i, info[mine, SURFACE], :, j], record)
                 else:
                     _join(c, found, at, before, values, info, period, record)
                 changes[i, j] |= 1 if mine < 0 or info[mine, SURFACE] != k else 0
-                after[i, k, :, j], own_after[i, k, j] = record, own
+                _copy(record, after[i, k, :, j])
+                own_after[i, k, j] = own
                 if k + 1 < surfaces:
                     photons = left(photons, signal)
                     _subtract(rest, record[DEPTH], signal, energy, bin_frequencies)

@@ -10,12 +10,12 @@ from srt3d_ros.kernels.maps import MARGIN
 
 
 @parallel
-def _bin_cells(values, counts, exposure, mask, top, step, near, out):
-    """Sums over cells of the channels of `values`, then of `counts` and `exposure` if there is room; rows first.
+def _bin_cells(matched, counts, exposure, is_open, step, near, out):
+    """Sums over the open pixels of cells of a padded sketch, of counts and of exposure; rows of pixels first.
 
     Rows of cells that are not `near` stay as they are.
     """
-    (rows, cols), channels = mask.shape, values.shape[1]
+    (rows, cols), channels = is_open.shape, matched.shape[1]
     for i in prange(out.shape[0]):
         if not near[i]:
             continue
@@ -24,10 +24,10 @@ def _bin_cells(values, counts, exposure, mask, top, step, near, out):
             total[:] = ZERO
             for a in range(i * step, min((i + 1) * step, rows)):
                 if c < channels:
-                    source = values[top + a, c, top:]
+                    source = matched[MARGIN + a, c, MARGIN:]
                 else:
-                    source = counts[top + a, top:] if c == channels else exposure[top + a, top:]
-                used = mask[a]
+                    source = counts[MARGIN + a, MARGIN:] if c == channels else exposure[MARGIN + a, MARGIN:]
+                used = is_open[a]
                 for j in range(cols):
                     total[j] += source[j] * used[j]
             cells = out[i, c]
@@ -73,12 +73,9 @@ def _blur(values, weights, squares, squared, needed, out):
                     total[j] += weight * part[j]
 
 
-def blur(values, weights, step):
-    (rows, channels, cols), unused = values.shape, np.empty((0, 0), np.float32)
-    cells, out = (np.empty((-(-rows // step), channels, -(-cols // step)), np.float32) for _ in range(2))
-    every = np.ones(len(cells), bool)
-    _bin_cells(values, unused, unused, np.ones((rows, cols), np.float32), 0, step, every, cells)
-    _blur(cells, weights, weights, -1, every, out)
+def blur(values, weights):
+    out = np.empty(values.shape, np.float32)
+    _blur(values, weights, weights, -1, np.ones(len(values), bool), out)
     return out
 
 
@@ -97,6 +94,6 @@ def pool(matched, counts, exposure, is_open, weights, step, needed, near, scratc
     (rows, cols), channels = is_open.shape, matched.shape[1]
     shape = -(-rows // step), channels + 2, -(-cols // step)
     cells, out = (borrow(scratch, name, shape) for name in ("cells of pools", "pools"))
-    _bin_cells(matched, counts, exposure, is_open, MARGIN, step, near, cells)
+    _bin_cells(matched, counts, exposure, is_open, step, near, cells)
     _blur(cells, weights, weights**2, channels, needed, out)
     return out

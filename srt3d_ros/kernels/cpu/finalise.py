@@ -62,7 +62,7 @@ def finalise(frame, photons, state, terms, enough, scratch=None):
     own = borrow(scratch, "own", (rows, surfaces, cols))
     excess = borrow(scratch, "excess", (rows, 2 * surfaces, cols))
     _excess(frame.counts, frame.exposure, frame.intensity_moments, F32(frame.total_energy), state, terms, own, excess)
-    around = blur(excess, SHARE_WEIGHTS, 1)
+    around = blur(excess, SHARE_WEIGHTS)
     intensity, std = (borrow(scratch, name, (rows, surfaces, cols)) for name in ("intensity", "std"))
     background = np.empty((rows, cols), np.float32)
     clutter = np.full(1, ONE) if frame.clutter is None else frame.clutter

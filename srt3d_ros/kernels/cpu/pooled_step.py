@@ -49,6 +49,7 @@ from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
  P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE,
  ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
 SCRATCH, TURN = 28 * BLOCK, F32(2 * np.pi)
+EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
 
 
 @parallel
@@ -249,7 +250,10 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, w
                  out):
     padded_rows, surfaces, fields, padded_cols = shape
     period, total, most = F32(num_bins), total_of(energy), radius * (radius + 1)
-    curvature = total_of(energy * bin_frequencies * bin_frequencies) * F32(4 * np.pi**2)
+    curvature = ZERO
+    for l in range(len(energy)):
+        curvature += energy[l] * bin_frequencies[l] * bin_frequencies[l]
+    curvature *= F32(4 * np.pi**2)
     for row in prange(padded_rows - 2 * MARGIN):
         i = row + MARGIN
         s = aligned(SCRATCH)
@@ -271,7 +275,7 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, w
 def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
     """The data terms of cells of CELL × CELL pixels, along the plane of the middle one's surface."""
     padded_rows, surfaces, fields, padded_cols = shape
-    half, weights = CELL // 2, np.ones(CELL // 2 + 1, np.float32)
+    half = CELL // 2
     for row in prange(padded_rows - 2 * MARGIN):
         i = row + MARGIN
         s = aligned(SCRATCH)
@@ -279,7 +283,7 @@ def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
             for k in range(surfaces):
                 point = U((i * surfaces + k) * fields * padded_cols + j)
                 _begin(s, state, point, U(padded_cols), max_chi2)
-                _add_grid(s, state, terms, i, j, padded_cols, surfaces, half, 1, -1, 2 * half**2, weights, False,
+                _add_grid(s, state, terms, i, j, padded_cols, surfaces, half, 1, -1, 2 * half**2, EVEN, False,
                           max_chi2, F32(num_bins))
                 into = U((i * surfaces + k) * TERMS * padded_cols + j)
                 for f in range(U(TERMS)):

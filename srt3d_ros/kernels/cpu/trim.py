@@ -47,7 +47,9 @@ def _mark(exposure, state, terms, max_std, rim):
         _surfaces(state, i, max_std, there)
         for j in range(1, padded_cols - 1):
             there[j] = there[j] if blank[j - 1] + blank[j] + blank[j + 1] >= F32(RIM) else ZERO
-        rim[i] = ZERO
+        for c in range(3):
+            for j in range(padded_cols):
+                rim[i, c, j] = ZERO
         for k in range(surfaces):
             for j in range(padded_cols):
                 at_rim = there[j] if state[i, k, INTENSITY, j] > ZERO else ZERO
@@ -62,18 +64,21 @@ def _drop(rim, clutter, total, max_response, background_table, moments, enough, 
     for turn in prange(padded_rows - 2 * MARGIN):
         i = turn + MARGIN
         dropped[i] = False
-        rows, pool = np.zeros((3, padded_cols), np.float32), np.empty(3, np.float32)
-        if rim[i, 2].max() > ZERO:
-            for a in range(i - VOTE_RADIUS, i + VOTE_RADIUS + 1):
-                rows += rim[a]
+        rows = np.empty((3, padded_cols), np.float32)
+        for c in range(3):
+            for j in range(padded_cols):
+                total_of_rows = ZERO
+                for a in range(i - VOTE_RADIUS, i + VOTE_RADIUS + 1):
+                    total_of_rows += rim[a, c, j]
+                rows[c, j] = total_of_rows
         for j in range(MARGIN, padded_cols - MARGIN):
             if rim[i, 2, j] <= ZERO:
                 continue
-            pool[:] = ZERO
+            response, photons, expected = ZERO, ZERO, ZERO
             for b in range(j - VOTE_RADIUS, j + VOTE_RADIUS + 1):
-                for c in range(3):
-                    pool[c] += rows[c, b]
-            response, photons, expected = pool
+                response += rows[0, b]
+                photons += rows[1, b]
+                expected += rows[2, b]
             some = max(photons, HALF)
             score = np.sqrt(some) * surprise(max(response, ZERO) / (some * max_response), background_table)
             ratio = llr(response, photons, expected, ONE, total, max_response, background_table, moments)

@@ -16,9 +16,7 @@ def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, inte
     for i in prange(rows):
         a = i + MARGIN
         share, inverse = np.empty(cols, np.float32), np.empty(cols, np.float32)
-        cosines, sines = np.empty(cols, np.float32), np.empty(cols, np.float32)
-        sums = out[i]
-        sums[:] = ZERO
+        cosines, sines, sums = np.empty(cols, np.float32), np.empty(cols, np.float32), out[i]
         for j in range(cols):
             inverse[j] = ONE / max(photons[i, j], EPSILON)
             share[j] = background[i, j] * inverse[j]
@@ -26,7 +24,8 @@ def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, inte
             sums[4 * m + 1] += share[j] * taken[i, j]
             sums[4 * m + 2] += share[j] * share[j] * counts[a, j + MARGIN]
         for l in range(m):
-            cosines[:], sines[:] = ZERO, ZERO
+            for j in range(cols):
+                cosines[j], sines[j] = ZERO, ZERO
             for k in range(surfaces):
                 for j in range(cols):
                     sine, cosine = sincos(bin_frequencies[l] * state[a, k, DEPTH, j + MARGIN])
@@ -48,7 +47,7 @@ def _unexplained(matched, counts, exposure, energy, bin_frequencies, state, inte
 
 
 def unexplained(frame, state, intensity, own, taken, background, photons, passed):
-    sums = np.empty((len(intensity), 4 * len(frame.energy) + 4), np.float32)
+    sums = np.zeros((len(intensity), 4 * len(frame.energy) + 4), np.float32)
     _unexplained(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, intensity,
                  own, taken, background, photons, passed.view(np.float32), sums)
     return sums.sum(axis=0, dtype=np.float64).astype(np.float32)

@@ -6,12 +6,16 @@ import numpy as np
 import torch
 
 
-def blur(values, weights, step):
-    """Σ_ab w_a w_b · cells[i + a, c, j + b] at [i, c, j], cells the sums over `step` × `step` pixels, 0 outside.
+def blur(values, weights):
+    """Σ_ab w_a w_b · values[i + a, c, j + b] at [i, c, j], 0 outside.
 
-    `values` are float32 [rows, C, cols], the result [⌈rows / step⌉, C, ⌈cols / step⌉], and `weights` NumPy's,
-    float32 [2 · radius + 1], those of `maps.window_weights` for rows and columns of cells.
+    `values` and the result are float32 [rows, C, cols], and `weights` NumPy's, float32 [2 · radius + 1].
     """
+    return blur_cells(values, weights, 1)
+
+
+def blur_cells(values, weights, step):
+    """The same of sums over cells of `step` × `step` pixels, [⌈rows / step⌉, C, ⌈cols / step⌉]."""
     rows, _, cols = values.shape
     down, across = (_bands(weights.tobytes(), pixels, step, values.dtype, values.device) for pixels in (rows, cols))
     return torch.tensordot(down, values, 1) @ across.T

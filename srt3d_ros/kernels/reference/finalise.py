@@ -34,7 +34,7 @@ def finalise(frame, photons, state, terms, enough, scratch=None):
     variance = (signal * of_signal + (counts - signal).clamp(min=0) * of_background) / gain**2
     nowhere = pooled <= 0
     both = torch.cat([values.masked_fill(nowhere, 0) for values in (excess**2, variance)], dim=1)
-    around, noise = blur(both, maps.window_weights(SHARE_WINDOW), 1).chunk(2, dim=1)
+    around, noise = blur(both, maps.window_weights(SHARE_WINDOW)).chunk(2, dim=1)
     differ = (around - noise).clamp(min=0) / around.clamp(min=TINY)
     intensity = torch.maximum(pooled + excess * differ, LEAST_SHARE * pooled)
 

@@ -95,11 +95,11 @@ def trim(frame, state, terms, enough, scratch=None):
     intensity = view[:, :, INTENSITY]
     for _ in range(SPREAD):
         there = has_depth(view.swapaxes(2, 3), frame.num_bins).any(dim=1)
-        blank = blur((used & ~there)[:, None].to(state.dtype), NEAREST, 1)[:, 0]
+        blank = blur((used & ~there)[:, None].to(state.dtype), NEAREST)[:, 0]
         rim = there & (blank > RIM - 0.5)
         own = torch.stack([terms[:, :, VALUE], terms[:, :, COUNTS], terms[:, :, EXPOSURE] * intensity], dim=1)
         own = (own * (rim[:, None] & (intensity > 0))[:, None]).sum(dim=2)
-        response, photons, expected = blur(own, AROUND, 1).unbind(dim=1)
+        response, photons, expected = blur(own, AROUND).unbind(dim=1)
         some = photons.clamp(min=0.5)
         score = some.sqrt() * surprise(response.clamp(min=0), some, frame)
         unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)

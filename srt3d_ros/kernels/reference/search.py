@@ -7,7 +7,7 @@ import torch
 from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, VALUE, crop, window_weights
 from srt3d_ros.kernels.reference.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
-from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.reference.blur import blur_cells
 from srt3d_ros.kernels.reference.likelihood import surprise
 
 TOGETHER = 2**27        # responses to the matched filter at once
@@ -82,7 +82,7 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     """Give open pixels the surface that one scale shows: score = √(p / q) · ρ(S E / p) / c(t) > `enough`.
 
     Open is a used pixel without surface `layer`, but with the one before. Of the open pixels around each cell
-    z̄ = Σ w z, N = Σ w² n and G = Σ w g are pooled, as by `blur` with σ / step; with other pixels, surfaces would
+    z̄ = Σ w z, N = Σ w² n and G = Σ w g are pooled, as by `blur_cells` with σ / step; with other pixels, surfaces would
     grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
     a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
@@ -127,7 +127,8 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     share, pools = 1.0, (matched, counts, exposure)
     if sigma > 0:
         weights, share = window_weights(sigma / step), 0.5
-        pools = [blur(values * is_open[:, None], w, step) for values, w in zip(pools, (weights, weights**2, weights))]
+        pools = [blur_cells(values * is_open[:, None], w, step) for values, w in
+                 zip(pools, (weights, weights**2, weights))]
     z = as_complex(pools[0])
     depth, signal = _peak(z, frame)
     signal = signal / frame.total_energy
