@@ -162,15 +162,15 @@ class Sketch(core_sketch.Sketch):
         """Write an .npz sketch file (docs/photon-file.md)."""
         from srt3d_ros.datasets import sketch_file
 
-        sketch_file.save(path, self, self.sensor)
+        sketch_file.save(path, self, self.sensor, self.notes)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read an .npz sketch file."""
         from srt3d_ros.datasets import sketch_file
 
-        found, sensor = sketch_file.read(path)
-        return cls(**vars(found) | {"sensor": sensor})
+        found, sensor, notes = sketch_file.read(path)
+        return cls(**vars(found) | {"sensor": sensor}, notes=notes)
 
 
 class Reconstructor:
@@ -180,6 +180,7 @@ class Reconstructor:
         sensor: of the sketches, behind the gate if there is one.
         frequencies: the integers k_l of the sketches; methods on photons need none.
         method, surfaces, device, false_alarm_rate, background: as of `Photons.reconstruct`.
+        warm_start: begin with the last frame's surfaces where this one's photons support them (pooled).
 
     Raises:
         InvalidInput: naming the argument that cannot be used.
@@ -187,8 +188,9 @@ class Reconstructor:
 
     def __init__(self, sensor: SensorModel, frequencies: Sequence[int] = (), *, method: str = DEFAULT_METHOD,
                  surfaces: int = 1, device: str = "auto", false_alarm_rate: float | None = None,
-                 background: str | None = None):
-        own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background}
+                 background: str | None = None, warm_start: bool = False):
+        own = {"surfaces": surfaces, "device": device, "false_alarm_rate": false_alarm_rate, "background": background,
+               "warm_start": warm_start or None}
         self._own, self._frequencies = {"method": method, "surfaces": surfaces}, tuple(frequencies)
         self._method = find(method).build(sensor, self._frequencies,
                                           **{name: value for name, value in own.items() if value is not None})

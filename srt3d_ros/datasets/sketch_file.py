@@ -1,5 +1,6 @@
 """The sketch file: a Sketch and its sensor in one .npz (docs/photon-file.md)."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,14 +8,14 @@ import numpy as np
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch import Sketch, check_frequencies
 from srt3d_ros.datasets.files import naming_file, open_npz, read_npz_arrays
-from srt3d_ros.errors import InvalidInput, require
+from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.new_files import atomic_write
 
 # Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
 FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
-        "added_variance": ("f", 0), "sensor": ("u", 1)}
-SINCE = {"added_variance": np.float64(0)}       # what files of the version before lack
+        "added_variance": ("f", 0), "sensor": ("u", 1), "notes": ("U", 1)}
+SINCE = {"added_variance": np.float64(0), "notes": np.array([], str)}       # what files of the version before lack
 
 
 def is_sketch(path: Path) -> bool:
@@ -23,7 +24,7 @@ def is_sketch(path: Path) -> bool:
         return {"sums.npy", "frequencies.npy"} <= set(archive.namelist())
 
 
-def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
+def save(path: str | Path, sketch: Sketch, sensor: SensorModel, notes: tuple[str, ...] = ()) -> None:
     """Write a sketch file; it appears whole, or not at all.
 
     Raises:
@@ -36,13 +37,14 @@ def save(path: str | Path, sketch: Sketch, sensor: SensorModel) -> None:
     try:
         with atomic_write(path) as part:
             np.savez(part, frequencies=np.array(sketch.frequencies), sums=sketch.sums, photons=sketch.photons,
-                     stamp_ns=np.int64(sketch.stamp_ns), added_variance=np.float64(sketch.added_variance), sensor=text)
+                     stamp_ns=np.int64(sketch.stamp_ns), added_variance=np.float64(sketch.added_variance), sensor=text,
+                     notes=np.array(notes, str))
     except OSError as error:
         raise InvalidInput("sketch file", str(path), f"a file that can be written ({error.strerror})") from None
 
 
-def read(path: str | Path) -> tuple[Sketch, SensorModel]:
-    """The sketch of a sketch file, and the sensor of its photons.
+def read(path: str | Path) -> tuple[Sketch, SensorModel, tuple[str, ...]]:
+    """The sketch of a sketch file, the sensor of its photons, and the notes on it.
 
     Raises:
         InvalidInput: naming the file and the array that cannot be used.
@@ -62,12 +64,15 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel]:
         sensor = sensor_message.from_json(text)
         sums, photons = arrays["sums"].astype(np.complex64), arrays["photons"].astype(np.uint32)
         require(bool(np.isfinite(sums).all()), "sums", "not finite in places", "sums of unit vectors")
+        notes = arrays["notes"].astype(arrays["notes"].dtype.newbyteorder("="))
+        is_text = notes.nbytes == 0 or bool((notes.view(np.uint32) <= sys.maxunicode).all())
+        require(is_text, "notes", "not text in places", "Unicode characters")
         frequencies, added_variance = arrays["frequencies"].tolist(), float(arrays["added_variance"])
         require(0 <= added_variance < np.inf, "added_variance", added_variance, "0 or more")
         sketch = Sketch(check_frequencies(frequencies, sensor.num_bins), sums, photons, int(arrays["stamp_ns"]),
                         added_variance)
         _check(sketch, sensor)
-    return sketch, sensor
+    return sketch, sensor, tuple(map(printable, notes.tolist()))
 
 
 def _check(sketch: Sketch, sensor: SensorModel) -> None:

@@ -18,21 +18,21 @@ SKETCH = Sketch((1, 4), (PHOTONS[..., None] * np.exp([0.1j, 0.7j])).astype(np.co
 
 @pytest.fixture
 def path(tmp_path):
-    sketch_file.save(tmp_path / "sketch.npz", SKETCH, SENSOR)
+    sketch_file.save(tmp_path / "sketch.npz", SKETCH, SENSOR, ("one: ½", "two"))
     return tmp_path / "sketch.npz"
 
 
 def test_what_is_written_is_read_to_the_bit(path):
-    sketch, sensor = sketch_file.read(path)
-    assert sensor.same_as(SENSOR)
+    sketch, sensor, notes = sketch_file.read(path)
+    assert sensor.same_as(SENSOR) and notes == ("one: ½", "two")
     assert (sketch.frequencies, sketch.stamp_ns, sketch.added_variance) == ((1, 4), SKETCH.stamp_ns, 0.013)
     for name in ("sums", "photons"):
         assert np.array_equal(getattr(sketch, name), getattr(SKETCH, name))
         assert getattr(sketch, name).dtype == getattr(SKETCH, name).dtype
     with np.load(path) as file:
-        arrays = {name: file[name] for name in file if name != "added_variance"}
+        arrays = {name: file[name] for name in file if name not in sketch_file.SINCE}
     np.savez(path, **arrays)
-    assert sketch_file.read(path)[0].added_variance == 0        # of the version before
+    assert sketch_file.read(path)[0].added_variance == 0 and sketch_file.read(path)[2] == ()    # the version before
 
 
 @pytest.mark.parametrize(("changes", "said"), [
@@ -44,6 +44,7 @@ def test_what_is_written_is_read_to_the_bit(path):
     ({"photons": PHOTONS[:1], "sums": SKETCH.sums[:1]}, r"sketch size is \(1, 3\): expected \(2, 3\), the sensor's"),
     ({"frequencies": np.array([1, 25])}, "frequencies is 25: expected integers from 1 to 24"),
     ({"sensor": np.array([0xFF], np.uint8)}, "sensor is broken text"),
+    ({"notes": np.array([0x7FFFFFFF], np.uint32).view("<U1")}, "notes is not text in places"),
     ({"sensor": np.frombuffer(b'{"schema_version":1}', np.uint8)}, "(rows|.*unknown|schema_version)")])
 def test_what_cannot_be_used_names_file_and_array(path, changes, said):
     with np.load(path) as file:
