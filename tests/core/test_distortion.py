@@ -29,16 +29,6 @@ def pixels(rows: int, cols: int) -> np.ndarray:
     return np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
 
 
-def test_slopes_are_those_of_the_model():
-    model, h = PlumbBob(-0.2, 0.03, 0.01, -0.005, 0.002), 1e-6
-    x, y = np.random.default_rng(0).uniform(-1, 1, (2, 50))
-    along_x, along_y = (np.subtract(model.distorted(x + dx, y + dy), model.distorted(x - dx, y - dy)) / (2 * h)
-                        for dx, dy in ((h, 0), (0, h)))
-    xx, xy, yy = model._slopes(x, y)
-    for found, expected in ((xx, along_x[0]), (xy, along_y[0]), (xy, along_x[1]), (yy, along_y[1])):
-        np.testing.assert_allclose(found, expected, atol=1e-8)
-
-
 def test_a_wide_lens_of_a_real_camera():
     """A barrel of 100° across the corners."""
     lens = Pinhole(458.65, 457.3, 367.2, 248.4, PlumbBob(-0.2834, 0.07396, 0.00019, 0.000018))

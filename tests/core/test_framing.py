@@ -36,40 +36,6 @@ def frames_of(framing: Framing, stamps, contents=None) -> tuple[list[list[int]],
     return [*frames, open_frame], {cause: packets for cause, packets in dropped.items() if packets}
 
 
-def test_a_number_of_packets_makes_a_frame():
-    assert frames_of(Framing(), [5, 7, 7], [b"static"] * 3) == ([[5], [7], [7], []], {})       # never a duplicate
-    assert frames_of(Framing(packets=3), [1, 2, 3, 4, 5, 6, 7]) == ([[1, 2, 3], [4, 5, 6], [7]], {})
-
-
-def test_a_period_holds_its_stamps_however_many_and_in_any_order():
-    frames, dropped = frames_of(Framing(period_ns=100), [0, 10, 90, 40, 100, 260, 210, 540])
-    assert frames == [[0, 10, 90, 40], [100], [260, 210], [540]] and dropped == {}
-    stamps = [stamp for stamp in (0, 33, 67, 100) for _ in range(4)]        # a frame's packets may share its stamp
-    assert frames_of(Framing(period_ns=33), stamps)[0] == [[stamp] * 4 for stamp in (0, 33, 67, 100)]
-
-
-@pytest.mark.parametrize("jitter", [[0, 3, -3, 1, 4, -4, -1, 2], [1, -1, 2, 0, -2, 1, -1, 0]])
-def test_stamps_that_jitter_stay_in_their_period(jitter):
-    stamps = [10 * k + jitter[k % len(jitter)] for k in range(40)]
-    assert [len(frame) for frame in frames_of(Framing(period_ns=100), stamps)[0]] == [10, 10, 10, 10]
-
-
-def test_a_frame_that_lacks_packets_ends_with_the_next_and_a_complete_one_at_once():
-    framing = Framing(packets=3, period_ns=30)
-    events = [(framing.place(stamp, str(stamp).encode()).ended, framing.add(stamp, 1)) for stamp in range(0, 30, 10)]
-    assert events == [(None, None), (None, None), (None, (3, 3))]
-    events = [(framing.place(stamp, str(stamp).encode()).ended, framing.add(stamp, 1)) for stamp in (30, 50, 60)]
-    assert events == [(None, None), (None, None), ((2, 2), None)]
-
-
-def test_packets_older_than_the_last_frame_are_late_and_others_are_not():
-    frames, dropped = frames_of(Framing(packets=2), [10, 30, 20, 40, 9, 19, 30])
-    assert frames == [[10, 30], [20, 40], [30]] and dropped == {"late": [9, 19]}
-    frames, dropped = frames_of(Framing(period_ns=100), [0, 20, 100, 60, 140, 89, 0])
-    assert frames == [[0, 20], [100, 140]] and dropped == {"late": [60, 89, 0]}
-    assert frames_of(Framing(), [5, 9, 7, 9]) == ([[5], [9], [9], []], {"late": [7]})
-
-
 @pytest.mark.parametrize("framing", [Framing(packets=4), Framing(period_ns=4)], ids=["number", "period"])
 def test_the_same_packet_again_is_a_duplicate_but_not_another_of_its_stamp(framing):
     stamps, contents = [0, 0, 0, 2, 0, 2], [b"one", b"two", b"one", b"one", b"two", b"six"]
@@ -77,6 +43,7 @@ def test_the_same_packet_again_is_a_duplicate_but_not_another_of_its_stamp(frami
     assert frames[0] == [0, 0, 2, 2] and dropped == {"duplicate": [0, 0]}
     frames, dropped = frames_of(Framing(packets=2), [1, 2, 2, 3, 4], [b"a", b"b", b"b", b"c", b"d"])
     assert frames == [[1, 2], [3, 4], []] and dropped == {"duplicate": [2]}     # not the next frame's first
+    assert frames_of(Framing(), [5, 7, 7], [b"static"] * 3) == ([[5], [7], [7], []], {})        # a packet a frame
 
 
 def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
@@ -87,16 +54,33 @@ def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
     assert len(forgetful._recent._order) == 3 and [*map(len, forgetful._recent._alike.values())] == [1, 1, 1]
 
 
-BEFORE = [100 * S + 10 * MS * k for k in range(5)]
+@pytest.mark.parametrize(("packets", "period_ns", "stamps", "frames", "late"), [
+    (3, 0, [1, 2, 3, 4, 5, 6, 7], [[1, 2, 3], [4, 5, 6], [7]], []),
+    (3, 30, [0, 10, 20], [[0, 10, 20], []], []),                                        # complete: ends at once
+    (3, 30, [0, 10, 20, 30, 50, 60], [[0, 10, 20], [30, 50], [60]], []),                # lacks one: with the next
+    (1, 100, [0, 10, 90, 40, 100, 260, 210, 540], [[0, 10, 90, 40], [100], [260, 210], [540]], []),
+    (1, 33, [0, 0, 0, 33, 33, 67, 100, 100], [[0, 0, 0], [33, 33], [67], [100, 100]], []),
+    (2, 0, [10, 30, 20, 40, 9, 19, 30], [[10, 30], [20, 40], [30]], [9, 19]),
+    (1, 100, [0, 20, 100, 60, 140, 89, 0], [[0, 20], [100, 140]], [60, 89, 0]),
+    (1, 0, [5, 9, 7, 9], [[5], [9], [9], []], [7])])
+def test_frames_end_by_number_and_period_and_what_is_older_is_late(packets, period_ns, stamps, frames, late):
+    found, dropped = frames_of(Framing(packets, period_ns), stamps)
+    assert found == frames and dropped == ({"late": late} if late else {})
+
+
+@pytest.mark.parametrize("jitter", [[0, 3, -3, 1, 4, -4, -1, 2], [1, -1, 2, 0, -2, 1, -1, 0]])
+def test_stamps_that_jitter_stay_in_their_period(jitter):
+    stamps = [10 * k + jitter[k % len(jitter)] for k in range(40)]
+    assert [len(frame) for frame in frames_of(Framing(period_ns=100), stamps)[0]] == [10, 10, 10, 10]
 
 
 @pytest.mark.parametrize("start", [7 * S, 102 * S], ids=["earlier", "later"])
 def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_it_waits_for_more(start):
-    again = [start + 10 * MS * k for k in range(6)]
-    frames, dropped = frames_of(Framing(packets=3), [*BEFORE, *again])
-    assert frames == [BEFORE[:3], again[:3], again[3:], []] and dropped == {"incomplete": BEFORE[3:]}
-    frames, dropped = frames_of(Framing(period_ns=30 * MS), [*BEFORE, *again])
-    assert frames == [BEFORE[:3], BEFORE[3:], again[:3], again[3:]] and dropped == {}
+    before, again = ([first + 10 * MS * k for k in range(count)] for first, count in ((100 * S, 5), (start, 6)))
+    frames, dropped = frames_of(Framing(packets=3), [*before, *again])
+    assert frames == [before[:3], again[:3], again[3:], []] and dropped == {"incomplete": before[3:]}
+    frames, dropped = frames_of(Framing(period_ns=30 * MS), [*before, *again])
+    assert frames == [before[:3], before[3:], again[:3], again[3:]] and dropped == {}
 
 
 def test_a_sensor_that_begins_again_is_not_late():
@@ -120,15 +104,6 @@ def test_a_slow_sensor_does_not_begin_again_with_each_packet_but_with_a_leap(fra
         stamp += step
     known = 9       # packets, after two pauses
     assert [k for k, one in enumerate(placed) if one.began_again and k >= known] == [2 * len(steps_ns) + 1]
-
-
-def test_a_sensor_that_becomes_slower_begins_again_twice():
-    framing, stamp, again = Framing(), 0, 0
-    for step in (*[20 * MS] * 10, *[3 * S] * 10):
-        stamp += step
-        again += framing.place(stamp, b"").began_again
-        framing.add(stamp)
-    assert again == 2
 
 
 def test_silence_is_longer_the_slower_packets_come():

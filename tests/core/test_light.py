@@ -5,11 +5,10 @@ import pytest
 
 from srt3d_ros.core import light as light_module
 from srt3d_ros.core.frequency_design import Light, highest_passed
-from srt3d_ros.core.light import MOST_PIXELS, light_of
+from srt3d_ros.core.light import light_of
 from srt3d_ros.core.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
+from tests.core.scenes import simulate
 
 T = 400
 BELL = np.exp(-0.5 * ((np.arange(41) - 20) / 4.0)**2)
@@ -23,9 +22,7 @@ def frame(sbr: float, ppp: float, sensor=None, behind=(), seed=0) -> PhotonEvent
     """Photons of pixels that see any depth, each its own, and surfaces so many bins behind it."""
     sensor = make() if sensor is None else sensor
     depth = np.random.default_rng(7).uniform(0, T, (1, sensor.rows, sensor.cols))
-    depth = (depth + np.array([0, *behind])[:, None, None]) % T
-    scene = StaticScene(sensor.range_m(depth), np.ones_like(depth))
-    return Simulator(scene, sensor, sbr=sbr, ppp=ppp, seed=seed).frame(0)[0]
+    return simulate((depth + np.array([0, *behind])[:, None, None]) % T, sbr, ppp, sensor, seed)
 
 
 @pytest.mark.parametrize(("sbr", "ppp"), [(0.1, 30), (1, 3), (1, 100), (10, 1)])
@@ -90,27 +87,17 @@ def test_gates_and_events_of_any_order_tell_the_same():
     assert light_of(PhotonGates.from_events(events, sensor), sensor) == expected
 
 
-def test_of_many_pixels_some_are_looked_at():
-    sensor = make(400, 300)
-    assert sensor.pixels > 3 * MOST_PIXELS
-    light = light_of(frame(1, 5, sensor), sensor)
-    assert light.photons_per_pixel == pytest.approx(5, rel=0.03) and light.signal_share == pytest.approx(0.5, rel=0.1)
-
-
 @pytest.mark.parametrize("as_gates", [False, True])
-def test_of_very_many_photons_fewer_pixels_are_looked_at(as_gates, monkeypatch):
-    monkeypatch.setattr(light_module, "MOST_PHOTONS", 5000)
+@pytest.mark.parametrize(("name", "most"), [("MOST_PHOTONS", 5000), ("MOST_PIXELS", 300)])
+def test_of_many_photons_or_pixels_some_are_looked_at(as_gates, name, most, monkeypatch):
+    monkeypatch.setattr(light_module, name, most)
     looked_at, sketch_photons = [], light_module.sketch_photons
-
-    def watched(*arguments):
-        looked_at.append(sketch_photons(*arguments))
-        return looked_at[-1]
-
-    monkeypatch.setattr(light_module, "sketch_photons", watched)
+    monkeypatch.setattr(light_module, "sketch_photons",
+                        lambda *given: looked_at.append(sketch_photons(*given)) or looked_at[0])
     sensor = make(gates=GateWords(first_word=0, no_detection=65_535))
     events = frame(1, 20, sensor)
     light = light_of(PhotonGates.from_events(events, sensor) if as_gates else events, sensor)
-    assert looked_at[0].photons.sum() <= 5000
+    assert 0.4 * most < (looked_at[0].photons.sum() if name == "MOST_PHOTONS" else looked_at[0].photons.size) <= most
     assert light.photons_per_pixel == pytest.approx(20, rel=0.05) and light.signal_share == pytest.approx(0.5, rel=0.15)
 
 

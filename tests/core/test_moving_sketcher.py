@@ -7,14 +7,13 @@ from srt3d_ros.core import moving_sketcher
 from srt3d_ros.core.gate import Gate
 from srt3d_ros.core.motion import Pose, Trajectory
 from srt3d_ros.core.moving_sketcher import MovingSketcher
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.photons import PhotonEvents
 from srt3d_ros.core.projection import AngularScan
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher, sketch_photons
-from srt3d_ros.errors import InvalidInput
+from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching import sketch_photons
 
 T, STEP = 100, 0.02
-SENSOR = SensorModel(3, 12, T, 1e-10, [1, 2, 1], projection=AngularScan(0.1, -STEP, 0.02, -STEP), gates=GateWords())
+SENSOR = SensorModel(3, 12, T, 1e-10, [1, 2, 1], projection=AngularScan(0.1, -STEP, 0.02, -STEP))
 FREQUENCIES = (1, 4, 30)
 MS = 10**6
 
@@ -35,10 +34,10 @@ def instants_ms(frame) -> list[float]:
     return [instant / MS for instant, _ in frame.parts]
 
 
-def standing(last_ms: int = 10_000) -> Trajectory:
+def standing() -> Trajectory:
     trajectory = Trajectory()
     trajectory.add(0, Pose())
-    trajectory.add(last_ms * MS, Pose())
+    trajectory.add(10_000 * MS, Pose())
     return trajectory
 
 
@@ -86,16 +85,6 @@ def test_more_packets_than_parts_share_them_evenly_from_the_second_frame_on(monk
     assert [int(sketch.photons.sum()) for _, sketch in second.parts] == [1_000] * 4
 
 
-def test_a_sensor_that_stands_sees_what_a_sketcher_does():
-    sketcher, plain = MovingSketcher(SENSOR, FREQUENCIES), Sketcher(SENSOR, FREQUENCIES)
-    for stamp in range(0, 50, 10):
-        plain.add(photons(stamp * MS))
-    frame = frame_of(sketcher, range(0, 50, 10))
-    for trajectory in (standing(), None):
-        assert_same(sketcher.finish(frame, trajectory), plain.sketch())
-        assert sketcher.lost == 0
-
-
 def test_a_turning_sensor_brings_the_parts_together():
     """A point seen by pixel 2, 3, 4 …: the sensor turns by a column a packet."""
     trajectory, sketcher = Trajectory(), MovingSketcher(SENSOR, FREQUENCIES)
@@ -117,23 +106,6 @@ def test_photons_outside_the_gate_are_dropped_and_those_inside_counted():
     frame = sketcher.end_frame()
     assert sketcher.kept == 0
     assert sketcher.finish(frame, standing()).photons.sum() == 4
-
-
-def test_gates_are_added_too():
-    sketcher, words = MovingSketcher(SENSOR, FREQUENCIES), np.full((2, 3, 12), 65_535, np.uint16)
-    words[1, 2, 3] = 7
-    sketcher.add(PhotonGates(words, 3 * MS))
-    sketch = sketcher.finish(sketcher.end_frame(), standing())
-    assert sketch.photons[2, 3] == 1 == sketch.photons.sum()
-
-
-def test_a_packet_that_is_refused_leaves_no_photon():
-    sketcher = MovingSketcher(SENSOR, FREQUENCIES)
-    with pytest.raises(InvalidInput, match="^toa is 100"):
-        sketcher.add(PhotonEvents(np.array([0, 1], np.uint32), np.array([5, 100], np.uint16)))
-    frame = sketcher.end_frame()
-    assert frame.parts == []
-    assert sketcher.finish(frame, standing()).photons.sum() == 0
 
 
 def test_after_a_reset_nothing_of_the_past_remains():

@@ -19,10 +19,6 @@ def frame(seed=0, background=4000, scene=(), stamp_ns=0, dtype=np.uint16) -> Pho
     return PhotonEvents(rng.integers(0, SENSOR.pixels, len(toa), dtype=np.uint32), toa.astype(dtype), stamp_ns)
 
 
-def counts(sensor=SENSOR, **given):
-    return histogram(frame(**given), sensor)
-
-
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_each_photon_is_in_its_bin_whatever_its_form(dtype):
     events = frame(dtype=dtype)
@@ -50,7 +46,7 @@ def test_of_many_photons_some_are_counted(monkeypatch):
 
 
 def test_even_background_alone_occupies_nothing():
-    found = [occupied(counts(seed=seed), 2) for seed in range(100)]
+    found = [occupied(histogram(frame(seed), SENSOR), 2) for seed in range(100)]
     assert found.count(None) >= 99
 
 

@@ -72,19 +72,15 @@ def test_phases_are_exact_for_high_frequencies_in_late_bins():
     np.testing.assert_allclose(table, np.exp(2j * np.pi * turns), atol=1e-7)
 
 
-def packets(events: PhotonEvents, owner: np.ndarray) -> list[PhotonEvents]:
-    """The photons by who owns them, in their order; the packets are stamped by number."""
-    return [PhotonEvents(events.pixel[owner == k], events.toa[owner == k], stamp_ns=100 + k)
-            for k in range(owner.max() + 1)]
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 400), number=st.integers(1, 6), ordered=st.booleans(),
        as_gates=st.sets(st.integers(0, 5)))
 def test_packets_in_any_split_order_and_form_give_the_same_sketch_to_the_bit(seed, count, number, ordered, as_gates):
     rng = np.random.default_rng(seed)
     events = photons(count, seed=seed, ordered=ordered)
-    parts = packets(events, rng.integers(0, number, count))
+    owner = rng.integers(0, number, count)
+    parts = [PhotonEvents(events.pixel[owner == k], events.toa[owner == k], stamp_ns=100 + k)
+             for k in range(owner.max() + 1)]
     sketcher = Sketcher(SENSOR, FREQUENCIES)
     for k in rng.permutation(len(parts)):
         sketcher.add(PhotonGates.from_events(parts[k], SENSOR) if k in as_gates else parts[k])

@@ -60,11 +60,6 @@ def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
         assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
 
 
-@pytest.mark.parametrize("width", [1, 3])
-def test_the_stamp_of_a_window_is_the_start_of_its_newest_frame(width):
-    assert [sketch.stamp_ns for sketch in slide(windows(width), frames(4))] == [0, 1_000, 2_000, 3_000]
-
-
 def test_sums_that_run_over_change_nothing():
     sent = frames(8)
     sketcher = windows(3)
@@ -101,16 +96,6 @@ def test_the_width_may_change_while_it_runs():
     sketcher.add(sent[15])
     sketcher.resize(2)                      # in the middle of a frame: its window is shorter already
     assert_same(sketcher.end_frame(), directly(sent[14:]))
-
-
-@pytest.mark.parametrize("width", [1, 3])
-def test_after_a_reset_nothing_of_the_past_remains(width):
-    sent = frames(6)
-    sketcher = windows(width)
-    slide(sketcher, sent[:4])
-    sketcher.add(sent[4])
-    sketcher.reset()
-    assert_same(slide(sketcher, sent[5:])[0], directly(sent[5:]))
 
 
 def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):

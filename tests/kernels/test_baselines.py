@@ -15,10 +15,8 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketching import sketch_photons
 from srt3d_ros.core.weighting import weighted_steps
-from srt3d_ros.datasets.simulation.scene import StaticScene
-from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.kernels import cpu, reference
-from tests.core.scenes import reconstruct
+from tests.core.scenes import reconstruct, simulate
 
 from .frames import REFERENCE, SHARE_AT_TIES, T
 
@@ -44,8 +42,7 @@ def make_points(rows, cols, surfaces):
 
 def make_photons(sensor, ppp=25):
     y, x = np.mgrid[:sensor.rows, :sensor.cols]
-    depth = np.stack([290 + 0.6 * x - 0.4 * y, 80 - 1.5 * y]) % T
-    return Simulator(StaticScene(sensor.range_m(depth)), sensor, sbr=3, ppp=ppp, seed=1).frame(0)[0]
+    return simulate(np.stack([290 + 0.6 * x - 0.4 * y, 80 - 1.5 * y]) % T, 3, ppp, sensor, seed=1)
 
 
 def assert_agree(fast, slow, exact_bins=3e-4, relative=3e-4):

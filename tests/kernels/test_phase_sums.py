@@ -16,7 +16,7 @@ EACH = 2e-7         # how far a sum may be off for each photon: rows are rounded
 OF_WAVES = 5e-7     # and for ToA with fractions
 
 
-def sketch(function, *arguments, frequencies, pixels=PIXELS, table=True, times=1):
+def sketch(function, *arguments, frequencies, pixels=PIXELS, table=True):
     """Sums, numbers of photons and what lies in memory, after a kernel has added photons."""
     values = 2 * len(frequencies)
     fixed = [cpu.fixed_rows(phase_table(frequencies, T))] if table else []
@@ -25,8 +25,7 @@ def sketch(function, *arguments, frequencies, pixels=PIXELS, table=True, times=1
     rest = [each for each in arguments if not isinstance(each, np.ndarray)]
     for array in arrays:
         array.flags.writeable = False       # as the sketcher gives them: compiled once
-    for _ in range(times):
-        getattr(cpu, function)(*arrays, *fixed, *rest, sums, photons)
+    getattr(cpu, function)(*arrays, *fixed, *rest, sums, photons)
     return *cpu.read_sums(sums, photons, values), sums
 
 
@@ -108,13 +107,6 @@ def test_sums_are_the_same_bit_for_bit_in_any_order_split_and_form(monkeypatch):
     for other in others:
         for one, two in zip(whole, other, strict=True):
             assert np.array_equal(one, two)
-
-
-def test_unsorted_photons_add_to_what_is_there():
-    pixel, toa = draw(300)
-    once, thrice = (sketch("sketch_unsorted", pixel, toa, frequencies=(1, 3), times=times) for times in (1, 3))
-    assert_close(once, pixel, toa, (1, 3))
-    assert np.array_equal(3 * once[2], thrice[2]) and np.array_equal(3 * once[1], thrice[1])
 
 
 def histogram_sensor(bins=None, **fields):
