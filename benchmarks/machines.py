@@ -17,7 +17,7 @@ from pathlib import Path
 
 from srt3d_ros.cli.node import node_command
 from srt3d_ros.nodes.pipeline_probe import Arrival
-from srt3d_ros.nodes.transport import PROFILE_VARIABLE
+from srt3d_ros.transport import PROFILE_VARIABLE
 from tests.processes import Process, wait
 
 SENSOR, ROBOT = "sensor", "robot"           # the machine beside the camera, and the one that reconstructs

@@ -15,8 +15,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import PointCloud2
 
+from srt3d_ros import transport
 from srt3d_ros.messages import cdr
-from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import SUBSCRIBE_DEPTH
 
 

@@ -54,7 +54,7 @@ def ros():
     """rclpy, initialised once for all tests of a process."""
     import rclpy
 
-    from srt3d_ros.nodes import transport
+    from srt3d_ros import transport
 
     transport.prepare_process()
     rclpy.init()

@@ -267,7 +267,7 @@ def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
     ("absent.npz", {}, "photon file is .*absent.npz: expected a file that exists"),
     (FRAME, {"frame": 2}, "frame is 2: expected nothing, unless a file is read"),
     ("absent.npz", {"frame": "3"}, 'frame is "3": expected an integer'),
-    (FRAME, {"gate": (5,)}, "gate is 5: expected off, "), (FRAME, {"frequencies": [1.5]}, "frequencies is 1.5: "),
+    (FRAME, {"gate": (5,)}, r"gate is \(5,\): expected off, "), (FRAME, {"frequencies": [1.5]}, "frequencies is 1.5: "),
     (FRAME, {"frequencies": []}, "frequencies is empty"), (FRAME, {"shape": 12}, "shape is 12"),
     (FRAME, {"sensor": 5}, "sensor is int: expected a Sensor"),
     (FRAME, {"method": "smle", "background": "flat"}, "background is flat: expected nothing: smle takes"),

@@ -7,7 +7,7 @@ import ast
 
 import pytest
 
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 
 
 @pytest.fixture(scope="module")
@@ -23,13 +23,13 @@ def constant(tree: ast.Module, name: str):
 
 def test_every_node_is_started_with_parameters_that_it_has(launch):
     nodes = constant(launch, "NODES")
-    assert set(nodes) == set(SPECS)
+    assert set(nodes) == set(all_specs())
     for name, parameters in nodes.items():
-        assert set(parameters) <= {parameter.name for parameter in SPECS[name].table}
+        assert set(parameters) <= {parameter.name for parameter in all_specs()[name].table}
         assert set(parameters.values()) <= set(constant(launch, "ARGUMENTS"))
     assert set(constant(launch, "ONLY_WITH").values()) <= set(constant(launch, "ARGUMENTS"))
 
 
 def test_every_topic_that_can_be_renamed_is_one_of_the_nodes(launch):
-    topics = {topic.name for spec in SPECS.values() for topic in (*spec.inputs, *spec.outputs)}
+    topics = {topic.name for spec in all_specs().values() for topic in (*spec.inputs, *spec.outputs)}
     assert set(constant(launch, "TOPICS")) <= topics & set(constant(launch, "ARGUMENTS"))

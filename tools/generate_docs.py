@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 from tools.node_reference import as_yaml, topics_table
 from tools.schema_tables import filled, readme
 
@@ -20,7 +20,7 @@ HEADING = """\
 
 def generated() -> dict[str, str]:
     """The text of every generated file, by its path in the source tree."""
-    specs = SPECS.values()
+    specs = all_specs().values()
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
             "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda _: topics_table(specs)),
             "msg_schemas/README.md": readme()}

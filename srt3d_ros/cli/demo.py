@@ -110,7 +110,7 @@ def _simulated(rate_hz: float) -> Source:
 
 
 def _moving(motion: str) -> Source:
-    from srt3d_ros.nodes.moving_source import PACKETS, extrinsics
+    from srt3d_ros.nodes.sources import PACKETS, extrinsics
 
     sensor = moving_sensor()
     view = MovingView(Room(), MOTIONS[motion], sensor)

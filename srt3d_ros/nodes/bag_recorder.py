@@ -11,9 +11,9 @@ from srt3d_ros.errors import require
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH
-from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
+from srt3d_ros.nodes.topics import NodeSpec
 
 MB = 10**6
 QUEUE_MB = 512          # of messages wait for the disk: three seconds of the fastest sensors

@@ -15,7 +15,6 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.diagnostics import Diagnostics
 from srt3d_ros.nodes.lifecycle import PUBLISH_DEPTH, ManagedNode
 from srt3d_ros.nodes.parameters import Parameters
-from srt3d_ros.nodes.sequence_loss import SequenceLoss
 from srt3d_ros.nodes.topics import qos_overrides
 from srt3d_ros.nodes.worker import CATCH_UP_S, NEWEST_ONLY, Dropped, Refused, Worker
 
@@ -26,6 +25,7 @@ OUTDATED_NS = 10 * 10**9    # a larger difference is one of clocks, not of the a
 LOG_EVERY_S = 2.0       # the same complaint again
 POLL_S = 0.005
 LOG_WAIT_S = 0.5        # a longer wait is logged
+ONE_ACTIVE = 32         # numbers that rise in a row: of several publishers one sends, as after a driver's crash
 
 
 class PipelineNode(ManagedNode):
@@ -257,6 +257,34 @@ class PipelineNode(ManagedNode):
         else:
             self.diagnostics.error(text)
             log.error(text, throttle_duration_sec=LOG_EVERY_S)
+
+
+class SequenceLoss:
+    """Counts missed messages of one topic, whether the network lost them or newer ones pushed them out of the queue.
+
+    The middleware's own event reports the first kind only. While a topic has several publishers, whose numbers look
+    alike, nothing is counted unless only one of them sends: a killed process stays a publisher for its lease, 20 s.
+    """
+
+    def __init__(self, publishers: Callable[[], int]):
+        self._publishers = publishers
+        self._last: int | None = None
+        self._risen = 0
+        self.numbered = False       # whether this middleware numbers its messages at all
+
+    def after(self, number: int | None) -> int:
+        """Messages missed just before the one with this number."""
+        if number is None:
+            return 0
+        self.numbered = True
+        last, self._last = self._last, number
+        if last is None or number <= last:          # lower: another publisher, or one that started again
+            self._risen = 0
+            return 0
+        self._risen += 1
+        missed = number - last - 1
+        one_active = self._risen > ONE_ACTIVE >= missed
+        return missed if missed and (one_active or self._publishers() == 1) else 0
 
 
 def _in_words(error: Exception) -> str:

@@ -10,8 +10,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.node_spec import NodeSpec
-from srt3d_ros.nodes.topics import OVERRIDABLE, Topic
+from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
 

@@ -11,8 +11,8 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 
+from srt3d_ros import transport
 from srt3d_ros.messages import cdr
-from srt3d_ros.nodes import transport
 
 CLOUDS_DEPTH = 64       # the probe shares its machine with the pipeline: clouds wait rather than be lost
 

@@ -12,11 +12,10 @@ from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
-from srt3d_ros.nodes.moving_source import PACKETS, MovingSource
-from srt3d_ros.nodes.node_spec import NodeSpec
 from srt3d_ros.nodes.parameters import Parameter
 from srt3d_ros.nodes.runtime import run
-from srt3d_ros.nodes.sources import SIMULATOR, open_source
+from srt3d_ros.nodes.sources import PACKETS, SIMULATOR, MovingSource, open_source
+from srt3d_ros.nodes.topics import NodeSpec
 
 ACKNOWLEDGE_S = 5.0
 

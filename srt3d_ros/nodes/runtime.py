@@ -13,8 +13,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from srt3d_ros import transport
 from srt3d_ros.errors import InvalidInput, require
-from srt3d_ros.nodes import transport
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.parameters import file_warnings
 

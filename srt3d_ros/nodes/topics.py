@@ -1,4 +1,4 @@
-"""The topics of the pipeline and their QoS. msg_schemas/ has the layouts of their messages."""
+"""The topics of the pipeline and their QoS, and the interface of a node as one table (`NodeSpec`)."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -69,6 +69,34 @@ CAMERA_INFO = Topic("camera_info", CAMERA, "the camera of the images", when=f"{W
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray",
                     "rates, latency, photons, points, drops by cause, last error")
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", "what the nodes log, kept for 10 s", latched=True)
+
+
+AUTOSTART = Parameter("autostart", True, "true: configure and activate at the start. false: a lifecycle manager does.")
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """Everything that is public about a node, but for what every node has.
+
+    Args:
+        name: of the node and of its executable.
+        services: names of each std_srvs/srv/Trigger that it serves as `~/name`.
+    """
+
+    name: str
+    inputs: Iterable[Topic] = ()
+    outputs: Iterable[Topic] = ()
+    services: Iterable[str] = ()
+    parameters: Iterable[Parameter] = ()
+
+    @property
+    def table(self) -> tuple[Parameter, ...]:
+        """All parameters."""
+        return (*self.parameters, AUTOSTART)
+
+    def topic(self, name: str) -> Topic:
+        """The input or output of this name."""
+        return {topic.name: topic for topic in (*self.inputs, *self.outputs)}[name]
 
 
 def qos_overrides(subscribed: Iterable[str], published: Iterable[str]) -> Iterator[Parameter]:

@@ -5,9 +5,9 @@ import yaml
 
 from srt3d_ros.cli import main, up
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 
-PIPELINE = [SPECS[name] for name in ("recorder", "reconstructor", "sketcher", "player")]
+PIPELINE = [all_specs()[name] for name in ("recorder", "reconstructor", "sketcher", "player")]
 
 
 def parsed(*options: str):

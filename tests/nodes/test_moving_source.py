@@ -15,8 +15,8 @@ from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.motion_input import parse_extrinsics
-from srt3d_ros.nodes.moving_source import BEFORE_S, PACKETS, MovingSource
 from srt3d_ros.nodes.player import PARAMETERS
+from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, MovingSource
 
 MS = 1_000_000
 BEFORE_NS = round(BEFORE_S * 1e9)

@@ -4,7 +4,7 @@
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 
 OF_EVERY_NODE = ("/rosout", "/parameter_events", "/diagnostics")
 OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_available_transitions",
@@ -13,19 +13,19 @@ OF_MANAGED_NODES = ("change_state", "get_state", "get_available_states", "get_av
                     "get_type_description")
 # Parameters with which a node has all its topics.
 EVERYTHING = {"sketcher": {"sensor_file": "config/sensors/spad_32x32_gates.json", "motion": "odom"},
-              "bag_recorder": {"topics": ",".join(topic.name for topic in SPECS["bag_recorder"].inputs)}}
+              "bag_recorder": {"topics": ",".join(topic.name for topic in all_specs()["bag_recorder"].inputs)}}
 NEVER_TOGETHER = {"player": {"gates", "histograms", "sketch", "sketch/sensor", "odom", "imu"},
                   "sketcher": {"imu"}}
 
 
-@pytest.fixture(params=SPECS)
+@pytest.fixture(params=all_specs())
 def running(request, graph, photon_file, tmp_path):
     """A node that is ready, and its table."""
     name = request.param
     extra = {"player": {"input": photon_file}, "recorder": {"path": tmp_path / "out.rrd"},
              "bag_recorder": {"path": tmp_path / "bag"}}.get(name, {})
     graph.start(name, **extra, **EVERYTHING.get(name, {})).ready()
-    return name, SPECS[name]
+    return name, all_specs()[name]
 
 
 def test_topics_services_and_parameters_are_those_of_the_spec(graph, running):

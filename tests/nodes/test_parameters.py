@@ -8,9 +8,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from srt3d_ros.errors import InvalidInput
-from srt3d_ros.node_names import NODES
 from srt3d_ros.nodes.parameters import Parameter, Parameters, file_warnings
-from srt3d_ros.nodes.specs import SPECS
 from tools.node_reference import as_yaml
 
 TABLE = (
@@ -146,7 +144,3 @@ def test_what_is_no_parameter_file_is_rcls_to_refuse(tmp_path, text):
 def test_a_pipe_is_not_read_a_second_time(tmp_path):
     os.mkfifo(tmp_path / "a.yaml")
     assert file_warnings(["--params-file", str(tmp_path / "a.yaml")], "/sketcher") == []
-
-
-def test_node_names_are_those_of_the_specs():
-    assert set(NODES) == set(SPECS)

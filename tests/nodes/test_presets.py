@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PRESETS = sorted(path for path in (REPOSITORY / "config").glob("*.yaml") if path.stem != "srt3d")
@@ -30,7 +30,7 @@ def test_there_is_one_for_an_array_of_gates_a_scanner_and_a_large_array():
 
 def test_every_value_is_of_a_parameter_that_takes_it(preset):
     for node, values in settings(preset).items():
-        table = {parameter.name: parameter for parameter in SPECS[node].table}
+        table = {parameter.name: parameter for parameter in all_specs()[node].table}
         for name, value in values.items():
             assert table[name].check(value) == value
 

@@ -20,7 +20,7 @@ from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import topics
-from srt3d_ros.nodes.reconstructor_parameters import PARAMETERS
+from srt3d_ros.nodes.reconstructor import PARAMETERS
 from tests.nodes.conftest import Graph
 
 STAMP_NS = 1_700_000_000_123_456_789

@@ -17,7 +17,7 @@ from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
-from srt3d_ros.nodes.recorder_parameters import PARAMETERS, Settings
+from srt3d_ros.nodes.recorder import PARAMETERS, Settings
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.recording.reader import RecordingReader
 from srt3d_ros.recording.rrd_file import copy_readable

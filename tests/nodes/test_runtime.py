@@ -15,7 +15,7 @@ import sys, time
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages.cdr import read_cloud
 from srt3d_ros.nodes.base import PipelineNode
-from srt3d_ros.nodes.node_spec import NodeSpec
+from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import Topic
 

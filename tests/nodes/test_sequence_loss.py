@@ -2,7 +2,7 @@
 
 import pytest
 
-from srt3d_ros.nodes.sequence_loss import ONE_ACTIVE, SequenceLoss
+from srt3d_ros.nodes.base import ONE_ACTIVE, SequenceLoss
 
 
 @pytest.mark.parametrize("numbers, missed", [

@@ -18,7 +18,7 @@ from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.sketcher_parameters import PARAMETERS
+from srt3d_ros.nodes.sketcher import PARAMETERS
 from tests.nodes.conftest import Graph, check_outdated
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -137,7 +137,7 @@ def test_a_sketch_is_the_cores_and_keeps_stamp_and_frame_for_all_forms(sketcher,
             "photons_in", "photons", "photons_dropped.gate", "dropped")
         assert (photons_in, photons + outside, dropped) == (sent, sent, 0) and bool(outside) == bool(gate)
         assert photons == kept or described is coarse       # whose pixels have no less than 0 photons
-    assert sketcher.report()["gate"].startswith("30:69, 0.4497 to 1.034 m" if gate else "off")
+    assert sketcher.report()["gate"].startswith("30-69, 0.4497 to 1.034 m" if gate else "off")
 
 
 def test_packets_make_frames_and_frames_make_windows(sketcher, sensor, photons_at):
@@ -192,9 +192,9 @@ def test_live_changes_which_the_sensor_may_refuse(sketcher, sensor, photons_at):
     for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
                            ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
                            ({"frequencies": "banana"}, "frequencies is banana: expected auto"),
-                           ({"gate": "50:60"}, "gate is 50:60: expected 15 bins or more, as many as the IRF has"),
-                           ({"gate": "auto"}, "gate is auto: expected off, first and last bin such as 100:400"),
-                           ({"gate": True}, "gate is True: expected off, or first and last bin such as 100:400"),
+                           ({"gate": "50:60"}, "gate is 50-60: expected 15 bins or more, as many as the IRF has"),
+                           ({"gate": "auto"}, "gate is auto: expected off, first and last bin such as 100-400"),
+                           ({"gate": True}, "gate is True: expected off, or first and last bin such as 100-400"),
                            ({"packets_per_frame": 0}, "packets_per_frame out of range"),
                            ({"sensor_file": "a.json"}, "read-only")):
         assert reason in sketcher.graph.set("sketcher", **values)

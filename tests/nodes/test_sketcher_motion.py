@@ -17,7 +17,7 @@ from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.messages import odometry
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes import moving_source
+from srt3d_ros.nodes import sources
 
 PATIENT = str(Path(__file__).with_name("patient") / "sketcher.py")
 MS = 1_000_000
@@ -36,7 +36,7 @@ def stamped(message, ms: float, frame_id: str):
 
 def odom(ms: float) -> Odometry:
     pose = Pose(Pose.turned(TURN_RAD_S * ms / 1e3).rotation, SPEED_M_S * ms / 1e3)
-    return stamped(moving_source.odometry(Measured(ms / 1e3, pose, SPEED_M_S, TURN_RAD_S)), ms, "odom")
+    return stamped(sources.odometry(Measured(ms / 1e3, pose, SPEED_M_S, TURN_RAD_S)), ms, "odom")
 
 
 def imu(ms: float) -> Imu:

@@ -16,8 +16,8 @@ from srt3d_ros.core.histogram_bins import HistogramBins
 from srt3d_ros.core.sensor import GateWords, SensorModel
 from srt3d_ros.core.sketching import Sketcher
 from srt3d_ros.messages import coded_sketch, gates, histograms, images, odometry, photons, points, sensor, sketch
+from srt3d_ros.nodes import all_specs
 from srt3d_ros.nodes.parameters import Parameters
-from srt3d_ros.nodes.specs import SPECS
 from tests.robustness.conftest import read_or_refused
 from tools.generate_docs import generated
 
@@ -80,7 +80,7 @@ def test_a_damaged_message_is_read_or_refused_in_one_line(topic, rounds):
     read_or_refused(*CODECS[topic], rounds)
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", all_specs())
 def test_a_damaged_parameter_file_starts_a_node_or_is_refused_in_one_line(name, rounds):
     """Broken YAML is a RuntimeError of rcl's own parser."""
     context = Context()
@@ -94,7 +94,7 @@ def test_a_damaged_parameter_file_starts_a_node_or_is_refused_in_one_line(name, 
                             automatically_declare_parameters_from_overrides=True,
                             cli_args=["--ros-args", "--params-file", file.name, "--log-level", "fatal"])
                 try:
-                    Parameters(node, SPECS[name].table)
+                    Parameters(node, all_specs()[name].table)
                 finally:
                     node.destroy_node()
 

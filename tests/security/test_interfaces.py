@@ -2,13 +2,13 @@
 
 import pytest
 
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 
 WORDS = {"frequencies", "frame_id", "gate"}     # live texts without choices; none is ever a path
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", all_specs())
 def test_no_parameter_that_can_be_set_over_the_network_names_a_file(name):
-    for parameter in SPECS[name].table:
+    for parameter in all_specs()[name].table:
         if parameter.live and isinstance(parameter.default, str) and not parameter.choices:
             assert parameter.name in WORDS and "path" not in parameter.form and "folder" not in parameter.form

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from srt3d_ros.nodes.specs import SPECS
+from srt3d_ros.nodes import all_specs
 from tools.generate_docs import generated
 
 
@@ -13,10 +13,10 @@ def test_a_generated_file_is_up_to_date(repository, path):
     assert (repository / path).read_text(encoding="utf-8") == generated()[path], "run python -m tools.generate_docs"
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", all_specs())
 def test_the_page_has_every_topic_and_service_of_a_node(repository, name):
     text = (repository / "docs" / "nodes.md").read_text(encoding="utf-8")
     own = re.search(rf"\n## {name}\n(.*?)(\n## |\Z)", text, re.DOTALL)[1]
-    assert all(f"`~/{service}`" in own for service in SPECS[name].services)
-    for topic in (*SPECS[name].inputs, *SPECS[name].outputs):
+    assert all(f"`~/{service}`" in own for service in all_specs()[name].services)
+    for topic in (*all_specs()[name].inputs, *all_specs()[name].outputs):
         assert re.search(rf"^\| `{topic.name}` \|.*\b{name}\b", text, re.MULTILINE), topic.name

@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from srt3d_ros.nodes import transport
+from srt3d_ros import transport
 from srt3d_ros.private_network import claim_domain
 
 
@@ -96,7 +96,7 @@ def test_ports_of_killed_processes_are_avoided_while_others_send_to_them_and_the
 
 LARGE_BUFFERS = """
 import resource, threading
-from srt3d_ros.nodes import transport
+from srt3d_ros import transport
 def make_and_drop():
     for _ in range(4):
         bytes(bytearray(100_000_000))
@@ -119,7 +119,7 @@ def test_freed_buffers_of_large_messages_are_used_again_in_every_thread(reposito
 NODE = """
 import re
 import rclpy
-from srt3d_ros.nodes import transport
+from srt3d_ros import transport
 transport.prepare_process()
 rclpy.init()
 node = rclpy.create_node("any")

@@ -8,7 +8,7 @@ from srt3d_ros.core.sketch import noise_sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
-from srt3d_ros.nodes.described_sketches import MOST_WAITING, SENSORS_KEPT, WAIT_S, DescribedSketches
+from srt3d_ros.messages.described_sketches import MOST_WAITING, SENSORS_KEPT, WAIT_S, DescribedSketches
 
 SENSORS = [SensorModel(2, 3, 50 + k, 1e-10, np.ones(3)) for k in range(SENSORS_KEPT + 1)]
 TEXTS = [sensor_message.to_json(sensor) for sensor in SENSORS]
