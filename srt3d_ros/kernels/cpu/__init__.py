@@ -11,6 +11,7 @@ from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.device import ON_HOST, Scratch, array, numpy, run_frame
 from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
+from srt3d_ros.kernels.cpu.histograms import sketch_histograms
 from srt3d_ros.kernels.cpu.likelihood import log_likelihood_ratio
 from srt3d_ros.kernels.cpu.match import match
 from srt3d_ros.kernels.cpu.move_sketch import move_sketch
@@ -22,7 +23,6 @@ from srt3d_ros.kernels.cpu.phase_sums import (
     read_sums,
     sketch_continuous,
     sketch_gates,
-    sketch_histograms,
     sketch_sorted,
     sketch_unsorted,
 )

@@ -68,6 +68,24 @@ def aligned(size):
     return memory[first:first + size]
 
 
+# What numba makes of `into[:] = values` or `values.any()` takes several times as long to compile.
+
+@inline
+def copy(values, into):
+    for k in range(len(into)):
+        into[k] = values[k]
+
+
+@line
+def any_of(values):
+    """Whether a number of a map is not 0."""
+    for row in range(values.shape[0]):
+        for col in range(values.shape[1]):
+            if values[row, col] != 0:
+                return True
+    return False
+
+
 @line
 def total_of(values):
     """Σ values, float32, one after the other: in a kernel `values.sum()` would be split over however many threads."""

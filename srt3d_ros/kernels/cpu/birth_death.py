@@ -19,17 +19,18 @@ from srt3d_ros.kernels.cpu.arithmetic import (
     U,
     agreement,
     aligned,
+    any_of,
+    copy,
     fair_order,
     is_surface,
     rise,
-    sincos,
     total_of,
     wrap,
 )
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.likelihood import LIKENESS, SHARED_LIKENESS, left, llr, log_likelihood_ratio
-from srt3d_ros.kernels.cpu.match import response_at
+from srt3d_ros.kernels.cpu.match import response_at, subtract
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN, MAX_STD
 
 BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE = (F32(getattr(constants, name)) for name in (
@@ -214,31 +215,6 @@ def _join(c, found, at, state, values, info, period, record):
     record[SCORE] = ZERO                                            # for its pool to say
 
 
-@line
-def _subtract(rest, at, photons, energy, bin_frequencies):
-    m = len(energy)
-    for l in range(m):
-        sine, cosine = sincos(bin_frequencies[l] * at)
-        rest[l] -= photons * energy[l] * cosine
-        rest[m + l] -= photons * energy[l] * sine
-
-
-@line
-def _any(changed):
-    """Whether one of the pixels has changed."""
-    for row in range(changed.shape[0]):
-        for col in range(changed.shape[1]):
-            if changed[row, col] != 0:
-                return True
-    return False
-
-
-@inline
-def _copy(values, into):
-    for f in range(len(into)):
-        into[f] = values[f]
-
-
 @parallel
 def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_response, background_table, moments,
             max_chi2, blur2, spreads, changed, before, own_before, after, own_after, changes, order):
@@ -255,9 +231,9 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
             changes[i, j] = 0
         for k in range(surfaces):
             for f in range(fields):
-                _copy(before[i, k, f], after[i, k, f])
-            _copy(own_before[i, k], own_after[i, k])
-        if spreads and not _any(changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1]):
+                copy(before[i, k, f], after[i, k, f])
+            copy(own_before[i, k], own_after[i, k])
+        if spreads and not any_of(changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1]):
             continue
         for j in range(MARGIN, padded_cols - MARGIN):
             x = U(j - MARGIN) % B
@@ -267,12 +243,12 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
             if s[OPEN + x] == ZERO or exposure[i, j] <= ZERO:
                 continue
             around = changed[i - VOTE_RADIUS:i + VOTE_RADIUS + 1, j - VOTE_RADIUS:j + VOTE_RADIUS + 1]
-            if spreads and (int(s[OWN + x]) == surfaces or not _any(around)):
+            if spreads and (int(s[OWN + x]) == surfaces or not any_of(around)):
                 continue
             found, had, blank, dark = _collect(i, j, before, own_before, counts, exposure, max_chi2, blur2, max_std,
                                                values, info)
             blank, dark = (ZERO, ZERO) if had > 0 else (EMPTY_PENALTY * blank, EMPTY_PENALTY * dark)
-            _copy(matched[i, :, j], rest)
+            copy(matched[i, :, j], rest)
             photons = counts[i, j]
             for k in range(surfaces):
                 least = blank + BIRTH if k > 0 or had == 0 else NEVER
@@ -284,15 +260,15 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
                     after[i, k, INTENSITY, j], own_after[i, k, j] = ZERO, ZERO
                     continue
                 if mine >= 0:
-                    _copy(before[i, info[mine, SURFACE], :, j], record)
+                    copy(before[i, info[mine, SURFACE], :, j], record)
                 else:
                     _join(c, found, at, before, values, info, period, record)
                 changes[i, j] |= 1 if mine < 0 or info[mine, SURFACE] != k else 0
-                _copy(record, after[i, k, :, j])
+                copy(record, after[i, k, :, j])
                 own_after[i, k, j] = own
                 if k + 1 < surfaces:
                     photons = left(photons, signal)
-                    _subtract(rest, record[DEPTH], signal, energy, bin_frequencies)
+                    subtract(rest, record[DEPTH], signal, energy, bin_frequencies)
                     for q in range(found):                          # what agrees is left out from now on
                         same, _ = _agree(q, c, values, period)
                         info[q, FREE] = 0 if same > ZERO else info[q, FREE]

@@ -114,20 +114,20 @@ def response_at(z, first, step, bin_frequencies, depth):
     return response
 
 
+@line
+def subtract(z, depth, photons, energy, bin_frequencies):
+    """Take what a surface shows by this many photons out of a pixel's sketch."""
+    m = len(energy)
+    for l in range(m):
+        sine, cosine = sincos(bin_frequencies[l] * depth)
+        z[l] -= photons * energy[l] * cosine
+        z[m + l] -= photons * energy[l] * sine
+
+
 @inline
 def peaks_scratch(cells):
     """Scratch for `peaks`."""
     return aligned(4 * int(LIST)), aligned((cells + 1) * BLOCK), aligned(BLOCK)
-
-
-@inline
-def load(z, matched, i, j, width):
-    """Columns j … j + width of row i of a map [rows, 2m, cols] into z, 0 beyond."""
-    for c in range(matched.shape[1]):
-        for x in range(width):
-            z[c * BLOCK + x] = matched[i, c, j + x]
-        for x in range(width, BLOCK):
-            z[c * BLOCK + x] = ZERO
 
 
 @parallel
@@ -139,7 +139,9 @@ def _match(matched, energy, bin_frequencies, cos, sin, odd, cells, num_bins, dep
         place, height = aligned(BLOCK), aligned(BLOCK)
         for j in range(0, cols, BLOCK):
             width = min(BLOCK, cols - j)
-            load(z, matched, i, j, width)
+            for c in range(2 * m):
+                for x in range(BLOCK):
+                    z[c * BLOCK + x] = matched[i, c, j + x] if x < width else ZERO
             for k in range(surfaces):
                 peaks(z, cos, sin, odd, cells, F32(num_bins), scratch, place, height)
                 for x in range(width):

@@ -19,7 +19,6 @@ STRIPS = 8          # of a block, sorted in parallel, at most: each takes 4 byte
 WIDE, CYCLES = 64, 128      # pixels and cycles of a gated array that are read together, 16 kB
 TURN = 2**32
 TILE = 2**8         # photons whose cosines a thread computes
-ROWS = 2**7         # histograms at a time: of 2⁵ to 2⁹ these were fastest for 4,613 bins
 
 # −sin(2πx) / x · UNIT as a polynomial in x² on |x| ≤ 1/4, largest error 7e-9 of UNIT (Chebyshev interpolation)
 _SIN = tuple(F32(-UNIT * c) for c in (6.28318528, -41.3416807, 81.6024807, -76.5812846, 39.7607221))
@@ -277,34 +276,3 @@ def sketch_gates(words, rows, first_word, no_detection, sums, photons):
     `words` are uint16 [G, pixels], a laser cycle a row, without stray ones.
     """
     _sketch_gates(words, rows, np.uint16(first_word), np.uint16(no_detection), sums, photons)
-
-
-# ---- Histograms: a product of matrices, by BLAS, with its threads
-
-def sketch_histograms(counts, table, of_template, sums, photons):
-    """sums_i += Σ_j counts_ij table_j − of_template, and its last column but one, if above 0, to photons_i.
-
-    In float32: what it costs does not depend on the counts. `sums` may be of 2m values only, then what is behind them
-    counts for `photons` alone.
-
-    Args:
-        counts: uint8, uint16, int32 or float32 [pixels, n].
-        table: float32 [n, 2m + 2] of exp(i ω_l b), re and im interleaved, then 1 and 0; [pixels, n, 2m + 2] if
-            pixels have bins of their own; zeros for bins that do not count.
-        of_template: float32 [2m + 2] or [pixels, 2m + 2], or None.
-    """
-    pixels, n = counts.shape
-    wanted = min(sums.shape[1], table.shape[-1])
-    as_float = np.empty((min(ROWS, pixels), n), np.float32)         # a part in the cache instead of a frame in memory
-    for first in range(0, pixels, ROWS):
-        part = slice(first, min(first + ROWS, pixels))
-        of_part = as_float[:part.stop - first]
-        of_part[:] = counts[part]
-        if table.ndim == 2:
-            product = of_part @ table
-        else:
-            product = np.matmul(of_part[:, None], table[part])[:, 0]
-        if of_template is not None:
-            product -= of_template if of_template.ndim == 1 else of_template[part]
-        sums[part, :wanted] += np.rint(product[:, :wanted] * np.float64(UNIT)).astype(np.int64)
-        photons[part] += np.rint(np.maximum(product[:, -2], 0)).astype(np.int64)
