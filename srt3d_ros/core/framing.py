@@ -135,7 +135,9 @@ class Framing:
 
     def flush(self) -> OpenFrame | None:
         """The open frame, which ends unless it waits for its number of packets; else None."""
-        return self._end() if self.open.packets and (self._period_ns or not self._packets) else None
+        if self._period_ns:
+            return self._end() if self.open.packets else None
+        return None if self._packets else self._end()
 
     def _end(self) -> OpenFrame:
         frame, self.open = self.open, OpenFrame()

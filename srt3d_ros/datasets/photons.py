@@ -12,7 +12,7 @@ from srt3d_ros.core.methods import DEFAULT_METHOD, find
 from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonHistograms
 from srt3d_ros.core.sensor import SensorModel
 from srt3d_ros.core.sketch_design import design_for
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets import arrays
 from srt3d_ros.datasets.options import (
     ASSUMED_FOV,
@@ -157,15 +157,13 @@ class Photons:
             InvalidInput: naming the argument that cannot be used.
         """
         found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
-        gate = found and Gate(self.sensor, found.first, found.last)       # without the sample's mask
-        sketcher, notes = Sketcher(self.sensor, used, gate=gate), self.notes
+        stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(used), packets_per_frame=0))
         for packet in self.packets():
-            sketcher.add(packet)
-        made = sketcher.sketch()
-        if gate is not None:
-            whole = round(self.photons)
-            notes += outside_note(max(whole - int(made.photons.sum()), 0), whole, gate.first, gate.last)
-        return Sketch(**vars(made) | {"sensor": sketcher.sketch_sensor}, notes=notes)
+            stream.push(packet)
+        made, = stream.flush()
+        outside = stream.counts.photons_dropped["gate"]
+        notes = outside_note(outside, round(self.photons), found.first, found.last) if found else ()
+        return Sketch(**vars(made), notes=self.notes + notes)
 
     def reconstruct(self, *, method: str = DEFAULT_METHOD, sketch_size: int | None = None,
                     frequencies: str | Sequence[int] | None = None, gate: str | tuple[int, int] = OFF,
