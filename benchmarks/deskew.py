@@ -6,11 +6,11 @@ from time import perf_counter
 
 import numpy as np
 
-from srt3d_ros.core.deskew import Deskewer
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.motion import Pose, Trajectory
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.motion.deskew import Deskewer
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets.simulation.scene import default_sensor
 
 FRAME_NS = 100_000_000

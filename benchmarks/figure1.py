@@ -11,9 +11,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from srt3d_ros.benchmark import photons_of, sensor_of, timed
-from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketcher import Sketcher
 
 SIDE, SKETCH_SIZE = 141, 10
 PPPS = (1, 3.16, 10, 31.6, 100, 316, 1000)

@@ -21,16 +21,16 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from benchmarks.relief import hand, read_relief, trajectory
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.metrics import Metrics, evaluate
-from srt3d_ros.core.motion import Trajectory
-from srt3d_ros.core.moving_sketcher import MovingFrame, MovingSketcher
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import Sketcher, sketch_photons
+from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
+from srt3d_ros.core.motion.trajectory import Trajectory
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.datasets.simulation.motion_profiles import Path, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor

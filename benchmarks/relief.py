@@ -4,8 +4,8 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from srt3d_ros.core.motion import SMOOTH_NS, Pose, Trajectory
-from srt3d_ros.core.projection import Pinhole
+from srt3d_ros.core.motion.trajectory import SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets.files import read_npz_arrays
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, SPEED_M_S, TURN_RAD_S, Path, measured
 from srt3d_ros.datasets.simulation.room import Hits

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from srt3d_ros import datasets
-from srt3d_ros.core import sketch as core_sketch
-from srt3d_ros.core.gate import OFF
 from srt3d_ros.core.methods import DEFAULT_METHOD
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching import sketch as core_sketch
+from srt3d_ros.core.sketching.gate import OFF
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import InvalidInput, require

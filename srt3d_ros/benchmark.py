@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.frequencies import choose
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher, sketch_photons
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sketcher import Sketcher, sketch_photons
 from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.evaluation.results import aligned

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.gate import AUTO
-from srt3d_ros.core.photons import PhotonHistograms
-from srt3d_ros.core.sketch_design import SketchDesign, design_for
+from srt3d_ros.core.sketching.design import SketchDesign, design_for
+from srt3d_ros.core.sketching.gate import AUTO
+from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
 
 HALF = 0.5                  # of the peak, where an IRF's width is measured

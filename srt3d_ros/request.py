@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from srt3d_ros import api
-from srt3d_ros.core.background import dark_shape
+from srt3d_ros.core.method.background import dark_shape
 from srt3d_ros.core.methods import find
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.errors import require
 from srt3d_ros.results import Cloud, Sketch

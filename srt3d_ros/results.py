@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from srt3d_ros.core import sketch as core_sketch
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import DEFAULT_METHOD, SKETCH_METHODS, find
-from srt3d_ros.core.photons import PhotonFrame
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching import sketch as core_sketch
+from srt3d_ros.core.sketching.photons import PhotonFrame
 from srt3d_ros.errors import InvalidInput, require
 
 if TYPE_CHECKING:

@@ -85,8 +85,8 @@ def ball():
     """(PointCloud, SensorModel): a ball before a wall seen by 40 × 48 pixels, two surfaces at its rim, a hole."""
     import numpy as np
 
-    from srt3d_ros.core.cloud import PointCloud
-    from srt3d_ros.core.sensor import SensorModel
+    from srt3d_ros.core.method.cloud import PointCloud
+    from srt3d_ros.core.sensor.model import SensorModel
 
     sensor = SensorModel(40, 48, 600, 20e-12, np.hanning(12)[1:], toa_offset_bins=100, frame_id="test_lidar")
     y, x = np.mgrid[-1:1:40j, -1.2:1.2:48j]

@@ -10,14 +10,14 @@ import pytest
 
 import srt3d_ros
 from srt3d_ros import api
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import GateWords
-from srt3d_ros.core.sketch_design import design_for
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import GateWords
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file, survey
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator

@@ -18,9 +18,9 @@ import pytest
 
 from srt3d_ros import batch
 from srt3d_ros.cli import main
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator

@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from srt3d_ros.cli import main
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from tests.programs import nodes_of
 

@@ -164,8 +164,8 @@ def test_every_method_runs_on_the_cpu_without_torch(repository):
     photons_to_clouds = WITHOUT_TORCH + """
 import numpy as np, srt3d_ros
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.versions import machine
 from srt3d_ros.versions import versions
 sensor = SensorModel(2, 3, 100, 1e-10, [1, 2, 1])

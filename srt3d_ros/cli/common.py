@@ -48,7 +48,7 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
 
 def overrides(args: argparse.Namespace) -> dict[str, object]:
     """The options of `datasets.read` that were given; `--gate auto` is none of them."""
-    from srt3d_ros.core.gate import AUTO, OFF, parse
+    from srt3d_ros.core.sketching.gate import AUTO, OFF, parse
 
     bins = parse(args.gate)
     found = given(args, SENSOR_OVERRIDES)

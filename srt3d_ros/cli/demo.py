@@ -16,10 +16,10 @@ from tqdm import tqdm
 
 from srt3d_ros import __version__, processes
 from srt3d_ros.cli.node import node_command
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.metrics import evaluate
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor

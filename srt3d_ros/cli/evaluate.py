@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
-from srt3d_ros.core.background import BACKGROUNDS
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.methods import METHODS
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 
 
 def add_parser(subparsers) -> None:

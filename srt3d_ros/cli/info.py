@@ -27,7 +27,7 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.core.gate import in_ranges
+    from srt3d_ros.core.sketching.gate import in_ranges
     from srt3d_ros.datasets import read
     from srt3d_ros.description import describe
     from srt3d_ros.new_files import check_place

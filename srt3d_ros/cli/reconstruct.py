@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from srt3d_ros.cli import common
-from srt3d_ros.core.background import BACKGROUNDS
-from srt3d_ros.core.cloud import SURFACE_ORDERS
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
-from srt3d_ros.core.gate import AUTO, OFF
+from srt3d_ros.core.method.background import BACKGROUNDS
+from srt3d_ros.core.method.cloud import SURFACE_ORDERS
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.sketching.gate import AUTO, OFF
 from srt3d_ros.errors import require
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 
 DEFAULT_METHOD = "pooled"
@@ -51,7 +51,7 @@ class Method:
 
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, regularised by sharing photons (each pixel's data term is pooled along the "
-           "surface) instead of smoothing depths with APSS afterwards", "sketch", "srt3d_ros.core.pooled:Pooled",
+           "surface) instead of smoothing depths with APSS afterwards", "sketch", "srt3d_ros.core.method.pooled:Pooled",
            options=("false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive"),

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.motion import Pose, Trajectory
-from srt3d_ros.core.moving_sketcher import MovingSketcher
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sensor import MAX_BINS, GateWords, SensorModel
-from srt3d_ros.core.window import WindowSketcher
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.window import WindowSketcher
 
 ANY_SENSOR = SensorModel(rows=1, cols=2, num_bins=MAX_BINS, bin_width_s=1e-9, irf=[1.0], gates=GateWords())
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.projection import AngularScan, Projection
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Projection
 
 _PERCENTILES = (0.5, 99.5)      # of the points: what lies outside is taken for an outlier
 _FITTING_STEPS = 4              # each leaves a few per cent of the error of the one before

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Unpack
 
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import readers, sketch_file
 from srt3d_ros.datasets.bags.bag import is_bag
 from srt3d_ros.datasets.bags.frames import BagFrames

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.options import ASSUMED_FOV, described, says_geometry
 from srt3d_ros.datasets.survey import Survey

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets.files import map_npy, naming_file, read_npz_arrays, require_file
 from srt3d_ros.errors import InvalidInput, require
 

@@ -11,9 +11,9 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.projection import DEFAULT_FOV_DEG, Pinhole, Projection
-from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
+from srt3d_ros.core.sensor.projection import DEFAULT_FOV_DEG, Pinhole, Projection
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import read_text
 from srt3d_ros.datasets.values import array, number, pair

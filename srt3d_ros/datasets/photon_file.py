@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.errors import InvalidInput, require
 
 NUMBERS = ("rows", "cols", "num_bins", "bin_width_s", "irf_ref", "toa_offset_bins", "range_offset_m")

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.core.progress import DELAY_S
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets.survey import Survey, events_of
 from srt3d_ros.datasets.values import MAX_PHOTONS, sendable
 from srt3d_ros.errors import require

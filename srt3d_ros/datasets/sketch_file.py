@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.datasets.files import naming_file, open_npz, read_npz_arrays
 from srt3d_ros.errors import InvalidInput, printable, require
 from srt3d_ros.messages import sensor as sensor_message

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sketching.photons import PhotonEvents
 
 MAX_KEPT = 2**24            # photons of the sample: 100 MB. A recording with fewer is kept whole
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros import datasets
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import Photons
 from srt3d_ros.datasets.simulation.scene import NetScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulation.silhouettes import house, lattice, silhouette_sensor

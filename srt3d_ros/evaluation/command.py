@@ -8,9 +8,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
+from srt3d_ros.core.method.pooled import MAX_SURFACES, check_options
 from srt3d_ros.core.methods import METHODS, Method, find
-from srt3d_ros.core.pooled import MAX_SURFACES, check_options
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.errors import require
 from srt3d_ros.evaluation import report, results
 from srt3d_ros.evaluation.cases import PAPER_SCENES, Case, of_files, simulated

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros import __version__
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS
 from srt3d_ros.core.metrics import depth_errors
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.evaluation.cases import Case
 from srt3d_ros.evaluation.results import markdown
 from srt3d_ros.evaluation.run import NOMINAL, Outcome, aligned_reference

@@ -11,11 +11,11 @@ import numpy as np
 from tqdm import tqdm
 
 from srt3d_ros import __version__
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.methods import Method
 from srt3d_ros.core.metrics import evaluate, median_offset, shares_within
-from srt3d_ros.core.sketch_design import design_for
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.evaluation import held_out
 from srt3d_ros.evaluation.cases import SEEN_BINS, SEEN_PHOTONS, Case, Observation, photons_near

@@ -7,8 +7,8 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header as HeaderMessage
 
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.messages.cdr import Header
 
 MODEL = "plumb_bob"     # of the five coefficients k1, k2, p1, p2, k3

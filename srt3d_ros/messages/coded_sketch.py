@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from srt3d_ros import zstd
-from srt3d_ros.core.sensor import MAX_PIXELS
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import MAX_PIXELS
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import InvalidInput, require
 
 STEP = 0.4                      # σ: what rounding adds to the variance of photon noise, STEP² / 12, is 1.3 %

@@ -1,6 +1,6 @@
 """DescribedSketches: serialised sketches, each with the sensor of the description that it names, once that has come."""
 
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.photons import CHUNK, PhotonGates, last_word, word_wanted
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import CHUNK, PhotonGates, last_word, word_wanted
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_image, unpack_image

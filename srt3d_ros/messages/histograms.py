@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonHistograms, bins_of
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonHistograms, bins_of
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_image, unpack_image

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.motion_track import MAX_M_S, MAX_RAD_S, MotionReport
+from srt3d_ros.core.motion.track import MAX_M_S, MAX_RAD_S, MotionReport
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.errors import require
 from srt3d_ros.messages.cdr import Reader
 

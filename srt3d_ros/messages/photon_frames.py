@@ -1,7 +1,7 @@
 """The topics on which photons come, each with its codec, and photons in the form that a topic carries."""
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame, PhotonGates, PhotonHistograms
 from srt3d_ros.messages import gates, histograms, photons
 
 CODECS = {"photons": photons, "gates": gates, "histograms": histograms}

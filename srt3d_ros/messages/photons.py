@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages.packing import pack_cloud, unpack_cloud
 from srt3d_ros.messages.schema import cloud_layouts

@@ -4,10 +4,10 @@ import hashlib
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.projection import AngularScan, Pinhole, Projection
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole, Projection
 from srt3d_ros.messages import cdr, json_text
 from srt3d_ros.messages.cdr import check_frame_id
 from srt3d_ros.messages.schema import load

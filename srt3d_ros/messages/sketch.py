@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, check_frequencies
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch, check_frequencies
 from srt3d_ros.errors import require
 from srt3d_ros.messages import cdr, coded_sketch
 from srt3d_ros.messages.packing import CODES, pack_cloud, unpack_cloud

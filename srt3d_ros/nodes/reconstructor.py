@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from std_msgs.msg import String
 
-from srt3d_ros.core.background import BACKGROUNDS
-from srt3d_ros.core.cloud import SURFACE_ORDERS, PointCloud
 from srt3d_ros.core.device import DEVICES
+from srt3d_ros.core.method.background import BACKGROUNDS
+from srt3d_ros.core.method.cloud import SURFACE_ORDERS, PointCloud
+from srt3d_ros.core.method.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES, Pooled
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
-from srt3d_ros.core.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES, Pooled
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message

@@ -12,7 +12,7 @@ import rclpy
 from rcl_interfaces.msg import Log
 from std_msgs.msg import String
 
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import require
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sensor_difference import first_difference
+from srt3d_ros.core.sensor.difference import first_difference
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.base import PipelineNode

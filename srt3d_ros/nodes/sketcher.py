@@ -6,11 +6,11 @@ from functools import partial
 from std_msgs.msg import String
 
 from srt3d_ros.core import precompile
-from srt3d_ros.core.frequencies import DEFAULT_SKETCH_SIZE, RULES
-from srt3d_ros.core.gate import OFF
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import MAX_SKETCH_SIZE, Sketch
-from srt3d_ros.core.stream import SketchStream, StreamOptions
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE, RULES
+from srt3d_ros.core.sketching.gate import OFF
+from srt3d_ros.core.sketching.sketch import MAX_SKETCH_SIZE, Sketch
+from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.photon_frames import CODECS

@@ -8,9 +8,9 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from srt3d_ros.colours import BACKGROUND, range_table
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.viewpoint import Viewpoint, look_at, pixel_pitch_rad, sensor_axes
 from srt3d_ros.new_files import file_errors
 from srt3d_ros.pictures import annotations

@@ -10,8 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from srt3d_ros.colours import BACKGROUND
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.pictures.cloud_renderer import CloudStyle, draw_surface
 from srt3d_ros.pictures.figures import save_png, titled_figure

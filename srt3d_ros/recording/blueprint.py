@@ -4,7 +4,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from srt3d_ros.colours import BACKGROUND
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.schema import STAMP, metric_path

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.colours import levels, percentile_range, range_table
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import printable, require
 from srt3d_ros.new_files import atomic_write, check_place, file_errors
 

@@ -9,9 +9,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP, AdaptiveRange, levels, packed, range_table, visible_table
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.projection import Projection
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Projection
 from srt3d_ros.core.viewpoint import Viewpoint, look_at, point_radius_m, sensor_axes
 from srt3d_ros.recording import rerun_streams, schema
 from srt3d_ros.recording.blueprint import film_blueprint, plot_styles, still_blueprint

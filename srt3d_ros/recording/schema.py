@@ -9,9 +9,9 @@ import rerun as rr
 
 from srt3d_ros.colours import BACKGROUND as BLACK
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.core.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"

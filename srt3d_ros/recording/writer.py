@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.new_files import free
 from srt3d_ros.recording import live, rerun_streams, schema
 from srt3d_ros.recording.frame_log import COLOUR_BY, FrameLog

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.projection import Projection
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Projection
 from srt3d_ros.errors import require
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series

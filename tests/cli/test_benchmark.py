@@ -8,7 +8,7 @@ import torch
 
 from srt3d_ros import benchmark
 from srt3d_ros.cli import main
-from srt3d_ros.core.sensor import GateWords
+from srt3d_ros.core.sensor.model import GateWords
 from srt3d_ros.datasets.simulation.scene import net_sensor
 
 MB = 10**6

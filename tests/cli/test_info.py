@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import srt3d_ros
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.datasets.simulation.scene import StaticScene

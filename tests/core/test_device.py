@@ -9,8 +9,8 @@ import torch
 
 from srt3d_ros.core import device
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 
 SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))

@@ -5,13 +5,13 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequencies import choose
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sensor import GAINS, SensorModel
-from srt3d_ros.core.sketch import MAX_PHOTONS, Sketch
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import GAINS, SensorModel
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, Sketch
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.errors import InvalidInput
 from tests.core.scenes import assert_finite, simulate
 

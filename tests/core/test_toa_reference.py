@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import exponnorm
 
-from srt3d_ros.core.background import Background, dark_shape
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.background import Background, dark_shape
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.methods import METHODS
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from tests.core.scenes import run
 
 ROWS, COLS, T, WAIT = 12, 14, 153, 40         # the gate opens WAIT bins after the laser pulse

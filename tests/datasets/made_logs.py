@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sketch_design import design_for
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.datasets import Photons
 
 BIN_M = 299_792_458.0 / 2 * 0.8e-9      # of a TMF8829

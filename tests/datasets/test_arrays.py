@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import srt3d_ros
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import Photons, arrays
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.simulation.scene import StaticScene

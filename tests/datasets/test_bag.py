@@ -15,9 +15,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from srt3d_ros import zstd
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.bags import bag as bags
 from srt3d_ros.datasets.bags.bag import Bag

@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.datasets.options import SIDECAR
 from srt3d_ros.datasets.readers.mat_layouts import LAYOUTS

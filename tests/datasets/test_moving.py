@@ -5,7 +5,7 @@ from itertools import islice, pairwise
 import numpy as np
 import pytest
 
-from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, measured, walk
 from srt3d_ros.datasets.simulation.moving import MovingView, moving_sensor
 from srt3d_ros.datasets.simulation.room import FURNITURE, WALLS, Room

@@ -7,10 +7,10 @@ import zipfile
 import numpy as np
 import pytest
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
-from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.datasets import files, photon_file, read
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput

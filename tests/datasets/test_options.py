@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import photon_file, read
 from srt3d_ros.errors import InvalidInput
 

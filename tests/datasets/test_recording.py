@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch_design import design_for
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read, readers, recording, survey
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.projection import AngularScan
+from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets.simulation.bust import Bust, Figure, Part
 from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulation.simulator import Simulator

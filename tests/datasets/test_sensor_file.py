@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequencies import choose, irf_spectrum
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.frequencies import choose, irf_spectrum
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import open_sensor, photon_file
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.pooled import Pooled
-from srt3d_ros.core.sketch_design import design_for
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.sketching.design import design_for
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.evaluation.cases import simulated
 from srt3d_ros.evaluation.run import judge
 

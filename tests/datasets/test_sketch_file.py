@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.projection import AngularScan
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import sketch_file
 from srt3d_ros.errors import InvalidInput
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequency_design import highest_passed
+from srt3d_ros.core.sketching.frequency_design import highest_passed
 from srt3d_ros.datasets import Photons
 from srt3d_ros.datasets.readers import histogram_logs, tmf882x
 from srt3d_ros.errors import InvalidInput

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import read
 from srt3d_ros.datasets.simulation.scene import default_sensor, net_sensor
 from srt3d_ros.errors import InvalidInput

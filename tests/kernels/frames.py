@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 import torch
 
-from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import on_device
-from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import cpu, maps, reference
 from srt3d_ros.kernels.constants import SAME_SURFACE
 

@@ -9,12 +9,12 @@ import pytest
 
 from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.toa import by_pixel
-from srt3d_ros.core.frequencies import consecutive
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.baselines.weighting import weighted_steps
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
-from srt3d_ros.core.weighting import weighted_steps
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import consecutive
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.kernels import cpu, reference
 from tests.core.scenes import reconstruct, simulate
 

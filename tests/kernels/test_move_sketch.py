@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.kernels.reference.move_sketch import move_sketch
 
 from .frames import CPU

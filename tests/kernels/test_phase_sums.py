@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import PhotonHistograms
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import Sketcher, histogram_table, phase_table
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photons import PhotonHistograms
+from srt3d_ros.core.sketching.sketcher import Sketcher, histogram_table, phase_table
 from srt3d_ros.kernels import cpu
 from srt3d_ros.kernels.cpu import phase_sums, rows
 

@@ -5,7 +5,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from srt3d_ros.core.pooled import Pooled
+from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.kernels import reference
 
 from .frames import FAINT, SHAPES, assert_clouds_agree, cases, make_sensor, make_sketch

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.frequencies import angular_frequencies, choose, irf_spectrum
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.metrics import circular_difference
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DOUBTFUL, REST_SCALES, SURE_SCALES
 

@@ -10,11 +10,11 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.messages import gates, histograms, images, photons, points, sketch
 
 STAMP_NS = 1_700_000_000_250_000_000

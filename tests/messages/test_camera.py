@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.messages import camera
 
 

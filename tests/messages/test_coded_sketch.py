@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros import zstd
-from srt3d_ros.core.sensor import MAX_PIXELS
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import MAX_PIXELS
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import coded_sketch as coded
 

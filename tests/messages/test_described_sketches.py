@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import noise_sketch
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import noise_sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message

@@ -10,10 +10,10 @@ from hypothesis.extra import numpy as arrays
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from srt3d_ros.core import photons as core_photons
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import CHUNK, PhotonEvents, PhotonGates, PhotonHistograms
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching import photons as core_photons
+from srt3d_ros.core.sketching.photons import CHUNK, PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, photons
 from srt3d_ros.messages.cdr import Header

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from std_msgs.msg import String
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.projection import AngularScan, Pinhole
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import json_text, sensor
 
@@ -103,7 +103,7 @@ def packed(**changes) -> dict:
     return {"dtype": "float32", "shape": [2], "base64": base64.b64encode(np.ones(2, "<f4")).decode()} | changes
 
 
-@pytest.mark.parametrize(("changes", "said"), [       # what SensorModel itself refuses: tests/core/test_sensor.py
+@pytest.mark.parametrize(("changes", "said"), [       # what SensorModel itself refuses: tests/core/sensor/test_model.py
     ({"schema_version": None}, "schema_version is absent"), ({"schema_version": True}, "schema_version is True"),
     ({"schema_version": "1"}, 'schema_version is "1": expected 1'),
     ({"rows": None}, "rows is absent"), ({"rows": "2"}, 'rows is "2": expected an integer'),

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch

@@ -23,8 +23,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from srt3d_ros.cli.node import node_command, parameter_arguments
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes.topics import LATCHED
 from tests.processes import Process, wait

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonGates
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.datasets.bags.bag import Bag, Message
 from srt3d_ros.messages import gates as gates_message
 from srt3d_ros.messages import photons as photons_message

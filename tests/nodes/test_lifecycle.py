@@ -6,8 +6,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketch_message
 

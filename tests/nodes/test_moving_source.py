@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, walk
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr

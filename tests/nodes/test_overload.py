@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.messages import cdr
 from srt3d_ros.messages import photons as photons_message
 

@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message

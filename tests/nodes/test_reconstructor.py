@@ -7,12 +7,12 @@ import pytest
 import torch
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.frequencies import choose
-from srt3d_ros.core.projection import AngularScan
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, net_sensor
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import images as image_message

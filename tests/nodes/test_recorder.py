@@ -10,7 +10,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message

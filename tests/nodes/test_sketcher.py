@@ -9,11 +9,11 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from srt3d_ros.core.gate import Gate
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.photons import PhotonHistograms
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photons import PhotonHistograms
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message

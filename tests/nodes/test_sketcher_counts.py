@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
 
-from srt3d_ros.core.photons import PhotonEvents
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import points as points_message

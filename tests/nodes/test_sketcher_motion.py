@@ -11,8 +11,8 @@ from rclpy.serialization import serialize_message
 from rclpy.time import Time
 from sensor_msgs.msg import Imu, PointCloud2
 
-from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.stream import SketchStream, StreamOptions
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.core.sketching.stream import SketchStream, StreamOptions
 from srt3d_ros.datasets.simulation.motion_profiles import Measured
 from srt3d_ros.messages import odometry
 from srt3d_ros.messages import photons as photons_message

@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
 from srt3d_ros.datasets import open_sensor
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.datasets.simulation.simulator import Simulator

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from srt3d_ros.core.projection import AngularScan
+from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.viewpoint import look_at
 from srt3d_ros.recording import cloud_files, schema
 from srt3d_ros.recording.blueprint import history_frames

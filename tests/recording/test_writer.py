@@ -14,7 +14,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from srt3d_ros.colours import packed, range_table, visible_table
-from srt3d_ros.core.distortion import PlumbBob
+from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording import schema
 from srt3d_ros.recording import writer as writer_module

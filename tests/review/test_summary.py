@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from srt3d_ros.core.projection import AngularScan
+from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.review.recorded import Recorded

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros import datasets
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.sketch import Sketch
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import open_sensor, photon_file, sketch_file
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.writer import BagWriter, Offer

@@ -12,9 +12,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from srt3d_ros import zstd
-from srt3d_ros.core.histogram_bins import HistogramBins
-from srt3d_ros.core.sensor import GateWords, SensorModel
-from srt3d_ros.core.sketching import Sketcher
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.sketcher import Sketcher
 from srt3d_ros.messages import coded_sketch, gates, histograms, images, odometry, photons, points, sensor, sketch
 from srt3d_ros.nodes import all_specs
 from srt3d_ros.nodes.parameters import Parameters

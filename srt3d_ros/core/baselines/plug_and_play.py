@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from srt3d_ros.core.progress import progress
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
 
 ITERATIONS = 25
 RATE = 0.25                 # of the full step in depth; against a half, less error wherever photons are few

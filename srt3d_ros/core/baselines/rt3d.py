@@ -19,11 +19,11 @@ import numpy as np
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
 from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, irf_slope
 from srt3d_ros.core.baselines.xcorr import correlate
-from srt3d_ros.core.cloud import PointCloud
 from srt3d_ros.core.device import kernels_for, on_device
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
-from srt3d_ros.core.pooled import check_options
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.pooled import check_options
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels.maps import window_weights
 
 BACKGROUND_WINDOW = 1.5         # σ of the moving average, pixels

@@ -14,14 +14,14 @@ from functools import partial
 import numpy as np
 
 from srt3d_ros.core.baselines.plug_and_play import FAINTEST, RATE, depth_scale_bins, plug_and_play, usual_intensity
-from srt3d_ros.core.cloud import PointCloud
+from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.pooled import check_options
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketch import Sketch, noise_sketch
-from srt3d_ros.core.thresholds import score_threshold
-from srt3d_ros.core.weighting import weighted_steps
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
+from srt3d_ros.core.method.pooled import check_options
+from srt3d_ros.core.method.thresholds import score_threshold
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 
 SMLE_STEPS = 10
 SMLE_RATE = 0.5         # each step halves what is left of the error

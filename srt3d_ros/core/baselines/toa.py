@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonEvents, PhotonFrame
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 
 RATIOS = np.geomspace(1e-7, 1e3, 101)       # background photons per bin and signal photon
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel
-from srt3d_ros.core.cloud import PointCloud
-from srt3d_ros.core.photons import PhotonFrame
-from srt3d_ros.core.pooled import check_options
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.pooled import check_options
 from srt3d_ros.core.progress import progress
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonFrame
 from srt3d_ros.errors import require
 
 CELLS = 2**22           # of the histograms that are filtered together: 16 MB an array

@@ -9,8 +9,8 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from srt3d_ros.core.photons import PhotonGates
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonGates
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic, Message
 from srt3d_ros.datasets.bags.in_order import InOrder
 from srt3d_ros.datasets.options import ASSUMED_FOV

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 
-from srt3d_ros.core.sensor import MAX_BINS, SensorModel
+from srt3d_ros.core.sensor.model import MAX_BINS, SensorModel
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.options import ASSUMED_FOV, described, outside_note, replaced_note, says_geometry
 from srt3d_ros.datasets.photons import Photons

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor import MAX_BINS
+from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
 from srt3d_ros.datasets.recording import Counts, Recording

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor import MAX_PIXELS
+from srt3d_ros.core.sensor.model import MAX_PIXELS
 from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.options import refuse_channel
 from srt3d_ros.datasets.readers import hdf5, mat_child

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.distortion import PlumbBob
-from srt3d_ros.core.photons import PhotonEvents
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import GateWords, SensorModel
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
 from srt3d_ros.datasets.options import ASSUMED_FOV, pinhole

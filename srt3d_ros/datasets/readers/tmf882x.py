@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from srt3d_ros.core.photons import PhotonHistograms
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
+from srt3d_ros.core.sketching.photons import PhotonHistograms
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.values import whole_counts
 from srt3d_ros.errors import require

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.errors import require
 
 AT_M = np.array([0.0, -0.03, 2.10])     # centre of the head at rest, camera frame

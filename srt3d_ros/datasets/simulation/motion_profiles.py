@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.motion.trajectory import Pose
 
 Path = Callable[[float], Pose]          # the pose at a time, s
 

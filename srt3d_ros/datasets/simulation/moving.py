@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from srt3d_ros.core.motion import Pose
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SensorModel
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, Path
 from srt3d_ros.datasets.simulation.room import World

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from srt3d_ros.core.motion import Pose
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.datasets.simulation.bust import HEAD, TORSO, Figure
 
 TINY = np.float32(1e-9)

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.files import naming_file, read_npz_arrays
 from srt3d_ros.errors import require

@@ -5,8 +5,8 @@ Their pixels see a surface in their middle or none. The depth is that of one pla
 
 import numpy as np
 
-from srt3d_ros.core.projection import Pinhole
-from srt3d_ros.core.sensor import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.model import SPEED_OF_LIGHT, SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.datasets import irf
 from srt3d_ros.datasets.simulation.scene import StaticScene
 

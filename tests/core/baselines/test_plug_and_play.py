@@ -10,8 +10,8 @@ from srt3d_ros.core.baselines.rt3d import RT3D
 from srt3d_ros.core.baselines.toa import by_pixel
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import Metrics, evaluate
-from srt3d_ros.core.sensor import SensorModel
-from srt3d_ros.core.sketching import sketch_photons
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
 from srt3d_ros.kernels import cpu
 from tests.core.scenes import T, make_sensor, run, simulate

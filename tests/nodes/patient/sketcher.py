@@ -2,7 +2,7 @@
 
 import sys
 
-from srt3d_ros.core import stream
+from srt3d_ros.core.sketching import stream
 from srt3d_ros.nodes import sketcher
 
 stream.MOTION_S = 30.0

@@ -1,0 +1,1 @@
+"""The default method: from a sketch to a cloud."""

@@ -1,0 +1,129 @@
+"""PointCloud: what a reconstruction returns."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import Pinhole, Projection
+from srt3d_ros.errors import require
+
+# Which point of a pixel comes first: the field that a pixel's points are sorted by, and its sign.
+SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points of one frame, sorted by pixel, the strongest of a pixel first, and the background of every pixel.
+
+    `ordered` puts the nearest or the farthest of a pixel first.
+
+    Args:
+        row, col: uint16 [N].
+        depth_bins: float32 [N], depth (see SensorModel), in [0, T).
+        intensity: float32 [N], expected signal photons of that return in the frame.
+        depth_std_bins: float32 [N], standard deviation of `depth_bins`: photon noise, and where photons are pooled also
+            what the surface does within the pool.
+        xyz: float32 [N, 3], metres, sensor's frame.
+        surface: uint8 [N], 0 for the first point of its pixel, 1 for the next, …
+        background: float32 [rows, cols], expected background photons in the frame, over all T bins.
+        stamp_ns: start of acquisition, passed through from the photons.
+    """
+
+    row: np.ndarray
+    col: np.ndarray
+    depth_bins: np.ndarray
+    intensity: np.ndarray
+    depth_std_bins: np.ndarray
+    xyz: np.ndarray
+    surface: np.ndarray
+    background: np.ndarray
+    stamp_ns: int = 0
+
+    @classmethod
+    def from_layers(cls, sensor: SensorModel, depth: np.ndarray, intensity: np.ndarray, std: np.ndarray,
+                    background: np.ndarray, stamp_ns: int) -> "PointCloud":
+        """The cloud of K layers of surfaces, float32 [rows, K, cols]: depth and std in bins, intensity 0 = no point."""
+        order = np.argsort(-intensity, axis=1, kind="stable")
+        row, col, rank = np.nonzero(np.take_along_axis(intensity, order, axis=1).swapaxes(1, 2) > 0)
+        layer = order[row, rank, col]
+        depth, intensity, std = (values[row, layer, col].astype(np.float32) for values in (depth, intensity, std))
+        depth = _wrapped(depth, sensor.num_bins)
+        return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.clip(std, 1e-6, sensor.num_bins),
+                   sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def image(self, field: str, surface: int = 0) -> np.ndarray:
+        """One value per pixel of `depth_bins`, `intensity` or `depth_std_bins`; float32 [rows, cols], NaN = no point.
+
+        In metres: `range_image` and `depth_image`.
+        """
+        return self._image(getattr(self, field), surface)
+
+    def range_image(self) -> np.ndarray:
+        """Range along the ray of each pixel's first point, metres; float32 [rows, cols], NaN = no point."""
+        return self._image(self._range_m())
+
+    def depth_image(self, projection: Projection) -> np.ndarray:
+        """What a depth image shows (REP-118) of the first points; float32 [rows, cols], metres, NaN = no point.
+
+        That is z in the optical frame for a pinhole, the range along the ray for a scanner.
+        """
+        return self._image(self.xyz[:, 2]) if isinstance(projection, Pinhole) else self.range_image()
+
+    def within(self, min_m: float = 0.0, max_m: float = np.inf) -> Self:
+        """Only the points whose range along the ray is from `min_m` to `max_m` metres; `surface` counts those left."""
+        if min_m <= 0 and max_m == np.inf:
+            return self
+        range_m = self._range_m()
+        kept = np.flatnonzero((range_m >= min_m) & (range_m <= max_m))
+        if len(kept) == len(self):
+            return self
+        row, col = self.row[kept], self.col[kept]
+        begins = np.flatnonzero((np.diff(row, prepend=-1) != 0) | (np.diff(col, prepend=-1) != 0))
+        rank = np.arange(len(kept)) - np.repeat(begins, np.diff(begins, append=len(kept)))
+        return replace(self._only(kept), surface=rank.astype(np.uint8))
+
+    def cropped(self, rows: slice, cols: slice) -> Self:
+        """The cloud of a window of pixels, counted from its first one; their sensor: `SensorModel.cropped`."""
+        background = self.background[rows, cols]
+        if background.shape == self.background.shape:
+            return self
+        inside = (self.row >= rows.start) & (self.row < rows.stop) & (self.col >= cols.start) & (self.col < cols.stop)
+        cloud = self._only(np.flatnonzero(inside))
+        return replace(cloud, row=cloud.row - np.uint16(rows.start), col=cloud.col - np.uint16(cols.start),
+                       background=background)
+
+    def _only(self, kept: np.ndarray) -> Self:
+        """The points of these indices."""
+        return replace(self, **{name: getattr(self, name)[kept] for name in (
+            "row", "col", "depth_bins", "intensity", "depth_std_bins", "xyz", "surface")})
+
+    def ordered(self, surface_order: str) -> Self:
+        """The cloud with the `strongest`, `nearest` or `farthest` point of each pixel first; ties keep their order."""
+        require(surface_order in SURFACE_ORDERS, "surface_order", surface_order, " or ".join(SURFACE_ORDERS))
+        field, sign = SURFACE_ORDERS[surface_order]
+        key, later = sign * getattr(self, field), np.flatnonzero(self.surface)
+        if (key[later - 1] <= key[later]).all():
+            return self
+        order = np.lexsort((key, np.cumsum(self.surface == 0)))
+        return replace(self._only(order), surface=self.surface)
+
+    def _range_m(self) -> np.ndarray:
+        return np.sqrt(np.einsum("ij,ij->i", self.xyz, self.xyz))       # several times faster than np.linalg.norm
+
+    def _image(self, values: np.ndarray, surface: int = 0) -> np.ndarray:
+        chosen = self.surface == surface
+        out = np.full(self.background.shape, np.nan, np.float32)
+        out[self.row[chosen], self.col[chosen]] = values[chosen]
+        return out
+
+
+def _wrapped(depth: np.ndarray, num_bins: int) -> np.ndarray:
+    """Depths modulo T, float32."""
+    depth = np.mod(depth, np.float32(num_bins))
+    depth[depth >= num_bins] = 0                     # where rounding made it T
+    return depth

@@ -1,0 +1,1 @@
+"""Where a sensor was, and sketches moved along."""

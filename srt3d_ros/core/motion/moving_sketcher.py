@@ -1,0 +1,133 @@
+"""MovingSketcher: frames of a sensor that moves, in parts that are each sketched alone, and moved to one instant."""
+
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from statistics import mean, median_low
+
+import numpy as np
+
+from srt3d_ros.core.motion.deskew import Deskewer, Parts
+from srt3d_ros.core.motion.trajectory import Trajectory
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.sketcher import Sketcher
+
+PARTS = 10          # of a frame, at most: within one, 1 m/s and 100 ms smear by 1 cm; moving each takes about 1 ms
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFrame:
+    """A frame that has ended, not yet deskewed.
+
+    Args:
+        parts: instants, ns, and sketches, in order of time.
+        first_ns, last_ns: the time over which its trajectory has to be known.
+        stamp_ns: the instant that it is moved to, the middle of its acquisition.
+    """
+
+    parts: Parts
+    first_ns: int
+    last_ns: int
+    stamp_ns: int
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that its sketches take, about."""
+        return sum(sketch.sums.nbytes for _, sketch in self.parts)
+
+
+class MovingSketcher(Sketcher):
+    """Sketches the parts of a frame alone; `finish` moves them to the middle of the frame and adds them up.
+
+    A part is a packet, or as many with one stamp. Where packets are more than PARTS, parts are as long as the frame
+    before says. A packet lasts until the next one: its photons come in the middle.
+
+    Args:
+        sensor, frequencies, gate: as for a Sketcher.
+
+    Attributes:
+        lost: photons of the last frame finished that no pixel sees at its instant.
+        window_frames: 1; frames of a moving sensor are seen from different places, and do not add up.
+    """
+
+    window_frames = 1
+
+    def __init__(self, sensor: SensorModel, frequencies, gate: Gate | None = None):
+        super().__init__(sensor, frequencies, gate=gate)
+        self.lost = 0
+        self._deskewer = Deskewer(self.sketch_sensor, self.frequencies)
+        self._part_ns = 0                           # the length of a part; 0: each stamp has its own
+        self._previous_ns: int | None = None        # the last stamp of the frame before
+        self._parts: list[tuple[list[int], Sketch]] = []        # of the open frame, with the stamps of their packets
+        self._stamps: list[int] = []                # of the packets of the open part
+
+    def reset(self) -> None:
+        """Forget all photons, and when they came."""
+        super().reset()
+        self._parts, self._stamps, self._previous_ns = [], [], None
+
+    @property
+    def kept(self) -> int:
+        """Photons of the open frame that are inside the gate, which there has to be."""
+        ended = sum(int(sketch.photons.sum()) for _, sketch in self._parts)
+        return ended + int(self._kernels.counted(self._sums, 2 * len(self.frequencies)).sum())
+
+    def add(self, frame: PhotonFrame) -> None:
+        """Add the photons of a packet; InvalidInput, and none is added, if one is outside the sensor."""
+        if self._stamps and len(self._parts) < PARTS - 1 and self._ends_part(frame.stamp_ns):
+            self._end_part()
+        super().add(frame)
+        self._stamps.append(frame.stamp_ns)
+
+    def end_frame(self) -> MovingFrame:
+        """End the open frame."""
+        if self._stamps:
+            self._end_part()
+        stamps = sorted({stamp_ns for of_part, _ in self._parts for stamp_ns in of_part}) or [0]
+        packet_ns = self._packet_ns(stamps)
+        length_ns = stamps[-1] + packet_ns - stamps[0]
+        to_ns = stamps[0] + length_ns // 2
+        parts = sorted(((round(mean(of_part)) + packet_ns // 2, sketch) for of_part, sketch in self._parts),
+                       key=lambda part: part[0])
+        instants = [to_ns, *(instant_ns for instant_ns, _ in parts)]
+        self._part_ns = -(-length_ns // PARTS) if len(stamps) > PARTS else 0
+        self._parts, self._previous_ns = [], stamps[-1]
+        return MovingFrame(parts, min(instants), max(instants), to_ns)
+
+    def finish(self, frame: MovingFrame, trajectory: Trajectory | None) -> Sketch:
+        """The sketch of a frame at `frame.stamp_ns`. Without a trajectory its parts add up as they are.
+
+        Raises:
+            InvalidInput: the trajectory does not cover the frame.
+        """
+        if trajectory is not None and frame.parts:
+            sketch = self._deskewer(frame.parts, trajectory, frame.stamp_ns)
+            self.lost = self._deskewer.lost
+            return sketch
+        self.lost, shape = 0, (self.sensor.rows, self.sensor.cols)
+        nothing = Sketch(self.frequencies, np.zeros((*shape, len(self.frequencies)), np.complex64),
+                         np.zeros(shape, np.uint32), sensor=self.sketch_sensor)
+        return replace(reduce(add, (sketch for _, sketch in frame.parts), nothing), stamp_ns=frame.stamp_ns)
+
+    def _ends_part(self, stamp_ns: int) -> bool:
+        """Whether a packet with this stamp belongs to another part than the open one."""
+        first_ns = self._parts[0][0][0] if self._parts else self._stamps[0]
+        length_ns = max(self._part_ns, 1)
+        return (stamp_ns - first_ns) // length_ns != (self._stamps[0] - first_ns) // length_ns
+
+    def _end_part(self) -> None:
+        self._parts.append((self._stamps, self.sketch()))
+        self._stamps = []
+        super().reset()
+
+    def _packet_ns(self, stamps: list[int]) -> int:
+        """The time that a packet takes: the median distance between stamps, also to the last of the frame before.
+
+        Of two, the shorter: a pause between frames is no packet's.
+        """
+        before = [] if self._previous_ns is None or self._previous_ns >= stamps[0] else [self._previous_ns]
+        distances_ns = np.diff([*before, *stamps]).tolist()
+        return median_low(distances_ns) if distances_ns else 0

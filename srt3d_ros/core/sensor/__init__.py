@@ -1,0 +1,1 @@
+"""What a sensor is: geometry, timing, calibration."""

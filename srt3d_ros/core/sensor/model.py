@@ -1,0 +1,263 @@
+"""SensorModel: everything about a single-photon lidar that its photons do not say."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.projection import Pinhole, Projection
+from srt3d_ros.errors import InvalidInput, quoted, require
+
+SPEED_OF_LIGHT = 299_792_458.0
+MAX_SIDE = 65_536
+MAX_PIXELS = 2**24
+MAX_BINS = 65_535
+BIN_WIDTHS_S = 1e-18, 1.0
+MAX_RANGE_M = 1e12          # float32 holds its square
+GAINS = 1e-4, 1e4
+MAX_DELAY_BINS = 1e6        # float32 still tells an eighth of a bin
+TOA_REFERENCES = {"bin_center": 0.0, "bin_edge": 0.5}       # where the centre of bin 0 lies, bins
+
+
+@dataclass(frozen=True)
+class GateWords:
+    """How a gated SPAD array writes its ToA words: bin = word − `first_word`; `no_detection` = nothing seen."""
+
+    first_word: int = 0
+    no_detection: int = 65_535
+
+    def __post_init__(self) -> None:
+        for name in ("first_word", "no_detection"):
+            value = getattr(self, name)
+            require(0 <= value <= 65_535, f"gates.{name}", value, "a 16-bit word, 0 … 65535")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorModel:
+    """Geometry, timing and calibration of a sensor.
+
+    Depths and float ToA are positions on one axis of bins, an integer ToA b is the whole bin b. `toa_reference` says
+    where that bin lies: with "bin_center" its centre is at b and it spans b − ½ … b + ½, with "bin_edge" it spans
+    b … b + 1. A surface at depth d puts `irf[irf_ref]` on the bin whose centre is at d: p(toa = b) ∝
+    irf[b − d + irf_ref], or irf[b + ½ − d + irf_ref] with "bin_edge". It lies at
+    range = c/2 · (toa_offset_bins + d) · bin_width_s + range_offset_m along its pixel's ray, with either.
+
+    Args:
+        rows, cols: pixels; row 0 is the top row, pixel = row · cols + col.
+        num_bins: T, bins of one laser period (or of the gate that wraps like one).
+        bin_width_s: seconds, 1e-18 … 1.
+        irf: float32 [L] for all pixels, or [rows · cols, L] for each; L ≤ T, non-negative, not all zero;
+            normalised to sum 1 here.
+        irf_ref: index into `irf` that marks the depth; the peak unless given.
+        toa_offset_bins: bins from the laser pulse to position 0: the centre of bin 0, or with "bin_edge" its beginning.
+        range_offset_m: metres added to every range. No range of bins 0 … T may exceed ±1e12 m.
+        gain: float32 [rows, cols], relative detection efficiency, 1e-4 … 1e4; 1 if absent.
+        delay_bins: float32 [rows, cols], bins by which a pixel's ToA come late, at most ±1e6; 0 if absent.
+        mask: bool [rows, cols], False where a pixel must not be used (hot, dead); all True if absent.
+        background_shape: float32 [T], how background photons spread over the bins of a pixel without delay;
+            non-negative, not all zero, normalised to sum 1 here; evenly if absent.
+        projection: Pinhole or AngularScan; a pinhole of 30° across the larger side unless given.
+        gates: ToA words of a gated array, for the `gates` topic.
+        histograms: bins of a histogramming sensor, for the `histograms` topic; T bins from bin 0 on if absent.
+        frame_id: the sensor's frame in tf.
+        toa_reference: "bin_center" or "bin_edge".
+
+    Raises:
+        InvalidInput: naming the field that cannot be used.
+    """
+
+    rows: int
+    cols: int
+    num_bins: int
+    bin_width_s: float
+    irf: np.ndarray
+    irf_ref: int | None = None
+    toa_offset_bins: float = 0.0
+    range_offset_m: float = 0.0
+    gain: np.ndarray | None = None
+    delay_bins: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    background_shape: np.ndarray | None = None
+    projection: Projection | None = None
+    gates: GateWords | None = None
+    histograms: HistogramBins | None = None
+    frame_id: str = "lidar"
+    toa_reference: str = "bin_center"
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("rows", 1, MAX_SIDE), ("cols", 1, MAX_SIDE), ("num_bins", 2, MAX_BINS)):
+            value = _integer(name, getattr(self, name))
+            require(least <= value <= most, name, value, f"an integer from {least} to {most}")
+            self._set(name, value)
+        require(self.pixels <= MAX_PIXELS, "rows × cols", f"{self.rows} × {self.cols}", f"at most {MAX_PIXELS} pixels")
+        for name in ("bin_width_s", "toa_offset_bins", "range_offset_m"):
+            self._set(name, _finite(name, getattr(self, name)))
+        least, most = BIN_WIDTHS_S
+        require(least <= self.bin_width_s <= most, "bin_width_s", self.bin_width_s, f"seconds, {least:g} to {most:g}")
+        require(isinstance(self.toa_reference, str) and self.toa_reference in TOA_REFERENCES, "toa_reference",
+                self.toa_reference, " or ".join(TOA_REFERENCES))
+        with np.errstate(over="ignore"):
+            farthest = float(np.abs(self.range_m([0, self.num_bins])).max())
+        require(farthest <= MAX_RANGE_M, "range", f"{farthest:g} m", f"at most {MAX_RANGE_M:g} m, by toa_offset_bins, "
+                "bin_width_s and range_offset_m")
+        self._check_irf()
+        self._check_maps()
+        if self.histograms is not None:
+            self.histograms.check(self.rows, self.cols, self.num_bins)
+        if self.projection is None:
+            self._set("projection", Pinhole.from_fov(self.rows, self.cols))
+        if isinstance(self.projection, Pinhole):
+            self.projection.check(self.rows, self.cols)
+
+    def _set(self, name: str, value) -> None:
+        object.__setattr__(self, name, value)
+
+    def _check_irf(self) -> None:
+        irf = _array("irf", self.irf, np.float64)
+        require(irf.ndim in (1, 2) and irf.size > 0 and (irf.ndim == 1 or irf.shape[0] == self.pixels), "irf shape",
+                irf.shape, f"[L], or [{self.pixels}, L] for an IRF per pixel")
+        require(irf.shape[-1] <= self.num_bins, "irf length", irf.shape[-1], f"at most num_bins = {self.num_bins}")
+        self._set("irf", _normalised("irf", irf, "finite float32 values of 0 or more (remove the baseline)"))
+        peak = int(np.argmax(self.irf if irf.ndim == 1 else self.irf.sum(axis=0)))
+        ref = peak if self.irf_ref is None else _integer("irf_ref", self.irf_ref)
+        require(0 <= ref < irf.shape[-1], "irf_ref", ref, f"an index into the IRF, 0 … {irf.shape[-1] - 1}")
+        self._set("irf_ref", ref)
+
+    def _check_maps(self) -> None:
+        shape = self.rows, self.cols
+        for name, dtype, (low, high) in (("gain", np.float32, GAINS), ("mask", np.bool_, (False, True)),
+                                         ("delay_bins", np.float32, (-MAX_DELAY_BINS, MAX_DELAY_BINS))):
+            if getattr(self, name) is not None:
+                value = _array(name, getattr(self, name), dtype)
+                require(value.shape == shape, f"{name} shape", value.shape, f"[rows, cols] = {shape}")
+                require(bool(((value >= low) & (value <= high)).all()), name, "not finite or out of bounds in places",
+                        f"{low:g} to {high:g} (use mask for bad pixels)")
+                self._set(name, value)
+        if self.background_shape is not None:
+            shape = _array("background_shape", self.background_shape, np.float64)
+            require(shape.shape == (self.num_bins,), "background_shape shape", shape.shape,
+                    f"({self.num_bins},), num_bins")
+            self._set("background_shape", _normalised("background_shape", shape, "finite float32 values of 0 or more"))
+
+    @property
+    def pixels(self) -> int:
+        """rows · cols."""
+        return self.rows * self.cols
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        """Unit rays in the sensor's frame, float32 [rows, cols, 3]."""
+        return self.projection.rays(self.rows, self.cols)
+
+    @cached_property
+    def exposure(self) -> np.ndarray:
+        """How many photons each pixel sees against one of gain 1; 0 where masked. float32 [rows, cols]."""
+        gain = np.ones((self.rows, self.cols), np.float32) if self.gain is None else self.gain
+        return gain if self.mask is None else gain * self.mask
+
+    @property
+    def bin_width_m(self) -> float:
+        """Metres of range in one bin, c/2 · bin_width_s."""
+        return SPEED_OF_LIGHT / 2 * self.bin_width_s
+
+    @property
+    def first_bin_center(self) -> float:
+        """Position of the centre of bin 0, bins: 0, or 0.5 where bins begin at whole positions."""
+        return TOA_REFERENCES[self.toa_reference]
+
+    def toa_positions(self, toa: np.ndarray) -> np.ndarray:
+        """ToA on the axis of depths, float32 [N]; integer ToA are the centres of their bins."""
+        return toa if toa.dtype.kind == "f" else toa.astype(np.float32) + np.float32(self.first_bin_center)
+
+    def toa_bins(self, toa: np.ndarray) -> np.ndarray:
+        """The bin that each ToA lies in, integers [N] in [0, T); integer ToA are that already."""
+        if toa.dtype.kind != "f":
+            return toa
+        return np.floor(toa + np.float32(0.5 - self.first_bin_center)).astype(np.int64) % self.num_bins
+
+    def range_m(self, depth_bins: ArrayLike) -> np.ndarray:
+        """Range along the ray, metres, of depths in bins."""
+        offset_bins = self.toa_offset_bins + np.asarray(depth_bins, dtype=np.float64)
+        return offset_bins * self.bin_width_m + self.range_offset_m
+
+    def depth_bins(self, range_m: np.ndarray) -> np.ndarray:
+        """Depths in bins, not wrapped, of ranges along the ray, metres: the inverse of `range_m`."""
+        return (range_m - self.range_offset_m) / self.bin_width_m - self.toa_offset_bins
+
+    def xyz(self, row: np.ndarray, col: np.ndarray, depth_bins: np.ndarray) -> np.ndarray:
+        """Points in the sensor's frame, metres, float32 [N, 3]."""
+        return (self.rays[row, col] * self.range_m(depth_bins)[:, None]).astype(np.float32)
+
+    def replace(self, **changes: Any) -> "SensorModel":
+        """A copy with some fields changed and checked."""
+        return replace(self, **changes)
+
+    def cropped(self, rows: slice, cols: slice = slice(None)) -> "SensorModel":
+        """The sensor of some pixels alone, which see the same: those of the rows and columns, such as slice(10, 40).
+
+        Raises:
+            InvalidInput: no pixel is left, or some between are left out.
+        """
+        shape = self.rows, self.cols
+        (first_row, row_count), (first_col, col_count) = _span("rows", rows, self.rows), _span("cols", cols, self.cols)
+        return self.replace(rows=row_count, cols=col_count, **self._of_pixels(lambda values: values[rows, cols]),
+                            histograms=self.histograms and self.histograms.cropped(rows, cols, shape),
+                            projection=self.projection.cropped(first_row, first_col))
+
+    def _of_pixels(self, taken: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
+        """The calibration of each pixel, through a function of maps [rows, cols, …]."""
+        maps = {name: getattr(self, name) for name in ("gain", "delay_bins", "mask")}
+        of_pixels = {name: taken(values) for name, values in maps.items() if values is not None}
+        if self.irf.ndim == 2:
+            of_pixels["irf"] = taken(self.irf.reshape(self.rows, self.cols, -1)).reshape(-1, self.irf.shape[1])
+        return of_pixels
+
+    def same_as(self, other: "SensorModel | None") -> bool:
+        """True if both describe the same sensor."""
+        return other is not None and all(np.array_equal(getattr(self, name), getattr(other, name))
+                                         for name in self.__dataclass_fields__)
+
+
+def _span(name: str, part: slice, side: int) -> tuple[int, int]:
+    """The first of the pixels along a side that a slice keeps, and how many."""
+    first, end, step = part.indices(side) if isinstance(part, slice) else (0, 0, 1)
+    require(step == 1 and first < end, name, part, f"a slice with some of 0:{side} in it, in steps of 1")
+    return first, end - first
+
+
+def _normalised(name: str, density: np.ndarray, wanted: str) -> np.ndarray:
+    """float32 densities along the last axis, of sum 1."""
+    require(bool(((density >= 0) & (density <= np.finfo(np.float32).max)).all()), name,
+            "negative or not finite in places", wanted)
+    total = density.sum(axis=-1, keepdims=True)
+    require(bool((total > 0).all()), name, "all zero", f"{wanted}, not all 0")
+    if not np.allclose(total, 1, rtol=0, atol=1e-6):        # else already ours: a copy stays the same to the bit
+        density = density / total
+    return np.ascontiguousarray(density, dtype=np.float32)
+
+
+def _integer(name: str, value) -> int:
+    number = _finite(name, value)
+    require(number == int(number), name, quoted(value), "an integer")
+    return int(number)
+
+
+def _finite(name: str, value) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(name, quoted(value), "a number") from None
+    require(np.isfinite(number), name, quoted(value), "a finite number")
+    return number
+
+
+def _array(name: str, value, dtype) -> np.ndarray:
+    try:
+        with np.errstate(over="ignore"):        # what float32 does not hold becomes infinite, and is refused
+            return np.ascontiguousarray(value, dtype=dtype)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(name, quoted(value), f"an array of {np.dtype(dtype).name}") from None

@@ -1,0 +1,147 @@
+"""Projections: the unit ray of each pixel in the sensor's frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from srt3d_ros.core.sensor.distortion import PlumbBob
+from srt3d_ros.errors import require
+
+DEFAULT_FOV_DEG = 30.0
+FOCAL_LENGTHS = 1e-6, 1e100     # pixels; these and MAX_CENTRE keep squares of a ray's coordinates finite
+MAX_CENTRE = 1e9                # pixels
+MAX_ANGLE_RAD = 1e6
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera: ray ∝ ((col − cx) / fx, (row − cy) / fy, 1), in the optical frame (z forward, x right, y down).
+
+    Args:
+        fx, fy: focal lengths, pixels.
+        cx, cy: principal point, pixels; the centre of pixel (0, 0) is at (0, 0).
+        distortion: of the lens; it is taken off the pixels' places before they become rays.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: PlumbBob = PlumbBob()
+    kind = "pinhole"
+
+    def __post_init__(self):
+        for name in ("fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
+            least, most = (-MAX_CENTRE, MAX_CENTRE) if name[0] == "c" else FOCAL_LENGTHS
+            require(least <= value <= most, f"projection.{name}", value, f"{least:g} to {most:g} pixels")
+
+    @classmethod
+    def from_fov(cls, rows: int, cols: int, fov_deg: float = DEFAULT_FOV_DEG) -> "Pinhole":
+        """Square pixels, principal point in the middle, `fov_deg` degrees across the larger side."""
+        require(0 < fov_deg < 180, "fov_deg", fov_deg, "an angle between 0 and 180 degrees")
+        focal = max(rows, cols) / 2 / np.tan(np.radians(fov_deg) / 2)
+        return cls(focal, focal, (cols - 1) / 2, (rows - 1) / 2)
+
+    def check(self, rows: int, cols: int) -> None:
+        """Raise InvalidInput unless the distortion can be taken off everywhere in an image of this size."""
+        if self.distortion:
+            x, y = self._places(rows, cols)     # checks border and lines to the middle: all of it
+            self.distortion.check(*(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]]) for v in (x, y)))
+
+    def rays(self, rows: int, cols: int) -> np.ndarray:
+        """Unit rays, float32 [rows, cols, 3]; InvalidInput as by `check`."""
+        self.check(rows, cols)
+        x, y = self._places(rows, cols)
+        if self.distortion:
+            x, y = self.distortion.undistorted(x, y)
+        return _unit(x, y, np.ones((rows, cols)))
+
+    @property
+    def lens(self) -> np.ndarray:
+        """As kernels read it (`kernels.lens`), float32 [10]."""
+        bend = self.distortion
+        return np.array([self.fx, self.fy, self.cx, self.cy, bend.k1, bend.k2, bend.p1, bend.p2, bend.k3, bend.reach],
+                        np.float32)
+
+    def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column at which points [..., 3] are seen, float32 [...]; NaN behind the camera or past its reach."""
+        x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
+        with np.errstate(all="ignore"):
+            x, y = x / z, y / z
+            seen = (z > 0) & (x * x + y * y < self.distortion.reach)
+            x, y = self.distortion.distorted(x, y)
+            return tuple(np.where(seen, at, np.nan).astype(np.float32)
+                         for at in (self.fy * y + self.cy, self.fx * x + self.cx))
+
+    def cropped(self, first_row: int, first_col: int) -> "Pinhole":
+        """The same camera whose pixel (0, 0) is (first_row, first_col) of this one."""
+        return replace(self, cx=self.cx - first_col, cy=self.cy - first_row)
+
+    def _places(self, rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
+        """Where the pixels' centres are, in focal lengths from the principal point; float64 [rows, cols] each."""
+        x = (np.arange(cols) - self.cx) / self.fx
+        y = (np.arange(rows) - self.cy) / self.fy
+        return np.broadcast_to(x, (rows, cols)), np.broadcast_to(y[:, None], (rows, cols))
+
+
+@dataclass(frozen=True)
+class AngularScan:
+    """A scanner with evenly spaced angles: x forward, y left, z up (REP-103).
+
+    The ray of (row, col) has azimuth `azimuth_start_rad + col · azimuth_step_rad` (positive to the left)
+    and elevation `elevation_start_rad + row · elevation_step_rad` (positive up).
+    """
+
+    azimuth_start_rad: float
+    azimuth_step_rad: float
+    elevation_start_rad: float
+    elevation_step_rad: float
+    kind = "angular_scan"
+
+    def __post_init__(self):
+        for name in ("azimuth_start_rad", "azimuth_step_rad", "elevation_start_rad", "elevation_step_rad"):
+            value = getattr(self, name)
+            require(abs(value) <= MAX_ANGLE_RAD, f"projection.{name}", value, f"radians, at most {MAX_ANGLE_RAD:g}")
+
+    def rays(self, rows: int, cols: int) -> np.ndarray:
+        """Unit rays, float32 [rows, cols, 3]."""
+        azimuth = self.azimuth_start_rad + self.azimuth_step_rad * np.arange(cols)
+        elevation = (self.elevation_start_rad + self.elevation_step_rad * np.arange(rows))[:, None]
+        z = np.broadcast_to(np.sin(elevation), (rows, cols))
+        return _unit(np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), z)
+
+    @property
+    def lens(self) -> np.ndarray:
+        """As kernels read it (`kernels.lens`), float32 [4]."""
+        azimuth_step, elevation_step = self._steps
+        return np.array([self.azimuth_start_rad, azimuth_step, self.elevation_start_rad, elevation_step], np.float32)
+
+    def places(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column at which points [..., 3] are seen, float32 [...]; columns from −½ to a turn later."""
+        x, y, z = np.moveaxis(np.asarray(xyz, np.float64), -1, 0)
+        azimuth_step, elevation_step = self._steps
+        with np.errstate(all="ignore"):
+            row = (np.arctan2(z, np.hypot(x, y)) - self.elevation_start_rad) / elevation_step
+            col = (np.arctan2(y, x) - self.azimuth_start_rad) / azimuth_step
+            col = (col + 0.5) % (2 * np.pi / abs(azimuth_step)) - 0.5
+        return row.astype(np.float32), col.astype(np.float32)
+
+    @property
+    def _steps(self) -> tuple[float, float]:
+        """In azimuth and elevation. A line has none across, and sees as far to both sides as along; a beam, 1 rad."""
+        azimuth, elevation = self.azimuth_step_rad, self.elevation_step_rad
+        return azimuth or abs(elevation) or 1.0, elevation or abs(azimuth) or 1.0
+
+    def cropped(self, first_row: int, first_col: int) -> "AngularScan":
+        """The same scan whose pixel (0, 0) is (first_row, first_col) of this one."""
+        return replace(self, azimuth_start_rad=self.azimuth_start_rad + first_col * self.azimuth_step_rad,
+                       elevation_start_rad=self.elevation_start_rad + first_row * self.elevation_step_rad)
+
+
+Projection = Pinhole | AngularScan
+
+
+def _unit(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    ray = np.stack([x, y, z], axis=-1)
+    return (ray / np.linalg.norm(ray, axis=-1, keepdims=True)).astype(np.float32)

@@ -1,0 +1,1 @@
+"""From packets of photons to sketches."""

@@ -1,0 +1,102 @@
+"""Gate: the bins in which photons are kept. T becomes their number, and background from elsewhere is gone."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.errors import InvalidInput, require
+
+OFF, AUTO = "off", "auto"
+FORM = "off, first and last bin such as 100-400, or for a file auto"
+
+
+class Gate:
+    """The depths from bin `first` to bin `last` of a sensor, and the ToA in which their photons come.
+
+    Pixels' delays widen the gate by their spread: each ToA is kept that is inside for one of the pixels. What is left
+    is a circle of its own, like every period: a surface whose pulse crosses an end may appear at the other, so leave
+    the length of a pulse at both ends. Ranges stay what they were.
+
+    Args:
+        source: the sensor whose photons come in.
+        first, last: bins of depth, both inside.
+
+    Attributes:
+        num_bins: T of what is kept: last − first + 1, and the spread of the delays; that of `source` at most.
+        start: the first bin of ToA that is kept. From there the bins go on, in the end around the circle of `source`.
+        sensor: describes what is kept.
+
+    Raises:
+        InvalidInput: not within the sensor's bins, in the wrong order, or shorter than the IRF.
+    """
+
+    def __init__(self, source: SensorModel, first: int, last: int):
+        shown, most, irf = f"{first}-{last}", source.num_bins - 1, source.irf.shape[-1]
+        require(0 <= first and last <= most, "gate", shown, f"first and last within the sensor's bins, 0 to {most}")
+        require(first < last, "gate", shown, "a first bin below the last")
+        require(last - first + 1 >= irf, "gate", shown, f"{irf} bins or more, as many as the IRF has")
+        self.source, self.first, self.last = source, first, last
+        late = source.delay_bins
+        used = late if late is None or source.mask is None or not source.mask.any() else late[source.mask]
+        least, greatest = (0, 0) if late is None else (int(np.floor(used.min())), int(np.ceil(used.max())))
+        self.num_bins = last - first + 1 + greatest - least
+        if self.num_bins >= source.num_bins:        # all bins: the circle of the source
+            self.start, self.num_bins, self.sensor = 0, source.num_bins, source
+            return
+        self.start = (first + least) % source.num_bins
+        shape = source.background_shape
+        if shape is not None:
+            shape = np.take(shape, np.arange(first, first + self.num_bins), mode="wrap")
+            shape = shape if shape.any() else None
+        self.sensor = source.replace(
+            num_bins=self.num_bins, toa_offset_bins=source.toa_offset_bins + first, background_shape=shape, gates=None,
+            histograms=None, delay_bins=None if late is None else late - np.float32(least))
+
+    def __str__(self) -> str:
+        return f"{self.first}-{self.last}"
+
+    def photons(self, events: PhotonEvents) -> PhotonEvents:
+        """The photons inside, in the bins of `self.sensor`."""
+        inside = np.flatnonzero(self._inside(events.toa))
+        toa, start = events.toa[inside], events.toa.dtype.type(self.start)
+        before = toa < start if toa.dtype.kind != "f" else toa < start - np.float32(0.5)
+        toa = np.where(before, toa + events.toa.dtype.type(self.source.num_bins - self.start), toa - start)
+        if toa.dtype.kind == "f":       # a bin whose centre is its position begins half a bin before, around the circle
+            toa = np.where(toa < 0, toa + np.float32(self.num_bins), toa)
+            toa = np.minimum(toa, np.nextafter(np.float32(self.num_bins), np.float32(0)))
+        return replace(events.part(inside), toa=toa)
+
+    def _inside(self, toa: np.ndarray) -> np.ndarray:
+        """Which ToA are in bins that are kept; two comparisons of their own type."""
+        end, bins = self.start + self.num_bins, self.source.num_bins
+        if toa.dtype.kind == "f" and self.source.first_bin_center != 0.5:
+            toa = toa + np.float32(0.5 - self.source.first_bin_center)      # from where the bin begins
+            toa = np.where(toa < bins, toa, toa - np.float32(bins))
+        return (toa >= self.start) & (toa < end) if end <= bins else (toa >= self.start) | (toa < end - bins)
+
+
+def in_ranges(gate: Gate | None) -> str:
+    """The bins of a gate and the ranges to which they belong, in words."""
+    if gate is None:
+        return OFF
+    nearest, farthest = gate.source.range_m([gate.first, gate.last])
+    return f"{gate}, {nearest:.4g} to {farthest:.4g} m"
+
+
+def parse(spec: str | Sequence[int]) -> tuple[int, int] | str:
+    """First and last bin, OFF or AUTO; InvalidInput for anything else.
+
+    Args:
+        spec: in words, as 100-400, 100:400 or [100, 400] (20:45 is a number of YAML); or both bins.
+    """
+    if isinstance(spec, str) and spec in (OFF, AUTO):
+        return spec
+    text = spec if isinstance(spec, str) or np.ndim(spec) != 1 else ",".join(map(str, spec))
+    numbers = re.fullmatch(r"\s*[\[(]?\s*(-?\d{1,9})\s*[-:,]\s*(-?\d{1,9})\s*[\])]?\s*", str(text))
+    if numbers is None:
+        raise InvalidInput("gate", spec, FORM)
+    return int(numbers[1]), int(numbers[2])

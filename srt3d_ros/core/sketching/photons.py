@@ -1,0 +1,252 @@
+"""PhotonFrame: the photons of one frame, as events, as the gates of a SPAD array, or as histograms."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.errors import require
+
+CHUNK = 2**16           # photons compared together, so that they stay in the cache
+TOA_DTYPES = (np.uint16, np.float32)
+MAX_WORDS = 2**27       # in gates or histograms made from events: 256 MB
+MAX_OF_PIXEL = 2**32    # photons in a histogram: sums of phases and counts stay within their integers
+COUNTS_A_PHOTON = 8     # of a histogram that are added up in the time of a photon
+COUNT_DTYPES = (np.uint8, np.uint16, np.int32, np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonEvents:
+    """One entry per detected photon, in any order.
+
+    Args:
+        pixel: uint32 [N], row · cols + col.
+        toa: uint16 or float32 [N], time of arrival in bins, 0 ≤ toa < T. What 5 and 5.0 mean: SensorModel.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+    """
+
+    pixel: np.ndarray
+    toa: np.ndarray
+    stamp_ns: int = 0
+
+    def __post_init__(self):
+        require(self.toa.dtype in TOA_DTYPES, "toa dtype", str(self.toa.dtype), "uint16 or float32")
+        require(self.pixel.dtype == np.uint32, "pixel dtype", str(self.pixel.dtype), "uint32")
+        require(self.pixel.shape == self.toa.shape and self.pixel.ndim == 1, "pixel and toa shapes",
+                f"{self.pixel.shape} and {self.toa.shape}", "the same [N]")
+
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return len(self.toa)
+
+    @cached_property
+    def is_sorted(self) -> bool:
+        """True if `pixel` never decreases, which makes sketching several times faster."""
+        parts = (self.pixel[first:first + CHUNK + 1] for first in range(0, self.photons, CHUNK))
+        return all((part[1:] >= part[:-1]).all() for part in parts)
+
+    def part(self, which: np.ndarray) -> "PhotonEvents":
+        """The photons that an index or a mask [N] chooses."""
+        return replace(self, pixel=self.pixel[which], toa=self.toa[which])
+
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput if a photon lies outside the sensor's pixels or bins."""
+        if self.photons == 0:
+            return
+        worst = int(self.pixel[-1] if self.is_sorted else self.pixel.max())
+        require(worst < sensor.pixels, "pixel", worst,
+                f"an index below {sensor.rows} × {sensor.cols} = {sensor.pixels}")
+        low = self.toa.min() if self.toa.dtype.kind == "f" else self.toa.dtype.type(0)
+        high = self.toa.max()                           # a NaN makes both NaN
+        require(bool(low >= 0 and high < sensor.num_bins), "toa", (low if high < sensor.num_bins else high).item(),
+                f"bins in [0, {sensor.num_bins})")
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonGates:
+    """G laser cycles of a SPAD array: one ToA word per pixel and cycle.
+
+    Args:
+        words: uint16 [G, rows, cols]; bin = word − sensor.gates.first_word, sensor.gates.no_detection = no photon.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+        photons: number of photons, if known.
+    """
+
+    words: np.ndarray
+    stamp_ns: int = 0
+    photons: int | None = None
+
+    def __post_init__(self):
+        require(self.words.dtype == np.uint16, "gates dtype", str(self.words.dtype), "uint16")
+        require(self.words.ndim == 3, "gates shape", self.words.shape, "[cycles, rows, cols]")
+
+    @classmethod
+    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonGates":
+        """The same photons as gates: the i-th photon of a pixel falls into cycle i. A float ToA becomes its bin.
+
+        Raises:
+            InvalidInput: a photon has no word of its own, or the busiest pixel has too many for this form.
+        """
+        form = sensor.gates
+        require(form is not None, "sensor.gates", "missing", "first_word and no_detection, to write gates")
+        events.check(sensor)
+        pixel = events.pixel
+        order = slice(None) if events.is_sorted else np.argsort(pixel, kind="stable")
+        counts = np.bincount(pixel, minlength=sensor.pixels)
+        cycles = max(int(counts.max()), 1)
+        require(cycles * sensor.pixels <= MAX_WORDS, "gates", f"{cycles} cycles of {sensor.pixels} pixels",
+                f"at most {MAX_WORDS} words: send events instead")
+        written = sensor.toa_bins(events.toa[order]).astype(np.uint32) + np.uint32(form.first_word)
+        highest = int(written.max(initial=0))
+        require(highest <= 65_535, "gates word", highest, f"16 bits (first_word is {form.first_word})")
+        require(not (written == form.no_detection).any(), "toa", form.no_detection - form.first_word,
+                f"a bin whose word is not that of no detection, {form.no_detection}")
+        words = np.full((cycles, sensor.pixels), form.no_detection, np.uint16)
+        cycle = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
+        words[cycle, pixel[order]] = written
+        return cls(words.reshape(cycles, sensor.rows, sensor.cols), events.stamp_ns)
+
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput unless the gates have the sensor's pixels, and it says what words mean."""
+        shape = sensor.rows, sensor.cols
+        require(self.words.shape[1:] == shape, "gates shape", self.words.shape, f"[cycles, rows, cols] with {shape}")
+        require(sensor.gates is not None, "sensor.gates", "missing", "first_word and no_detection, to read gates")
+
+    def to_events(self, sensor: SensorModel) -> PhotonEvents:
+        """The same photons as events sorted by pixel; InvalidInput for gates that are not the sensor's."""
+        self.check(sensor)
+        form = sensor.gates
+        words = self.words.reshape(len(self.words), sensor.pixels).T
+        seen = words != form.no_detection
+        pixel = np.broadcast_to(np.arange(sensor.pixels, dtype=np.uint32)[:, None], words.shape)[seen]
+        words = words[seen]
+        first = int(words.min(initial=65_535))
+        require(first >= form.first_word, "gates word", first, word_wanted(sensor))
+        return PhotonEvents(pixel, words - np.uint16(form.first_word), self.stamp_ns)
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonHistograms:
+    """Photons counted by the bins in which they came, as histogramming sensors send them.
+
+    Args:
+        counts: uint8, uint16, int32 or float32 [rows, cols, n], photons in each bin; negative ones, of int32 and
+            float32, where the sensor has subtracted ambient light. n is T, or what `sensor.histograms` says.
+        stamp_ns: start of acquisition, nanoseconds of the sensor's clock.
+        first_row: of a packet that has some rows of the sensor alone, the first of them; None if it has all.
+    """
+
+    counts: np.ndarray
+    stamp_ns: int = 0
+    first_row: int | None = None
+
+    def __post_init__(self):
+        require(self.counts.dtype in COUNT_DTYPES, "histograms dtype", str(self.counts.dtype),
+                "uint8, uint16, int32 or float32")
+        require(self.counts.ndim == 3, "histograms shape", self.counts.shape, "[rows, cols, bins]")
+
+    @classmethod
+    def from_events(cls, events: PhotonEvents, sensor: SensorModel) -> "PhotonHistograms":
+        """The same photons counted in the sensor's T bins, uint16 or, if there are more in one, int32.
+
+        Raises:
+            InvalidInput: the sensor's histograms have other bins, or there are too many bins for this form.
+        """
+        require(sensor.histograms is None, "sensor.histograms", "there", "none, to count events in the sensor's bins")
+        events.check(sensor)
+        bins = sensor.pixels * sensor.num_bins
+        require(bins <= MAX_WORDS, "histograms", f"{sensor.num_bins} bins of {sensor.pixels} pixels",
+                f"at most {MAX_WORDS} bins: send events instead")
+        at = events.pixel.astype(np.int64) * sensor.num_bins + sensor.toa_bins(events.toa)
+        counts = np.bincount(at, minlength=bins)
+        counts = counts.astype(np.uint16 if counts.max() <= 65_535 else np.int32)
+        return cls(counts.reshape(sensor.rows, sensor.cols, -1), events.stamp_ns)
+
+    @cached_property
+    def photons(self) -> int:
+        """Number of photons; 0 if negative counts outweigh them."""
+        flat = self.counts.reshape(-1)
+        if self.counts.dtype.kind != "u":
+            return max(round(float(flat.sum(dtype=np.float64))), 0)
+        # twice as fast as to add up in 64 bits, and exact: a part's sum fits into 32
+        return sum(int(flat[first:first + CHUNK].sum(dtype=np.uint32)) for first in range(0, len(flat), CHUNK))
+
+    def check(self, sensor: SensorModel) -> None:
+        """Raise InvalidInput unless the histograms have the sensor's pixels and bins, and counts that can be added."""
+        wanted, first = (sensor.rows, sensor.cols, bins_of(sensor)), self.first_row
+        if first is not None:
+            require(0 <= first <= sensor.rows - len(self.counts), "histograms rows", f"{len(self.counts)} from {first}",
+                    f"some of the sensor's {sensor.rows}")
+            wanted = len(self.counts), *wanted[1:]
+        require(self.counts.shape == wanted, "histograms shape", self.counts.shape, f"[rows, cols, bins] = {wanted}")
+        if self.counts.dtype.kind != "u":
+            low, high, most = self.counts.min(), self.counts.max(), MAX_OF_PIXEL // wanted[2]
+            require(bool(-most <= low and high <= most), "histograms count", (high if high > most else low).item(),
+                    f"{-most} to {most}, photons in a bin")     # a NaN makes both NaN
+
+    def on_axis(self, sensor: SensorModel) -> np.ndarray:
+        """The counts in the bins of the sensor's axis, each in the one in which its middle lies; [rows, cols, T]."""
+        bins, pixels = sensor.histograms, sensor.pixels
+        if bins is None:
+            return self.counts
+        counts = self._of_the_scene(sensor)
+        out = np.zeros((pixels, sensor.num_bins), np.float32)
+        at = np.minimum(np.broadcast_to(bins.centers().astype(np.int64), counts.shape), sensor.num_bins - 1)
+        np.add.at(out, (np.arange(pixels)[:, None], at), counts)
+        return out.reshape(sensor.rows, sensor.cols, -1)
+
+    def _of_the_scene(self, sensor: SensorModel) -> np.ndarray:
+        """The counts less the sensor's template, [rows · cols, n]."""
+        counts, bins = self.counts.reshape(sensor.pixels, -1), sensor.histograms
+        return counts if bins is None or bins.template is None else counts - bins.template
+
+    def to_events(self, sensor: SensorModel) -> PhotonEvents:
+        """The same photons as events sorted by pixel, for what needs photons one by one.
+
+        Raises:
+            InvalidInput: histograms that are not the sensor's, or negative or fractional counts.
+        """
+        self.check(sensor)
+        bins, counts = sensor.histograms, self._of_the_scene(sensor).reshape(-1)
+        at = np.flatnonzero(counts)
+        numbers = counts[at].astype(np.int64)
+        require(bool((numbers == counts[at]).all() and (numbers > 0).all()), "histograms",
+                "negative or fractional in places", "whole photons, to tell them one by one")
+        pixel, toa = np.divmod(at, self.counts.shape[2])
+        if bins is not None:
+            middles = bins.centers() - 0.5          # of bins, counted in bins
+            toa = middles[pixel, toa] if middles.ndim == 2 else middles[toa]
+            if (toa != np.floor(toa)).any():
+                toa = ((toa + sensor.first_bin_center) % sensor.num_bins).astype(np.float32) % sensor.num_bins
+        toa = toa if toa.dtype == np.float32 else toa.astype(np.uint16)
+        return PhotonEvents(pixel.astype(np.uint32).repeat(numbers), toa.repeat(numbers), self.stamp_ns)
+
+
+def bins_of(sensor: SensorModel) -> int:
+    """Bins of a sensor's histograms."""
+    return sensor.num_bins if sensor.histograms is None else sensor.histograms.num_bins
+
+
+def last_word(sensor: SensorModel) -> int:
+    """The highest word that a photon can have: that of the last bin, or of 16 bits."""
+    return min(sensor.gates.first_word + sensor.num_bins, 65_536) - 1
+
+
+def word_wanted(sensor: SensorModel) -> str:
+    """Which words gates may have, as an expectation."""
+    return f"{sensor.gates.first_word} to {last_word(sensor)}, or {sensor.gates.no_detection} for no detection"
+
+
+PhotonFrame = PhotonEvents | PhotonGates | PhotonHistograms
+
+
+def most_photons(frame: PhotonFrame) -> int:
+    """How many photons it costs to look at a frame.
+
+    Gates that have not been counted may have one in every word; histograms cost what their bins do, photons or not.
+    """
+    if isinstance(frame, PhotonHistograms):
+        return frame.counts.size // COUNTS_A_PHOTON
+    return frame.words.size if frame.photons is None else frame.photons

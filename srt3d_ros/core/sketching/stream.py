@@ -1,0 +1,257 @@
+"""SketchStream: from packets of photons to sketches of frames. Nodes, library, bags and evaluation push into it."""
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
+from srt3d_ros.core.motion.track import MotionReport, SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.counts import Counts
+from srt3d_ros.core.sketching.design import fixed_design
+from srt3d_ros.core.sketching.framing import Framing, OpenFrame
+from srt3d_ros.core.sketching.gate import OFF, in_ranges
+from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.core.sketching.sketch import Sketch
+from srt3d_ros.core.sketching.window import WindowSketcher
+from srt3d_ros.errors import require
+
+MERGE_S = 0.4           # longest wait for an acknowledgement: a reader that was killed gives none for 20 s
+MERGE_POLL_S = 0.01     # until a frame that waits for an acknowledgement is tried again: 1 % of a core while one does
+MOTION_S = 1.0          # longest wait for the motion: odometry comes 10 to 100 ms late; after a second it has stopped
+# Frames that wait for the motion whatever memory they take, and the memory that more of them may take.
+MOST_FRAMES, MOST_BYTES = 4, 2**28
+
+
+class Counting(Protocol):
+    """What counts, such as Counts."""
+
+    def count(self, **amounts: int) -> None: ...
+    def drop(self, cause: str, frames: int = 1, photons: int = 0) -> None: ...
+
+
+@dataclass(frozen=True)
+class StreamOptions:
+    """How packets become frames, and frames sketches.
+
+    Args:
+        gate, frequencies, sketch_size: as of `fixed_design`.
+        packets_per_frame, frame_period_ns: as of Framing.
+        window_frames: frames in the sliding window of a sketch.
+        moving: move the packets of a frame to the sensor's pose in its middle, by the motion that `add_motion` reports.
+        extrinsics: the pose of the sensor in the frame of the body that is reported on.
+        merge_when_busy: while readers are busy, add frames to the one that waits.
+    """
+
+    gate: str = OFF
+    frequencies: str = "auto"
+    sketch_size: int | None = None
+    packets_per_frame: int = 1
+    frame_period_ns: int = 0
+    window_frames: int = 1
+    moving: bool = False
+    extrinsics: Pose = field(default_factory=Pose, compare=False)
+    merge_when_busy: bool = False
+
+    def __post_init__(self) -> None:
+        require(self.window_frames == 1 or not self.moving, "window_frames", self.window_frames,
+                "1 with motion, which has frames seen from different places")
+        require(not self.merge_when_busy or self.window_frames == 1 and not self.moving, "merge_when_busy", "true",
+                "false with motion or window_frames above 1, whose sketches do not add up")
+
+
+@dataclass(eq=False)
+class _Ended:
+    """A frame that has ended: its packets and photons, those of its photons that are inside the gate, its sketch."""
+
+    content: OpenFrame
+    kept: int
+    sketch: Sketch | MovingFrame
+    since_s: float
+
+    def with_next(self, other: "_Ended") -> "_Ended":
+        """Both frames as one."""
+        content = OpenFrame(*map(sum, zip(self.content, other.content)))
+        return replace(self, content=content, kept=self.kept + other.kept, sketch=self.sketch + other.sketch)
+
+
+class SketchStream:
+    """Sketches the frames of one sensor. One thread at a time may call it; it never waits.
+
+    Every packet and photon is in a sketch that came out, in a frame that is open or waits, or dropped for a cause.
+
+    Args:
+        sensor: of the photons that come in.
+        counts: what they are counted in: totals `packets` and `photons` that came out, drops by cause.
+
+    Attributes:
+        packets_per_frame: of the last frame that ended.
+        warning: why frames went on undeskewed since this was last set to an empty text.
+
+    Raises:
+        InvalidInput: options that contradict each other or do not suit the sensor.
+    """
+
+    def __init__(self, sensor: SensorModel, options: StreamOptions = StreamOptions(), counts: Counting | None = None):
+        self.sensor, self.options, self.counts = sensor, options, Counts() if counts is None else counts
+        self.warning = ""
+        self._framing = Framing(options.packets_per_frame, options.frame_period_ns)
+        gate, frequencies, _ = fixed_design(sensor, options.gate, options.frequencies, options.sketch_size)
+        self._sketcher = MovingSketcher(sensor, frequencies, gate) if options.moving else \
+            WindowSketcher(sensor, frequencies, options.window_frames, gate)
+        self._motion = SensorMotion(options.extrinsics) if options.moving else None
+        self._ended: deque[_Ended] = deque()
+        self._merged: _Ended | None = None          # frames that wait for readers, as one
+        self._came_s = self._sent_s = -float("inf")
+        self.packets_per_frame = options.packets_per_frame
+
+    # ---- What goes in
+
+    def push(self, packet: PhotonFrame, now_s: float = 0.0, busy: bool = False, raw: bytes = b"") -> list[Sketch]:
+        """Add a packet; the sketches that come out.
+
+        Args:
+            now_s: the time, of any clock that `poll` is told of, too.
+            busy: whether readers have yet to take sketches that came out.
+            raw: the packet as it was sent, by which one that comes twice is known; without, none is.
+
+        Raises:
+            InvalidInput: photons outside the sensor. No photon of the packet was added; sketches of frames that it
+                ended come out of the next call.
+        """
+        self._came_s = now_s
+        placed = self._framing.place(packet.stamp_ns, raw)
+        self._end_frame(placed.ended, now_s)
+        if placed.began_again:
+            self.counts.count(stamp_leaps=1)
+            self._forget(placed.forgotten)
+        if placed.dropped:
+            self.counts.drop(placed.dropped, photons=packet.photons)
+        else:
+            self._sketcher.add(packet)
+            self._end_frame(self._framing.add(packet.stamp_ns, packet.photons), now_s)
+        return self.poll(now_s, busy)
+
+    def add_motion(self, report: MotionReport) -> str:
+        """Follow a report of the sensor's motion; why its trajectory begins again, or nothing.
+
+        Raises:
+            InvalidInput: a report that cannot be used.
+        """
+        return self._motion.add(report)
+
+    # ---- What comes out
+
+    def poll(self, now_s: float = 0.0, busy: bool = False) -> list[Sketch]:
+        """The sketches that come out by now: of frames that end by silence, and of those that need not wait longer."""
+        if self.options.frame_period_ns and now_s - self._came_s > self._framing.silence_ns * 1e-9:
+            self._end_frame(self._framing.flush(), now_s)
+        return self._take(now_s, busy)
+
+    @property
+    def waits_for_motion(self) -> bool:
+        """Whether frames that have ended wait for reports of motion."""
+        return bool(self._ended)
+
+    @property
+    def wait_s(self) -> float | None:
+        """When to poll next if nothing is pushed, in seconds from now; None while nothing waits."""
+        if self._merged is not None:
+            return MERGE_POLL_S
+        if self._ended:
+            return 0.0 if self._motion is None else MOTION_S
+        if self._framing.open.packets and self.options.frame_period_ns:
+            return self._framing.silence_ns * 1e-9
+        return None
+
+    def reset(self) -> list[Sketch]:
+        """Drop the open frame (`incomplete`) and begin a new window; the sketches of the frames that ended."""
+        sketches = self._take(at_once=True)
+        self._forget(self._framing.clear())
+        return sketches
+
+    def flush(self) -> list[Sketch]:
+        """End the open frame, unless its number of packets is not complete, and let all come out."""
+        self._end_frame(self._framing.flush(), self._came_s)
+        return self.reset()
+
+    def resize(self, window_frames: int) -> None:
+        """Change the length of the window, which goes on; InvalidInput if it would take too much memory."""
+        options = replace(self.options, window_frames=window_frames)
+        self._sketcher.resize(window_frames)
+        self.options = options
+
+    # ---- What is in force
+
+    @property
+    def frame(self) -> OpenFrame:
+        """Packets and photons of the open frame."""
+        return self._framing.open
+
+    @property
+    def sketch_sensor(self) -> SensorModel:
+        """What the next sketches are of: the sensor, or what its gate keeps."""
+        return self._sketcher.sketch_sensor
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """What the next sketches are of, for a user to read."""
+        sensor = self.sketch_sensor
+        return {"rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
+                "window_frames": self.options.window_frames, "gate": in_ranges(self._sketcher.gate),
+                "frequencies": " ".join(map(str, self._sketcher.frequencies))}
+
+    # ---- Frames
+
+    def _forget(self, frame: OpenFrame | None) -> None:
+        """Begin a new window without the open frame, which had these packets if any."""
+        if frame is not None:
+            self.counts.drop("incomplete", *frame)
+        self._sketcher.reset()
+
+    def _end_frame(self, frame: OpenFrame | None, now_s: float) -> None:
+        """End a frame, if there is one."""
+        if frame is not None:
+            self.packets_per_frame, sketcher = frame.packets, self._sketcher
+            kept = frame.photons if sketcher.gate is None else min(sketcher.kept, frame.photons)
+            self._ended.append(_Ended(frame, kept, sketcher.end_frame(), now_s))
+
+    def _take(self, now_s: float = 0.0, busy: bool = False, at_once: bool = False) -> list[Sketch]:
+        """Take out the frames that need not wait, in their order."""
+        sketches = []
+        while self._ended and self._finish(self._ended[0], now_s, at_once):
+            frame = self._ended.popleft()
+            if self.options.merge_when_busy:
+                self._merged = frame if self._merged is None else self._merged.with_next(frame)
+            else:
+                sketches.append(self._release(frame, now_s))
+        if self._merged is not None and (at_once or not busy or not 0 <= now_s - self._sent_s < MERGE_S):
+            sketches.append(self._release(self._merged, now_s))
+        return sketches
+
+    def _release(self, frame: _Ended, now_s: float) -> Sketch:
+        self._merged, self._sent_s = None, now_s
+        self.counts.count(packets=frame.content.packets, photons=frame.kept)
+        self.counts.drop("gate", frames=0, photons=frame.content.photons - frame.kept)
+        return frame.sketch
+
+    def _finish(self, frame: _Ended, now_s: float, at_once: bool) -> bool:
+        """Whether a frame need not wait any longer; its sketch is then deskewed, where its motion is known."""
+        if self._motion is None:
+            return True
+        moving, sketcher = frame.sketch, self._sketcher
+        crowded = len(self._ended) > MOST_FRAMES and sum(ended.sketch.nbytes for ended in self._ended) > MOST_BYTES
+        late = at_once or crowded or not 0 <= now_s - frame.since_s < MOTION_S
+        trajectory, cause = self._motion.over(moving.first_ns, moving.last_ns, late)
+        if trajectory is None and not cause:
+            return False
+        frame.sketch = sketcher.finish(moving, trajectory)
+        lost = min(sketcher.lost, frame.kept)
+        frame.kept -= lost
+        frame.content = frame.content._replace(photons=frame.content.photons - lost)
+        self.counts.drop("out_of_view", frames=0, photons=lost)
+        if trajectory is None:
+            self.warning = cause
+        self.counts.count(frames_deskewed=trajectory is not None, frames_undeskewed=trajectory is None)
+        return True

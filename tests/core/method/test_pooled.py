@@ -1,0 +1,117 @@
+"""What pooled does beyond what every method must do (test_methods.py)."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import exponnorm, norm
+
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.sketcher import sketch_photons
+from tests.core.scenes import T, background_alone, errors, exact, make_sensor, pooled, ramp, simulate
+
+# ---- Without noise
+
+@pytest.mark.parametrize(("start", "per_col", "per_row"), [
+    (200.3, 0, 0), (200.3, 2, -1.4), (200.3, 5, -3.5), (T - 12.5, 0.6, 0.2)])
+def test_a_tilted_plane_is_found_to_a_tenth_of_a_bin_up_to_its_borders(start, per_col, per_row, signal=20.0):
+    depth = ramp(24, 40, start, per_col, per_row) % T
+    cloud = pooled(exact(make_sensor(24, 40), depth, signal), make_sensor(24, 40))
+    assert len(cloud) == depth.size and np.abs(errors(cloud, depth)).max() < 0.1
+    np.testing.assert_allclose(cloud.intensity, signal, rtol=0.01)
+    assert cloud.background.max() < 0.01 * signal
+
+
+# ---- With photons
+
+@pytest.mark.parametrize(("gap", "ppp", "sbr"), [(20, 10, 10), (60, 10, 1), (200, 100, 10)])
+def test_at_a_step_edge_no_points_fly(gap, ppp, sbr):
+    depth = np.where(np.arange(64) < 32, 200.0, 200.0 + gap) + np.zeros((48, 1))
+    cloud = pooled(simulate(depth, sbr, ppp), make_sensor(*depth.shape))
+    assert (np.abs(errors(cloud, [200, 200 + gap])) > 10).mean() <= 0.001
+    assert (np.abs(errors(cloud, depth)) > 10).mean() <= 0.005           # and nearly all are on their own side
+    assert len(cloud) >= 0.999 * depth.size
+
+
+# ---- Background alone
+
+@pytest.mark.parametrize(("m", "rate", "ppp"), [(5, 1e-3, 100), (10, 1e-3, 5), (10, 1e-2, 0.3), (40, 1e-3, 0.02)])
+def test_background_alone_shows_few_points(m, rate, ppp):
+    sensor, frames = make_sensor(64, 64), 20
+    points = [len(pooled(background_alone(sensor, ppp, seed), sensor, m, false_alarm_rate=rate))
+              for seed in range(frames)]
+    # A false point comes with its window's 120 to 430 pixels, so that counts scatter: 4 times the rate, or 4 of them.
+    # Where few photons meet narrow pulses, chance meetings pass for surfaces more often.
+    times = 16 if ppp < 0.1 and m == 40 else 4
+    assert sum(points) <= max(times * rate * frames * sensor.pixels, 4 * 120)
+
+
+def test_noise_that_rounding_adds_raises_the_threshold_and_the_standard_deviations():
+    """Rounded to 2 σ a third of the variance is added: unknown, more than twice as many points as allowed appear."""
+    sensor, rate, frequencies = make_sensor(64, 64), 1e-2, choose("auto", make_sensor(64, 64), 10)
+    told, untold = (Pooled(sensor, frequencies, false_alarm_rate=rate) for _ in range(2))
+    points = np.zeros(2)
+    for seed in range(10):
+        sketch = sketch_photons(background_alone(sensor, 100, seed), sensor, frequencies)
+        unit = 2 * np.sqrt(np.maximum(sketch.photons, 1) / 2)[..., None].astype(np.float32)
+        rounded = np.rint(sketch.sums.view(np.float32) / unit) * unit
+        sketch = replace(sketch, sums=rounded.view(np.complex64))
+        points += len(told(replace(sketch, added_variance=2**2 / 12))), len(untold(sketch))
+    shares = points / (10 * sensor.pixels * rate)
+    assert shares[0] < 1.5 and shares[1] > 2
+
+    plane = simulate(np.full((64, 64), 50.0), 1e6, 20, sensor)
+    sketch = sketch_photons(plane, sensor, frequencies)
+    widths = [told(replace(sketch, added_variance=added)).depth_std_bins.mean() for added in (0.0, 0.5)]
+    signal, even = told._matcher.moments
+    assert widths[1] / widths[0] == pytest.approx(np.sqrt(1 + 0.5 * even / signal), rel=0.05)
+
+
+def test_fewer_false_alarms_are_allowed_fewer_points_appear():
+    sensor = make_sensor(64, 64)
+    frame = background_alone(sensor, 20, seed=1)
+    points = [len(pooled(frame, sensor, false_alarm_rate=rate)) for rate in (0.3, 0.03, 1e-4, 1e-17, 1e-320)]
+    assert points == sorted(points, reverse=True) and points[0] > 100 and points[-1] == 0
+
+
+def test_thresholds_are_quantiles_of_the_normal_distribution():
+    assert score_threshold(1e-4, 100) == pytest.approx(norm.isf(1e-4 / 200))
+    assert score_threshold(1e-2, 40, (6.0, 3)) == pytest.approx(norm.isf(1e-2 / 80 * 9 / (4 * np.pi * 36)))
+    assert score_threshold(1e-2, 40, (0.5, 2)) == pytest.approx(norm.isf(1e-2 / 80))       # a window within its cell
+    assert continuation_threshold(1e-4) == pytest.approx(norm.isf(1e-2))
+
+
+# ---- Bias: a flat surface is neither too near nor too far, whatever the IRF's shape and the place in the bin
+
+TAILED = np.diff(exponnorm.cdf(np.arange(-8, 40) - 0.5, K=4))       # an exponential tail of 4 bins
+IRFS = {"least driver": [0.1, 0.8, 1, 0.6, 0.2], "slow decay": TAILED, "slow rise": TAILED[::-1]}
+
+
+def best_depth(toa: np.ndarray, irf: np.ndarray, ref: int, frequencies, num_bins: int, near: float) -> float:
+    """The depth at which the data term ‖n z − r ĥ exp(i ω t)‖² of all photons together is least, in float64."""
+    omega = 2 * np.pi * np.array(frequencies) / num_bins
+    response = np.exp(1j * np.outer(omega, np.arange(len(irf)) - ref)) @ irf
+    total = np.exp(1j * np.outer(omega, np.arange(num_bins))) @ np.bincount(toa, minlength=num_bins)
+    for _ in range(8):                                              # Newton's steps
+        along = np.conj(response) * total * np.exp(-1j * omega * near)
+        near += (omega * along.imag).sum() / (omega**2 * along.real).sum()
+    return near
+
+
+@pytest.mark.parametrize("irf", IRFS.values(), ids=IRFS)
+def test_the_mean_depth_of_a_flat_surface_is_that_of_all_its_photons_together(irf):
+    sensor = SensorModel(32, 32, 300, 1e-10, irf)
+    frequencies = choose("auto", sensor, 10)
+    method, off, true_off = Pooled(sensor, frequencies, device="cpu"), [], []
+    for k, depth in enumerate(150 + np.arange(8) / 8):
+        frame = simulate(np.full((32, 32), depth), np.inf, 50, sensor, seed=k)
+        cloud = method(sketch_photons(frame, sensor, frequencies))
+        assert len(cloud) == sensor.pixels
+        own = best_depth(frame.toa, sensor.irf.astype(float), sensor.irf_ref, frequencies, sensor.num_bins, depth)
+        off.append(cloud.depth_bins.mean(dtype=float) - own)
+        true_off.append(own - depth)
+    assert abs(np.mean(off)) < 0.01                                 # bins; they were 0.003 at most
+    assert abs(np.mean(true_off)) < 0.01                            # two standard deviations

@@ -1,0 +1,192 @@
+"""Deskewed sketches: those of photons that came elsewhere, or at other times."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.motion.deskew import FAR_M, Deskewer
+from srt3d_ros.core.motion.trajectory import Pose, Trajectory
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.errors import InvalidInput
+
+ROWS, COLS, T = 9, 12, 200
+STEP = 0.02             # rad from pixel to pixel
+SENSOR = SensorModel(ROWS, COLS, T, 1e-10, [1, 2, 1], projection=AngularScan(0.1, -STEP, 0.1, -STEP))
+FREQUENCIES = (1, 3, 20)
+LATER = 10**8
+
+
+def photons(seed: int = 0, number: int = 2_000, sensor: SensorModel = SENSOR) -> PhotonEvents:
+    rng = np.random.default_rng(seed)
+    return PhotonEvents(rng.integers(0, sensor.pixels, number, dtype=np.uint32),
+                        rng.uniform(0, T, number).astype(np.float32))
+
+
+def after(pose: Pose) -> Trajectory:
+    """The sensor's pose at 0, in the frame that it has LATER: where a point seen at 0 lies by then."""
+    trajectory = Trajectory()
+    trajectory.add(0, pose)
+    trajectory.add(LATER, Pose())
+    return trajectory
+
+
+def moved(events: PhotonEvents, pose: Pose, range_m=None, sensor: SensorModel = SENSOR):
+    deskewer, range_m = Deskewer(sensor, FREQUENCIES), constant(FAR_M, sensor) if range_m is None else range_m
+    return deskewer([(0, sketch_photons(events, sensor, FREQUENCIES))], after(pose), LATER, range_m), deskewer.lost
+
+
+def constant(range_m: float, sensor: SensorModel = SENSOR) -> np.ndarray:
+    return np.full((sensor.rows, sensor.cols), range_m, np.float32)
+
+
+def assert_same(sketch, expected, atol=2e-4):
+    np.testing.assert_array_equal(sketch.photons, expected.photons)
+    np.testing.assert_allclose(sketch.sums, expected.sums, atol=atol * max(expected.photons.max(), 1))
+
+
+def test_a_step_forward_shifts_the_photons_of_the_middle():
+    sensor = SENSOR.replace(rows=1, cols=1, projection=AngularScan(0, STEP, 0, STEP))
+    events, step_m = photons(sensor=sensor), 0.25
+    shifted = replace(events, toa=((events.toa - step_m / sensor.bin_width_m) % T).astype(np.float32))
+    for range_m in (None, np.full((1, 1), 2, np.float32)):
+        sketch, _ = moved(events, Pose(translation=np.array([-step_m, 0, 0])), range_m, sensor)
+        assert_same(sketch, sketch_photons(shifted, sensor, FREQUENCIES))
+
+
+def test_a_turn_by_a_column_is_the_image_by_a_column():
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
+    events = photons(sensor=sensor)
+    sketch, lost = moved(events, Pose.turned([0, 0, -2 * STEP]), None, sensor)      # to the right by two
+    before = sketch_photons(events, sensor, FREQUENCIES)
+    np.testing.assert_array_equal(sketch.photons[:, 2:], before.photons[:, :-2])
+    np.testing.assert_allclose(sketch.sums[:, 2:], before.sums[:, :-2], atol=0.05)
+    assert sketch.photons[:, :2].sum() == 0
+    assert lost == before.photons[:, -2:].sum()
+
+
+def test_half_a_column_shares_photons_and_keeps_their_number():
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
+    events = PhotonEvents(np.full(101, 5, np.uint32), np.full(101, 40, np.uint16))
+    sketch, lost = moved(events, Pose.turned([0, 0, -0.5 * STEP]), None, sensor)
+    assert set(sketch.photons[0, 5:7]) <= {50, 51} and sketch.photons.sum() in (100, 101, 102) and lost == 0
+    np.testing.assert_allclose(np.abs(sketch.z[0, 5:7]), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("ppp", [0.1, 1, 10])
+def test_rounding_keeps_the_number_of_photons_however_few_there_are(ppp):
+    sensor = SENSOR.replace(rows=60, cols=80)
+    events = photons(number=round(ppp * sensor.pixels), sensor=sensor)
+    sketch, lost = moved(events, Pose.turned([0, 0.5 * STEP, 0.5 * STEP]), None, sensor)
+    assert int(sketch.photons.sum()) == pytest.approx(events.photons - lost, rel=0.03)
+
+
+def test_a_line_without_a_step_across_sees_what_is_on_it():
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, 0))
+    sketch, lost = moved(photons(sensor=sensor), Pose(), None, sensor)
+    assert_same(sketch, sketch_photons(photons(sensor=sensor), sensor, FREQUENCIES))
+    assert lost == 0
+
+
+def test_means_are_never_longer_than_one():
+    turn = Pose.turned([0.01, -0.003, 0.027])
+    sketch, _ = moved(PhotonEvents(np.arange(SENSOR.pixels, dtype=np.uint32), np.full(SENSOR.pixels, 9, np.uint16)),
+                      turn, constant(3))
+    assert np.abs(sketch.z).max() <= 1.0001
+    assert np.abs(sketch.sums[sketch.photons == 0]).max(initial=0) == 0
+
+
+def test_parallax_needs_the_range_and_is_that_of_the_point():
+    lens = Pinhole(40, 40, 5.5, 4)
+    sensor = SENSOR.replace(projection=lens)
+    range_m = np.linalg.norm(lens.rays(ROWS, COLS) / lens.rays(ROWS, COLS)[..., 2:], axis=-1).astype(np.float32) * 2
+    near, far = (moved(photons(), Pose(translation=np.array([0.1, 0, 0])), ranges, sensor)[0]
+                 for ranges in (range_m, None))       # a wall at z = 2 m: by 40 · 0.1 / 2 = 2 columns
+    before = sketch_photons(photons(), sensor, FREQUENCIES)
+    np.testing.assert_allclose(near.photons[:, 2:], before.photons[:, :-2], atol=1)         # rounded
+    np.testing.assert_allclose(far.photons, before.photons, atol=1)
+    shift = (range_m[4, 7] - range_m[4, 5]) / sensor.bin_width_m
+    turned = np.exp(2j * np.pi * np.array(FREQUENCIES) * shift / T)
+    np.testing.assert_allclose(near.z[4, 7], before.z[4, 5] * turned, atol=0.02)
+
+
+@pytest.mark.parametrize(("background", "gate"), [(0, None), (20, None), (20, (20, 149))])
+def test_photons_show_the_ranges_by_which_they_move(background, gate):
+    """Two walls, with masked pixels, delays, background and a gate: each at its range but near the edge."""
+    late = np.linspace(-3, 3, 40 * 60, dtype=np.float32).reshape(40, 60)
+    mask = np.arange(40 * 60).reshape(40, 60) % 11 > 0
+    sensor = SENSOR.replace(rows=40, cols=60, mask=mask, delay_bins=late, toa_offset_bins=10.0, irf_ref=0)
+    wall = np.where(np.arange(60) < 30, 60.0, 90.0) + np.zeros((40, 1))
+    rng = np.random.default_rng(0)
+    pixel = np.arange(sensor.pixels, dtype=np.uint32).repeat(20 + background)
+    toa = (wall + late).ravel()[pixel] + rng.choice([0, 1, 2], pixel.size, p=[0.25, 0.5, 0.25])
+    toa = np.where(np.arange(pixel.size) % (20 + background) < 20, np.rint(toa), rng.integers(0, T, pixel.size))
+    events = PhotonEvents(pixel, (toa % T).astype(np.uint16))
+    chosen = gate and Gate(sensor, *gate)
+    deskewer = Deskewer(chosen.sensor if gate else sensor, FREQUENCIES)
+    found = deskewer.ranges_m([(0, sketch_photons(events, sensor, FREQUENCIES, chosen))])
+    inner = np.s_[:, np.r_[:20, 40:60]]
+    np.testing.assert_allclose(found[inner], sensor.range_m(wall)[inner], rtol=0.12)
+    assert found.shape == (40, 60) and found.dtype == np.float32
+
+
+def test_without_frequency_one_or_photons_ranges_are_far():
+    assert (Deskewer(SENSOR, (2, 3)).ranges_m([(0, sketch_photons(photons(), SENSOR, (2, 3)))]) == FAR_M).all()
+    assert (Deskewer(SENSOR, FREQUENCIES).ranges_m([]) == FAR_M).all()
+    nothing = sketch_photons(photons(number=0), SENSOR, FREQUENCIES)
+    assert np.isfinite(Deskewer(SENSOR, FREQUENCIES).ranges_m([(0, nothing)])).all()
+
+
+def test_photons_stay_on_a_slope_wherever_they_are_shared():
+    """A wall seen at 60°, and a turn by fractions of a pixel: each pixel shows the wall where it sees it."""
+    lens = Pinhole(40, 40, 5.5, 4)
+    sensor = SENSOR.replace(projection=lens)
+    rays = lens.rays(ROWS, COLS).astype(np.float64)
+    normal = np.array([np.sin(np.radians(60)), 0, np.cos(np.radians(60))])
+    turn = Pose.turned([0.004, 0.011, 0.002])
+    at, to = ((3 / (rays @ n)) for n in (normal, turn.rotation @ normal))
+    toa = np.repeat((at / sensor.bin_width_m % T).astype(np.float32).ravel(), 4)
+    sketch, _ = moved(PhotonEvents(np.repeat(np.arange(sensor.pixels, dtype=np.uint32), 4), toa), turn,
+                      to.astype(np.float32), sensor)
+    inner = np.s_[2:-2, 2:-2]
+    expected = np.exp(2j * np.pi * np.multiply.outer(to / sensor.bin_width_m, FREQUENCIES) / T)
+    np.testing.assert_allclose(sketch.z[inner], expected[inner], atol=0.05)     # 0.08 bins; neighbours are 17 apart
+
+
+def test_photons_do_not_cross_an_edge():
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP))
+    range_m = np.where(np.arange(COLS) < 6, 1.0, 4.0)[None].astype(np.float32)
+    events = PhotonEvents(np.full(100, 5, np.uint32), np.full(100, 40, np.uint16))
+    sketch, _ = moved(events, Pose.turned([0, 0, -0.3 * STEP]), range_m, sensor)     # 5.3: pixel 6 is another surface
+    assert sketch.photons[0, 5] == 100 and sketch.photons[0, 6] == 0
+
+
+def test_masked_pixels_give_nothing_and_delays_are_those_of_the_pixel():
+    mask = np.ones((1, COLS), bool)
+    mask[0, 3] = False
+    late = np.linspace(0, 7, COLS, dtype=np.float32)[None]
+    sensor = SENSOR.replace(rows=1, projection=AngularScan(0.1, -STEP, 0, STEP), mask=mask, delay_bins=late)
+    events = PhotonEvents(np.array([3, 5, 5], np.uint32), np.array([50, 40, 40], np.uint16))
+    sketch, lost = moved(events, Pose.turned([0, 0, -STEP]), None, sensor)
+    assert lost == 0 and sketch.photons.sum() == 2 == sketch.photons[0, 6]
+    expected = np.exp(2j * np.pi * np.array(FREQUENCIES) * (40 + late[0, 6] - late[0, 5]) / T)
+    np.testing.assert_allclose(sketch.z[0, 6], expected, atol=1e-3)
+
+
+def test_parts_add_up_and_their_rounding_is_kept():
+    deskewer = Deskewer(SENSOR, FREQUENCIES)
+    parts = [(k, sketch_photons(photons(k), SENSOR, FREQUENCIES)) for k in range(3)]
+    parts[1] = parts[1][0], replace(parts[1][1], added_variance=0.2)
+    sketch = deskewer(parts, after(Pose()), LATER, constant(FAR_M))
+    assert sketch.added_variance == 0.2
+    assert_same(sketch, parts[0][1] + parts[1][1] + parts[2][1])
+
+
+def test_an_instant_without_a_pose_is_refused():
+    deskewer, sketch = Deskewer(SENSOR, FREQUENCIES), sketch_photons(photons(), SENSOR, FREQUENCIES)
+    with pytest.raises(InvalidInput, match="^stamp is -1: expected within the trajectory"):
+        deskewer([(-1, sketch)], after(Pose()), LATER)

@@ -1,0 +1,84 @@
+"""The trajectory of a sensor from reports of its robot: what it follows, refuses, and where it begins again."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.motion.track import GAP_NS, MotionReport, SensorMotion
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.errors import InvalidInput
+
+MS = 1_000_000
+FORWARD = np.array([1.0, 0, 0])
+
+
+def report(ms: float, x: float, turn: float = 0.0, speed: float = 1.0, rate: float = 0.0) -> MotionReport:
+    return MotionReport(round(ms * MS), Pose(Pose.turned([0, 0, turn]).rotation, x * FORWARD), speed,
+                        np.array([0, 0, rate]))
+
+
+def followed(*reports: MotionReport, **options) -> tuple[SensorMotion, list[str]]:
+    track = SensorMotion(**options)
+    return track, [track.add(one) for one in reports]
+
+
+def test_the_trajectory_is_that_of_the_sensor():
+    extrinsics = Pose(Pose.turned([0, 0, np.pi / 2]).rotation, np.array([0.5, 0, 0.2]))
+    track, breaks = followed(report(0, 0), report(100, 0.1), extrinsics=extrinsics)
+    assert breaks == ["", ""]
+    np.testing.assert_allclose(track.trajectory.at(50 * MS).translation, [0.55, 0, 0.2])
+    # what lies 1 m to the sensor's right is ahead of the robot, which has come 0.1 m nearer
+    np.testing.assert_allclose(track.trajectory.motion(0, 100 * MS)(np.array([0, -1.0, 0])), [0, -0.9, 0], atol=1e-12)
+
+
+def test_an_imus_rate_turns_with_the_sensor():
+    tilted = Pose(Pose.turned([0, np.pi / 2, 0]).rotation)
+    track, _ = followed(*(MotionReport(ms * MS, rate_rad_s=np.array([0, 0, 0.5])) for ms in (0, 100, 200)),
+                        extrinsics=tilted)
+    turned = tilted.inverse() @ Pose.turned([0, 0, 0.1]) @ tilted
+    np.testing.assert_allclose(track.trajectory.at(200 * MS).rotation, turned.rotation, atol=1e-12)
+    np.testing.assert_array_equal(track.trajectory.at(200 * MS).translation, 0)
+
+
+def test_an_imus_rate_changes_evenly_between_reports():
+    track, _ = followed(*(MotionReport(ms * MS, rate_rad_s=np.array([0, 0, ms / 100])) for ms in (0, 20, 40, 60)))
+    np.testing.assert_allclose(track.trajectory.at(60 * MS).rotation_vector, [0, 0, 0.6 * 0.06 / 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("stamps_ms", [(0, 20, 20), (0, 20, 10), (1000, 600)])
+def test_stamps_that_are_not_later_are_refused_and_the_trajectory_goes_on(stamps_ms):
+    *good, bad = stamps_ms
+    track, _ = followed(*(report(ms, ms / 1e3) for ms in good))
+    with pytest.raises(InvalidInput, match="stamp is .* later than the last"):
+        track.add(report(bad, 0))
+    assert track.add(report(max(stamps_ms) + 20, max(stamps_ms) / 1e3 + 0.02)) == ""
+    assert track.trajectory.covers(stamps_ms[0] * MS, max(stamps_ms) * MS)
+
+
+@pytest.mark.parametrize("then, why", [
+    (report(20, 1.0), "jumped by 1.00 m and 0°"),
+    (report(20, 0.02, turn=0.5), "jumped by 0.02 m and 29°"),
+    (report(-60_000, 0), "fell back by 60.000 s"),
+    (report(GAP_NS / MS + 1, 0.5), "none came for 0.501 s"),
+])
+def test_after_a_jump_a_leap_or_a_gap_it_begins_again(then, why):
+    track, (*_, said) = followed(report(-20, -0.02, rate=0.1), report(0, 0), then)
+    assert why in said
+    assert track.trajectory.covers(then.stamp_ns, then.stamp_ns) and not track.trajectory.covers(0, 0)
+    np.testing.assert_array_equal(track.trajectory.at(then.stamp_ns).translation, then.pose.translation)
+
+
+@pytest.mark.parametrize("reports", [
+    [report(0, 0), report(1, 0.02), report(41, 0.04)],                  # stamps that jitter by 20 ms
+    [report(0, 0, speed=0), report(20, 0.3, speed=0)],                  # no twist: 15 m/s
+    [report(0, 0, speed=20), report(100, 2.0, speed=20, rate=3, turn=0.3)],
+    [report(0, 0), report(20, 0.07)],                                   # noise of poses
+    [report(0, 0, speed=1), report(20, 0.02, turn=0.3, speed=1)],       # no rate: 15 rad/s
+    [report(0, 0, speed=0, rate=1), report(20, 0.3, speed=0, rate=1)],  # no speed: 15 m/s
+])
+def test_what_a_robot_does_is_no_jump(reports):
+    assert not any(followed(*reports)[1])
+
+
+def test_a_robot_that_has_said_how_fast_it_is_cannot_jump_at_rest():
+    reports = [report(0, 0, speed=1), report(20, 0.02, speed=0), report(40, 0.3, speed=0)]
+    assert "jumped by 0.28 m" in followed(*reports)[1][2]

@@ -1,0 +1,115 @@
+"""core/motion/trajectory.py: rigid motions and trajectories."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.motion.trajectory import KEPT_NS, SMOOTH_NS, Pose, Trajectory
+from srt3d_ros.errors import InvalidInput
+
+QUARTER_LEFT = Pose.turned([0, 0, np.pi / 2])
+
+
+@pytest.mark.parametrize("vector", [(0, 0, 0), (1e-9, 0, 0), (0.3, -0.2, 1.1), (0, 3.0, 0), (0, 0, np.pi)])
+def test_a_rotation_vector_makes_a_rotation_and_comes_back(vector):
+    pose = Pose.turned(vector)
+    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(pose.rotation_vector, vector, atol=1e-9)
+
+
+def test_a_quarter_to_the_left_turns_forward_into_left():
+    np.testing.assert_allclose(QUARTER_LEFT(np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-12)
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(Pose.from_quaternion([0, 0, half, half]).rotation, QUARTER_LEFT.rotation, atol=1e-12)
+
+
+def test_a_motion_and_its_inverse_cancel():
+    pose = Pose(Pose.turned([0.1, 0.2, -0.4]).rotation, np.array([1.0, -2, 3]))
+    x = np.array([[0.5, 0.25, -1]])
+    np.testing.assert_allclose((pose @ pose.inverse())(x), x, atol=1e-12)
+    np.testing.assert_allclose(pose.inverse()(pose(x)), x, atol=1e-12)
+
+
+@pytest.mark.parametrize(("quaternion", "position", "named"), [
+    ([0, 0, 0, 0], [0, 0, 0], "orientation"), ([0, 0, 0, np.nan], [0, 0, 0], "orientation"),
+    ([0, 0, 0, 1], [0, np.inf, 0], "position")])
+def test_a_pose_that_is_none_is_refused(quaternion, position, named):
+    with pytest.raises(InvalidInput, match=named):
+        Pose.from_quaternion(quaternion, position)
+
+
+def test_between_poses_the_sensor_moves_evenly_and_motion_says_where_a_point_of_then_lies_now():
+    trajectory = Trajectory()
+    trajectory.add(0, Pose())
+    trajectory.add(100, Pose(QUARTER_LEFT.rotation, np.array([2.0, 0, 0])))
+    middle = trajectory.at(50)
+    np.testing.assert_allclose(middle.translation, [1, 0, 0])
+    np.testing.assert_allclose(middle.rotation_vector, [0, 0, np.pi / 4], atol=1e-12)
+    # 3 m ahead; the sensor goes 2 m ahead and turns left: the point is 1 m to its right (y is left)
+    np.testing.assert_allclose(trajectory.motion(0, 100)(np.array([3.0, 0, 0])), [0, -1, 0], atol=1e-12)
+
+
+def test_turn_rates_add_up():
+    trajectory = Trajectory()
+    for k in range(11):
+        trajectory.add_turn(k * 10**8, np.array([0, 0, np.pi / 2]))
+    np.testing.assert_allclose(trajectory.at(10**9).rotation_vector, [0, 0, np.pi / 2], atol=1e-12)
+
+
+def test_a_trajectory_knows_what_it_covers_and_refuses_the_rest():
+    trajectory = Trajectory()
+    assert not trajectory.covers(0, 0) and trajectory.newest_ns is None
+    with pytest.raises(InvalidInput, match="no pose"):
+        trajectory.at(0)
+    trajectory.add(10, Pose())
+    trajectory.add(20, Pose())
+    assert trajectory.covers(10, 20) and not trajectory.covers(9, 20) and not trajectory.covers(10, 21)
+    with pytest.raises(InvalidInput, match="10 to 20"):
+        trajectory.at(21)
+    with pytest.raises(InvalidInput, match="later than"):
+        trajectory.add(20, Pose())
+
+
+def test_a_trajectory_keeps_the_last_seconds_only():
+    trajectory = Trajectory()
+    for k in range(100):
+        trajectory.add(k * KEPT_NS // 4, Pose())
+    assert trajectory.covers(98 * KEPT_NS // 4 - KEPT_NS // 2, 99 * KEPT_NS // 4) and not trajectory.covers(0, 0)
+
+
+def _turning(t_s: float) -> Pose:
+    """An even motion: 1 m/s and 1 rad/s about an axis askew."""
+    return Pose(Pose.turned(t_s * np.array([0.2, 0.4, np.sqrt(0.8)])).rotation, t_s * np.array([0.6, 0.8, 0]))
+
+
+def test_smoothing_leaves_an_even_motion_as_it_is():
+    exact = Trajectory(SMOOTH_NS)
+    for k in range(60):
+        exact.add(k * 10_000_000, _turning(k * 0.01))
+    for stamp_ns in (0, 3_000_000, 255_000_000, 590_000_000):       # also at the ends
+        pose, true = exact.at(stamp_ns), _turning(stamp_ns / 1e9)
+        np.testing.assert_allclose(pose.translation, true.translation, atol=1e-9)
+        np.testing.assert_allclose(pose.rotation, true.rotation, atol=1e-9)
+
+
+def test_smoothing_averages_noise_of_stamps():
+    rng, rough, smooth = np.random.default_rng(0), Trajectory(), Trajectory(SMOOTH_NS)
+    for k in range(300):
+        for one in (rough, smooth):
+            one.add(k * 10_000_000, _turning(k * 0.01 + rng.uniform(-0.02, 0.02)))
+    errors = {one: np.std([np.linalg.norm(one.at(t).translation - _turning(t / 1e9).translation)
+                           for t in range(500_000_000, 2_500_000_000, 7_000_000)]) for one in (rough, smooth)}
+    assert errors[smooth] < 0.4 * errors[rough]
+
+
+def test_few_poses_are_not_smoothed():
+    sparse = Trajectory(SMOOTH_NS)
+    for k in range(5):
+        sparse.add(k * 100_000_000, Pose(np.eye(3), np.array([float(k**2), 0, 0])))
+    assert sparse.at(250_000_000).translation[0] == pytest.approx(6.5)
+
+
+def test_in_a_gap_the_motion_is_even():
+    broken = Trajectory(SMOOTH_NS)
+    for k in [*range(30), *range(60, 90)]:
+        broken.add(k * 10_000_000, Pose(np.eye(3), np.array([(k / 100) ** 2, 0, 0])))
+    assert broken.at(430_000_000).translation[0] == pytest.approx(0.29**2 + 14 / 31 * (0.6**2 - 0.29**2))

@@ -1,0 +1,77 @@
+"""HistogramBins: where bins lie, and which are refused."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.light import light_of
+from srt3d_ros.core.sketching.photons import PhotonHistograms
+from srt3d_ros.core.sketching.scene_histogram import histogram
+from srt3d_ros.core.sketching.window import WindowSketcher
+from srt3d_ros.errors import InvalidInput
+
+SHAPE = (2, 3)
+
+
+def sensor(bins):
+    return SensorModel(*SHAPE, 100, 1e-10, [1.0, 2, 1], histograms=bins)
+
+
+def test_the_middles_of_bins():
+    assert HistogramBins(3).centers().tolist() == [0.5, 1.5, 2.5]
+    assert HistogramBins(3, first_bin=10, bin_width=4).centers().tolist() == [12, 16, 20]
+    own = HistogramBins(2, first_bin=np.arange(6.0).reshape(SHAPE), bin_width=2)
+    assert own.centers().tolist() == [[k + 1, k + 3] for k in range(6)]
+    assert HistogramBins(2, first_bin=np.ones(SHAPE)).centers().tolist() == [1.5, 2.5]      # all alike
+
+
+@pytest.mark.parametrize(("bins", "named"), [
+    (HistogramBins(101), "histograms.num_bins is 101"),
+    (HistogramBins(10, first_bin=-1), "histograms.first_bin is -1"),
+    (HistogramBins(10, bin_width=0), "histograms.bin_width is 0"),
+    (HistogramBins(10, bin_width=np.nan), "histograms.bin_width is not finite"),
+    (HistogramBins(10, first_bin=np.ones((3, 2))), r"histograms.first_bin is float64 \(3, 2\)"),
+    (HistogramBins(10, first_bin=95), "10 bins that end at 105: expected at most T = 100"),
+    (HistogramBins(10, template=np.ones(9)), r"histograms.template shape is \(9,\)"),
+    (HistogramBins(10, template=-np.ones(10)), "histograms.template is negative"),
+])
+def test_bins_that_no_sensor_of_this_size_has_are_refused(bins, named):
+    with pytest.raises(InvalidInput, match=named):
+        sensor(bins)
+    with pytest.raises(InvalidInput, match="10000 × 500 bins of their own"):
+        HistogramBins(500, first_bin=np.arange(10_000.0).reshape(100, 100) % 2).check(100, 100, 600)
+
+
+@pytest.mark.parametrize("first_bin", [20.0, 20 + np.arange(6.0).reshape(SHAPE) * 2])
+def test_the_histogram_of_a_scene_is_on_the_axis(first_bin):
+    """A wall in bin 60 before a background."""
+    bins = HistogramBins(30, first_bin, 2.0)
+    middles = np.broadcast_to(bins.centers(), (6, 30))
+    frame = PhotonHistograms(np.where(np.abs(middles - 60) < 1.1, 200, 10).astype(np.int32).reshape(*SHAPE, -1))
+    found = histogram(frame, sensor(bins))
+    assert found.sum() == frame.photons and abs(int(found.argmax()) - 60) <= 1
+
+
+def test_the_light_of_histograms_is_that_of_their_photons():
+    own = SensorModel(20, 30, 100, 1e-10, [1.0, 2, 1])
+    rng = np.random.default_rng(1)
+    signal = rng.multinomial(20, np.roll(np.r_[own.irf, np.zeros(97)], 60), (20, 30))
+    frame = PhotonHistograms((signal + rng.poisson(0.1, (20, 30, 100))).astype(np.uint16))
+    of_counts, of_events = light_of(frame, own), light_of(frame.to_events(own), own)
+    assert of_counts.photons_per_pixel == of_events.photons_per_pixel
+    assert of_counts.signal_share == pytest.approx(of_events.signal_share, rel=1e-5)
+
+
+@pytest.mark.parametrize("dtype, gate, window_frames", [(np.int32, None, 1), (np.float32, (30, 69), 1),
+                                                        (np.int32, (30, 69), 2)])
+def test_what_is_left_of_subtracted_light_is_still_a_mean_of_unit_vectors(dtype, gate, window_frames):
+    own = SensorModel(*SHAPE, 100, 1e-10, [1.0, 2, 1])
+    sketcher = WindowSketcher(own, (1, 2, 5), window_frames, gate=gate and Gate(own, *gate))
+    for seed in range(3):
+        noise = np.random.default_rng(seed).poisson(50, (*SHAPE, 100)) - 50
+        sketcher.add(PhotonHistograms(noise.astype(dtype)))
+        sketch = sketcher.end_frame()
+    assert np.abs(sketch.z).max() <= 1.001 and sketch.photons.max() < 100 * 50 * window_frames
+    assert (np.abs(sketch.sums).max(axis=2) > sketch.photons - 1).any()         # n is no more than that needs

@@ -1,0 +1,142 @@
+"""Framing alone: which packets make which frame, whatever order they come in, how often, and who sends them."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from srt3d_ros.core.sketching import framing
+from srt3d_ros.core.sketching.framing import Framing, Placed
+
+MS = 1_000_000
+S = 1_000 * MS
+
+
+def frames_of(framing: Framing, stamps, contents=None) -> tuple[list[list[int]], dict[str, list[int]]]:
+    """The stamps of each frame that ended, and of the packets that were dropped, by cause; then the open frame last."""
+    frames, open_frame, dropped = [], [], {}
+    contents = contents or [str(k).encode() for k in range(len(stamps))]
+    for stamp, content in zip(stamps, contents, strict=True):
+        placed = framing.place(stamp, content)
+        assert not (placed.ended and placed.forgotten)
+        for ended, into in ((placed.ended, frames), (placed.forgotten, dropped.setdefault("incomplete", []))):
+            if ended:
+                assert ended == (len(open_frame), sum(open_frame))
+                into.append(open_frame)
+                open_frame = []
+        if placed.dropped:
+            dropped.setdefault(placed.dropped, []).append(stamp)
+            continue
+        open_frame.append(stamp)
+        if completed := framing.add(stamp, photons=stamp):
+            assert completed == (len(open_frame), sum(open_frame))
+            frames.append(open_frame)
+            open_frame = []
+        assert framing.open == (len(open_frame), sum(open_frame))
+    dropped["incomplete"] = sum(dropped.get("incomplete", []), [])
+    return [*frames, open_frame], {cause: packets for cause, packets in dropped.items() if packets}
+
+
+@pytest.mark.parametrize("framing", [Framing(packets=4), Framing(period_ns=4)], ids=["number", "period"])
+def test_the_same_packet_again_is_a_duplicate_but_not_another_of_its_stamp(framing):
+    stamps, contents = [0, 0, 0, 2, 0, 2], [b"one", b"two", b"one", b"one", b"two", b"six"]
+    frames, dropped = frames_of(framing, stamps, contents)
+    assert frames[0] == [0, 0, 2, 2] and dropped == {"duplicate": [0, 0]}
+    frames, dropped = frames_of(Framing(packets=2), [1, 2, 2, 3, 4], [b"a", b"b", b"b", b"c", b"d"])
+    assert frames == [[1, 2], [3, 4], []] and dropped == {"duplicate": [2]}     # not the next frame's first
+    assert frames_of(Framing(), [5, 7, 7], [b"static"] * 3) == ([[5], [7], [7], []], {})        # a packet a frame
+
+
+def test_packets_to_compare_with_are_kept_up_to_a_size(monkeypatch):
+    monkeypatch.setattr(framing, "HELD_BYTES", 100)
+    forgetful = Framing(packets=10**6)
+    for k in range(1000):
+        forgetful.place(0, bytes([k % 200]) * 30)
+    assert len(forgetful._recent._order) == 3 and [*map(len, forgetful._recent._alike.values())] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(("packets", "period_ns", "stamps", "frames", "late"), [
+    (3, 0, [1, 2, 3, 4, 5, 6, 7], [[1, 2, 3], [4, 5, 6], [7]], []),
+    (3, 30, [0, 10, 20], [[0, 10, 20], []], []),                                        # complete: ends at once
+    (3, 30, [0, 10, 20, 30, 50, 60], [[0, 10, 20], [30, 50], [60]], []),                # lacks one: with the next
+    (1, 100, [0, 10, 90, 40, 100, 260, 210, 540], [[0, 10, 90, 40], [100], [260, 210], [540]], []),
+    (1, 33, [0, 0, 0, 33, 33, 67, 100, 100], [[0, 0, 0], [33, 33], [67], [100, 100]], []),
+    (2, 0, [10, 30, 20, 40, 9, 19, 30], [[10, 30], [20, 40], [30]], [9, 19]),
+    (1, 100, [0, 20, 100, 60, 140, 89, 0], [[0, 20], [100, 140]], [60, 89, 0]),
+    (1, 0, [5, 9, 7, 9], [[5], [9], [9], []], [7])])
+def test_frames_end_by_number_and_period_and_what_is_older_is_late(packets, period_ns, stamps, frames, late):
+    found, dropped = frames_of(Framing(packets, period_ns), stamps)
+    assert found == frames and dropped == ({"late": late} if late else {})
+
+
+@pytest.mark.parametrize("jitter", [[0, 3, -3, 1, 4, -4, -1, 2], [1, -1, 2, 0, -2, 1, -1, 0]])
+def test_stamps_that_jitter_stay_in_their_period(jitter):
+    stamps = [10 * k + jitter[k % len(jitter)] for k in range(40)]
+    assert [len(frame) for frame in frames_of(Framing(period_ns=100), stamps)[0]] == [10, 10, 10, 10]
+
+
+@pytest.mark.parametrize("start", [7 * S, 102 * S], ids=["earlier", "later"])
+def test_stamps_that_begin_again_are_followed_and_the_open_frame_is_given_up_if_it_waits_for_more(start):
+    before, again = ([first + 10 * MS * k for k in range(count)] for first, count in ((100 * S, 5), (start, 6)))
+    frames, dropped = frames_of(Framing(packets=3), [*before, *again])
+    assert frames == [before[:3], again[:3], again[3:], []] and dropped == {"incomplete": before[3:]}
+    frames, dropped = frames_of(Framing(period_ns=30 * MS), [*before, *again])
+    assert frames == [before[:3], before[3:], again[:3], again[3:]] and dropped == {}
+
+
+def test_a_sensor_that_begins_again_is_not_late():
+    framing = Framing()
+    placed = []
+    for stamp in (100 * S - 2 * MS, 100 * S - MS, 100 * S, 99 * S, 99 * S - 1, 100 * S - 1):
+        placed.append(framing.place(stamp, b""))
+        assert placed[-1].dropped or framing.add(stamp) == (1, 0)
+    assert placed[2:] == [Placed(), Placed(dropped="late"), Placed(began_again=True), Placed()]
+
+
+@pytest.mark.parametrize("framing, steps_s", [
+    (Framing(), [2.0] * 12), (Framing(packets=3), [2.0] * 12), (Framing(packets=4), [0.01, 0.01, 0.01, 6.0] * 4),
+    (Framing(period_ns=6 * S), [0.01, 0.01, 0.01, 6.0] * 4)], ids=["slow", "slow packets", "pauses", "periods"])
+def test_a_slow_sensor_does_not_begin_again_with_each_packet_but_with_a_leap(framing, steps_s):
+    stamp, steps_ns = 0, [round(step * S) for step in steps_s]
+    placed = []
+    for step in (*steps_ns, *steps_ns, 100 * S, *steps_ns):
+        placed.append(framing.place(stamp, str(stamp).encode()))
+        framing.add(stamp)
+        stamp += step
+    known = 9       # packets, after two pauses
+    assert [k for k, one in enumerate(placed) if one.began_again and k >= known] == [2 * len(steps_ns) + 1]
+
+
+def test_silence_is_longer_the_slower_packets_come():
+    framing = Framing(period_ns=8 * S)
+    assert framing.silence_ns == 8 * S          # no step is known
+    for steps_ns, expected in (([20 * MS] * 5, S // 2), ([2 * S] * 3, 20 * S)):
+        for step in steps_ns:
+            framing.place((framing._last_ns or 0) + step, b"")
+        assert framing.silence_ns == expected
+
+
+def test_silence_ends_a_period_but_not_a_number():
+    framing = Framing(period_ns=100)
+    assert framing.flush() is None
+    assert frames_of(framing, [0, 20])[0] == [[0, 20]]
+    assert (framing.flush(), framing.open, framing.flush()) == ((2, 20), (0, 0), None)
+    assert framing.place(40, b"c").dropped == "late" and framing.place(120, b"d") == Placed()
+    counting = Framing(packets=2)
+    assert counting.add(0) is None and counting.flush() is None and counting.add(S) == (2, 0)
+
+
+STREAMS = st.lists(st.tuples(st.integers(0, 4000).map(lambda ms: ms * MS), st.sampled_from([b"a", b"b", b"c"])),
+                   max_size=80)
+
+
+@given(stream=STREAMS, packets=st.integers(1, 5), period=st.sampled_from([0, MS, 7 * MS, 100 * MS]))
+@settings(max_examples=200, deadline=None)
+def test_whatever_comes_every_packet_is_in_one_frame_or_dropped_for_one_cause(stream, packets, period):
+    stamps, contents = [stamp for stamp, _ in stream], [content for _, content in stream]
+    frames, dropped = frames_of(Framing(packets, period), stamps, contents)
+    assert sorted(sum(frames, sum(dropped.values(), []))) == sorted(stamps)
+    assert set(dropped) <= {"late", "duplicate", "incomplete"}
+    if period == 0:
+        assert all(len(frame) == packets for frame in frames[:-1])
+    elif packets > 1:
+        assert all(len(frame) <= packets for frame in frames)

@@ -1,0 +1,162 @@
+"""PhotonEvents and PhotonGates: what they refuse, and that one becomes the other without losing a photon."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sensor.bins import HistogramBins
+from srt3d_ros.core.sensor.model import GateWords, SensorModel
+from srt3d_ros.core.sketching.photons import MAX_WORDS, PhotonEvents, PhotonGates, PhotonHistograms
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = SensorModel(3, 4, 100, 1e-10, np.ones(3), gates=GateWords(first_word=10, no_detection=5))
+
+
+def events(pixel, toa, dtype=np.uint16, stamp_ns=0) -> PhotonEvents:
+    return PhotonEvents(np.array(pixel, np.uint32), np.array(toa, dtype), stamp_ns)
+
+
+REFUSED = {
+    "toa dtype": lambda: events([0, 1], [0, 1], np.float64),
+    "pixel dtype": lambda: PhotonEvents(np.zeros(2, np.int64), np.zeros(2, np.uint16)),
+    "pixel and toa shapes": lambda: events([[0, 1]], [[0, 1]]),
+    "gates dtype": lambda: PhotonGates(np.zeros((2, 3, 4), np.int16)),
+    "gates shape": lambda: PhotonGates(np.zeros((2, 12), np.uint16)),
+    "histograms dtype": lambda: PhotonHistograms(np.zeros((3, 4, 100), np.int64)),
+    "histograms shape": lambda: PhotonHistograms(np.zeros((3, 400), np.uint16)),
+}
+
+
+@pytest.mark.parametrize("named", REFUSED)
+def test_arrays_of_other_types_or_shapes_are_refused(named):
+    with pytest.raises(InvalidInput, match=f"^{named} is"):
+        REFUSED[named]()
+
+
+@pytest.mark.parametrize(("pixel", "drop", "is_sorted"), [
+    ([], None, True), ([0, 0, 1, 7, 7], None, True), ([2, 3, 3, 5], 3, False),
+    *((range(1, 3 * 2**16 + 1), drop, False) for drop in (2**16 - 1, 2**16, 2**16 + 1, 3 * 2**16 - 1))])
+def test_sorted_means_that_pixels_never_decrease(pixel, drop, is_sorted):
+    pixel = np.array(pixel, np.uint32)
+    pixel[drop if drop else slice(0)] = 0
+    assert PhotonEvents(pixel, np.full(len(pixel), 9, np.uint16)).is_sorted is is_sorted
+
+
+@pytest.mark.parametrize("pixel", [[0, 12], [2**32 - 1, 0, 3]])
+def test_a_pixel_outside_the_sensor_is_named(pixel):
+    with pytest.raises(InvalidInput, match=f"^pixel is {max(pixel)}: expected an index below 3 × 4 = 12$"):
+        events(pixel, [0] * len(pixel)).check(SENSOR)
+
+
+@pytest.mark.parametrize(("toa", "dtype", "shown"), [
+    ([0, 100], np.uint16, "100"), ([0, 100], np.float32, "100.0"),
+    ([-0.25, 5], np.float32, "-0.25"), ([3, np.nan], np.float32, "nan"), ([-np.inf, 3], np.float32, "-inf")])
+def test_a_toa_outside_the_laser_period_is_named(toa, dtype, shown):
+    with pytest.raises(InvalidInput, match=rf"^toa is {shown}: expected bins in \[0, 100\)$"):
+        events([0, 1], toa, dtype).check(SENSOR)
+    events([11], [99.99 if dtype == np.float32 else 99], dtype).check(SENSOR)        # the last ones are inside
+
+
+@pytest.mark.parametrize("which", [[2, 0], np.zeros(3, bool)])
+def test_a_part_of_the_photons_keeps_stamp_and_type(which):
+    frame = PhotonEvents(np.array([1, 2, 3], np.uint32), np.array([7.5, 8, 9], np.float32), 11)
+    part = frame.part(which)
+    assert part.stamp_ns == 11 and part.toa.dtype == np.float32
+    assert np.array_equal(part.pixel, frame.pixel[which]) and np.array_equal(part.toa, frame.toa[which])
+
+
+def test_gates_list_the_photons_of_a_pixel_cycle_by_cycle():
+    gates = PhotonGates.from_events(events([0, 0, 11, 0], [7, 3, 99, 1], stamp_ns=5), SENSOR)
+    assert gates.words.shape == (3, 3, 4) and gates.words.dtype == np.uint16 and gates.stamp_ns == 5
+    assert gates.words[:, 0, 0].tolist() == [17, 13, 11] and gates.words[:, 2, 3].tolist() == [109, 5, 5]
+    assert (gates.words == 5).sum() == 36 - 4
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_events_become_gates_and_events_again(dtype):
+    rng = np.random.default_rng(1)
+    frame = events(rng.integers(0, 12, 200), rng.integers(0, 100, 200), dtype, stamp_ns=77)
+    back = PhotonGates.from_events(frame, SENSOR).to_events(SENSOR)
+    order = np.argsort(frame.pixel, kind="stable")
+    assert back.is_sorted and back.stamp_ns == 77 and back.toa.dtype == np.uint16
+    assert PhotonGates.from_events(events([], []), SENSOR).to_events(SENSOR).photons == 0
+    assert np.array_equal(back.pixel, frame.pixel[order]) and np.array_equal(back.toa, frame.toa[order])
+
+
+@pytest.mark.parametrize(("gates", "toa", "named"), [
+    (None, 3, "sensor.gates is missing"), (GateWords(65_500, 0), 60, "gates word is 65560"),
+    (GateWords(3, 63), 60, "toa is 60"), (GateWords(0, 0), 100, "toa is 100")])
+def test_a_photon_that_no_word_can_say_is_refused(gates, toa, named):
+    with pytest.raises(InvalidInput, match=f"^{named}: expected"):
+        PhotonGates.from_events(events([4], [toa]), SENSOR.replace(gates=gates))
+
+
+def test_a_word_below_the_first_is_named_not_wrapped():
+    sensor = SensorModel(2, 3, 65_535, 1e-10, [1.0], gates=GateWords(first_word=3, no_detection=0))
+    with pytest.raises(InvalidInput, match="^gates word is 1: expected 3 to 65535, or 0 for no detection"):
+        PhotonGates(np.ones((1, 2, 3), np.uint16)).to_events(sensor)
+
+
+def histograms(counts, dtype=np.uint16, **fields):
+    return PhotonHistograms(np.asarray(counts, dtype), **fields)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
+def test_histograms_count_their_photons(dtype):
+    counts = np.random.default_rng(1).integers(0, 255, (3, 4, 100))
+    assert histograms(counts, dtype).photons == counts.sum()
+    assert histograms(np.full((10, 1, 65_535), 65_535)).photons == 10 * 65_535**2
+    assert histograms(np.full((3, 4, 100), -1), np.int32).photons == 0          # less than was subtracted
+
+
+@pytest.mark.parametrize(("counts", "named"), [
+    (np.zeros((3, 4, 99), np.uint16), r"histograms shape is \(3, 4, 99\): expected .*\(3, 4, 100\)"),
+    (np.full((3, 4, 100), np.nan, np.float32), "histograms count is nan: expected"),
+    (np.full((3, 4, 100), 1e9, np.float32), "histograms count is 1000000000.0: expected -42949672 to 42949672"),
+    (np.full((3, 4, 100), -1e9, np.int32), "histograms count is -1000000000: expected")])
+def test_histograms_that_do_not_fit_the_sensor_are_refused(counts, named):
+    with pytest.raises(InvalidInput, match=named):
+        PhotonHistograms(counts).check(SENSOR)
+
+
+@pytest.mark.parametrize("dtype, last", [(np.uint16, 99), (np.float32, 98.6)])
+def test_events_become_histograms_and_back(dtype, last):
+    given = events([11, 1, 1, 4], [last, 7, 7, 0], dtype, stamp_ns=5)
+    made = PhotonHistograms.from_events(given, SENSOR)
+    assert made.counts.dtype == np.uint16 and made.photons == 4 and made.stamp_ns == 5
+    back = made.to_events(SENSOR)
+    assert back.pixel.tolist() == [1, 1, 4, 11] and back.toa.tolist() == [7, 7, 0, 99]
+
+
+def test_events_that_no_histogram_of_the_sensor_can_hold_are_refused():
+    assert PhotonHistograms.from_events(events([3] * 65_536, [9] * 65_536), SENSOR).counts.dtype == np.int32
+    with pytest.raises(InvalidInput, match="^toa is 100"):
+        PhotonHistograms.from_events(events([3], [100]), SENSOR)
+    with pytest.raises(InvalidInput, match="^sensor.histograms is there: expected none"):
+        PhotonHistograms.from_events(events([3], [9]), SENSOR.replace(histograms=HistogramBins(5)))
+    large, several = SENSOR.replace(rows=2_000, cols=2_000), MAX_WORDS // 4_000_000 + 1
+    for form, given, named in ((PhotonHistograms, events([3], [9]), "histograms is 100 bins of 4000000 pixels"),
+                               (PhotonGates, events([4] * several, [0] * several), "gates is 34 cycles of 4000000")):
+        with pytest.raises(InvalidInput, match=f"^{named}.*send events instead"):
+            form.from_events(given, large)
+
+
+@pytest.mark.parametrize(("dtype", "count"), [(np.int32, -1), (np.float32, 0.5)])
+def test_counts_that_are_no_photons_cannot_be_told_one_by_one(dtype, count):
+    with pytest.raises(InvalidInput, match="negative or fractional"):
+        histograms(np.full((3, 4, 100), count), dtype).to_events(SENSOR)
+
+
+@pytest.mark.parametrize(("toa_reference", "toa"), [("bin_center", 12.0), ("bin_edge", 12.5)])
+def test_photons_lie_in_the_middle_of_their_bin(toa_reference, toa):
+    bins = HistogramBins(20, first_bin=10, bin_width=2.5)
+    counts = np.zeros((3, 4, 20))
+    counts[0, 0, 0], counts[0, 0, 1] = 1, 1             # middles 11.25 and 13.75 bins from the beginning of bin 0
+    found = histograms(counts).to_events(SENSOR.replace(histograms=bins, toa_reference=toa_reference))
+    assert found.toa.dtype == np.float32 and found.toa.mean() == toa and np.ptp(found.toa) == 2.5
+
+
+def test_histograms_lie_on_the_axis_without_their_template():
+    bins = HistogramBins(2, first_bin=np.arange(12.0).reshape(3, 4), bin_width=4, template=np.array([1, 0]))
+    found = histograms(np.full((3, 4, 2), 3)).on_axis(SENSOR.replace(histograms=bins))
+    assert found.shape == (3, 4, 100) and found.sum() == 12 * 5
+    assert np.flatnonzero(found[1, 1]).tolist() == [7, 11] and found[1, 1, 7] == 2

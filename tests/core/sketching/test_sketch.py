@@ -1,0 +1,80 @@
+"""Sketch: which frequencies it may have, and that sketches add."""
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sketching.sketch import MAX_PHOTONS, MAX_SKETCH_SIZE, Sketch, check_frequencies
+from srt3d_ros.errors import InvalidInput
+
+
+def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0) -> Sketch:
+    rng = np.random.default_rng(seed)
+    photons = rng.integers(0, 9, (rows, cols)).astype(np.uint32)
+    phases = np.exp(1j * rng.uniform(0, 6, (rows, cols, len(frequencies))))
+    return Sketch(frequencies, (photons[..., None] * phases).astype(np.complex64), photons, stamp_ns)
+
+
+def test_frequencies_become_a_tuple_of_integers():
+    checked = check_frequencies(np.array([1, 7, 3]), 100)
+    assert checked == (1, 7, 3) and all(type(k) is int for k in checked)
+    assert check_frequencies([2.0], 100) == (2,) and len(check_frequencies(range(1, MAX_SKETCH_SIZE + 1), 1000)) == 64
+
+
+@pytest.mark.parametrize(("frequencies", "named"), [
+    ([], "sketch size is 0"), (range(1, MAX_SKETCH_SIZE + 2), f"sketch size is {MAX_SKETCH_SIZE + 1}"),
+    ([0], "frequencies is 0"), ([1.5], "frequencies is 1.5"), ([float("nan")], "frequencies is nan"),
+    ([1, 2, 1], r"frequencies is \[1, 2, 1\]: expected no frequency twice")])
+def test_frequencies_that_mean_nothing_are_refused(frequencies, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        check_frequencies(frequencies, 100)
+
+
+@pytest.mark.parametrize(("num_bins", "most"), [(2, 1), (100, 49), (101, 50)])
+def test_the_highest_frequency_has_more_than_two_bins_a_turn(num_bins, most):
+    assert check_frequencies([most], num_bins) == (most,)
+    with pytest.raises(InvalidInput, match=f"from 1 to {most} "):
+        check_frequencies([most + 1], num_bins)
+
+
+def test_z_is_the_mean_over_the_photons_and_0_without_any():
+    sketch = Sketch((1, 2), np.array([[[4, 2j], [1, 1j], [0, 0]]], np.complex64), np.array([[4, 1, 0]], np.uint32))
+    assert sketch.z.dtype == np.complex64
+    np.testing.assert_allclose(sketch.z, [[[1, 0.5j], [1, 1j], [0, 0]]])
+
+
+def test_sketches_add_and_keep_the_earliest_stamp():
+    one, other = make(seed=1, stamp_ns=7), make(seed=2, stamp_ns=5)
+    total = one + other
+    np.testing.assert_allclose(total.sums, one.sums + other.sums)
+    assert np.array_equal(total.photons, one.photons + other.photons) and total.stamp_ns == 5
+    assert total.sums.dtype == np.complex64 and total.photons.dtype == np.uint32
+
+
+@pytest.mark.parametrize(("changes", "named"), [
+    ({"frequencies": (1, 5)}, r"frequencies is \(1, 5\): expected the same as \(1, 4\)"),
+    ({"rows": 1}, r"sketch size is \(1, 3\): expected the same as \(2, 3\)")])
+def test_sketches_of_other_frequencies_or_sizes_do_not_add(changes, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        make() + make(**changes)
+
+
+def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
+    photons = np.full((2, 2), 3_000_000_000, np.uint32)
+    sketch = Sketch((1,), ((0.6 + 0.8j) * photons[..., None]).astype(np.complex64), photons)
+    total = sketch + sketch
+    assert (total.photons == MAX_PHOTONS).all() and total.photons.dtype == np.uint32
+    np.testing.assert_allclose(total.z, 0.6 + 0.8j, rtol=1e-6)
+
+
+def test_a_window_of_a_sketch():
+    sketch = make(rows=4, cols=5, stamp_ns=7)
+    part = sketch[1:3, 2:]
+    assert np.array_equal(part.sums, sketch.sums[1:3, 2:]) and np.array_equal(part.photons, sketch.photons[1:3, 2:])
+    assert (part.frequencies, part.stamp_ns) == (sketch.frequencies, 7)
+
+
+@pytest.mark.parametrize(("sums", "photons", "named"), [
+    ((2, 3, 3), (2, 3), "sketch shape"), ((6, 2), (2, 3), "sketch shape"), ((2, 3, 2), (3, 2), "photons shape")])
+def test_shapes_that_disagree_are_refused(sums, photons, named):
+    with pytest.raises(InvalidInput, match=f"^{named}"):
+        Sketch((1, 4), np.zeros(sums, np.complex64), np.zeros(photons, np.uint32))

@@ -1,0 +1,254 @@
+"""SketchStream: every packet and photon comes out in a sketch, or is dropped for a cause."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.motion.track import MotionReport
+from srt3d_ros.core.motion.trajectory import Pose
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching import stream as stream_module
+from srt3d_ros.core.sketching.gate import Gate
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.stream import MERGE_S, MOTION_S, SketchStream, StreamOptions
+from srt3d_ros.errors import InvalidInput
+
+T, MS, START_NS = 100, 1_000_000, 1_700_000_000_000_000_000
+SENSOR = SensorModel(4, 5, T, 1e-10, np.exp(-0.5 * ((np.arange(9) - 4) / 1.5) ** 2))
+BY_NUMBER = StreamOptions(frequencies="1,4,30")
+
+
+def packet(ms: float, photons: int = 60) -> PhotonEvents:
+    """Photons in random pixels and bins, always the same at an instant."""
+    rng = np.random.default_rng(round(ms * 1000) + 10**6)
+    return PhotonEvents(rng.integers(0, SENSOR.pixels, photons, dtype=np.uint32),
+                        rng.integers(0, T, photons, dtype=np.uint16), START_NS + round(ms * MS))
+
+
+def raw(ms: float) -> bytes:
+    return packet(ms).toa.tobytes()
+
+
+def directly(*ms: float, frequencies=(1, 4, 30), gate: Gate | None = None):
+    sketcher = Sketcher(SENSOR, frequencies, gate=gate)
+    for one in ms:
+        sketcher.add(packet(one))
+    return sketcher.sketch()
+
+
+def assert_same(sketch, expected):
+    np.testing.assert_array_equal(sketch.photons, expected.photons)
+    np.testing.assert_allclose(sketch.sums, expected.sums, atol=1e-3)
+
+
+def push(stream: SketchStream, *ms: float, now_s: float | None = None, busy: bool = False) -> list:
+    return [sketch for one in ms
+            for sketch in stream.push(packet(one), one / 1000 if now_s is None else now_s, busy, raw(one))]
+
+
+def stamps_ms(sketches) -> list[float]:
+    return [(sketch.stamp_ns - START_NS) / MS for sketch in sketches]
+
+
+def test_a_packet_is_a_frame_and_its_sketch_names_its_sensor():
+    stream = SketchStream(SENSOR, BY_NUMBER)
+    sketches = push(stream, 0, 10)
+    assert stamps_ms(sketches) == [0, 10]
+    assert_same(sketches[1], directly(10))
+    assert sketches[0].sensor.same_as(SENSOR) and stream.wait_s is None
+    assert stream.counts.totals == {"packets": 2, "photons": 120} and not +stream.counts.dropped
+
+
+def test_packets_make_frames_and_frames_make_windows_whose_length_may_change():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2, window_frames=2))
+    first, second, third = push(stream, *range(0, 60, 10))
+    assert_same(second, directly(0, 10, 20, 30))
+    assert_same(third, directly(20, 30, 40, 50))
+    assert stamps_ms([first, second, third]) == [0, 20, 40]
+    stream.push(packet(60))
+    stream.resize(3)
+    assert_same(stream.push(packet(70))[0], directly(40, 50, 60, 70))           # it grows frame by frame
+    assert stream.facts["window_frames"] == 3
+
+
+def test_frames_by_period_end_with_the_next_and_late_and_double_packets_are_dropped():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, frame_period_ns=100 * MS))
+    sketches = push(stream, 0, 20, 20, 40, 120, 30, 220)
+    assert len(sketches) == 2
+    assert_same(sketches[0], directly(0, 20, 40))
+    assert_same(sketches[1], directly(120))
+    assert +stream.counts.dropped == {"duplicate": 1, "late": 1}
+    assert +stream.counts.photons_dropped == {"duplicate": 60, "late": 60}
+    assert stream.frame.packets == 1
+
+
+def test_silence_ends_a_frame_by_period_when_polled():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, frame_period_ns=100 * MS))
+    assert push(stream, 0, 20) == [] and 0 < stream.wait_s <= 1
+    assert stream.poll(0.02 + 0.9 * stream.wait_s) == []
+    sketch, = stream.poll(0.021 + stream.wait_s)
+    assert_same(sketch, directly(0, 20))
+    assert stream.wait_s is None and stream.poll(99) == []
+
+
+def test_stamps_that_leap_begin_a_new_frame_and_a_new_window():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=3, window_frames=2))
+    assert len(push(stream, 0, 10, 20, 30, 40)) == 1
+    sketch, = push(stream, 60_000, 60_010, 60_020)
+    assert_same(sketch, directly(60_000, 60_010, 60_020))
+    assert +stream.counts.dropped == {"incomplete": 2} and stream.counts.totals["stamp_leaps"] == 1
+
+
+def test_a_packet_that_is_refused_leaves_nothing_and_what_it_ended_comes_out():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, frame_period_ns=100 * MS))
+    push(stream, 0, 50)
+    stranger = PhotonEvents(np.array([0, 99], np.uint32), np.array([1, 2], np.uint16), START_NS + 110 * MS)
+    with pytest.raises(InvalidInput, match="pixel is 99"):
+        stream.push(stranger)
+    assert stream.wait_s == 0
+    sketches = push(stream, 120, 230)
+    assert_same(sketches[0], directly(0, 50))
+    assert_same(sketches[1], directly(120))
+
+
+@pytest.mark.parametrize(("options", "left"), [({"packets_per_frame": 3}, 0), ({"frame_period_ns": 10**9}, 1),
+                                               ({"packets_per_frame": 0}, 1)])
+def test_flush_ends_what_does_not_wait_for_its_number(options, left):
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, **options))
+    assert push(stream, 0, 10) == []
+    sketches = stream.flush()
+    assert len(sketches) == left and stream.counts.dropped["incomplete"] == 2 * (1 - left)
+    assert all(sketch.photons.sum() == 120 for sketch in sketches)
+
+
+def test_packets_without_number_and_period_are_one_frame_whatever_their_stamps():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=0))
+    assert push(stream, 500, 0, 0, 90_000) == []
+    assert_same(stream.flush()[0], directly(500, 0, 0, 90_000))
+
+
+def test_a_reset_drops_the_open_frame_and_begins_a_new_window():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, packets_per_frame=2, window_frames=2))
+    push(stream, 0, 10, 20)
+    assert stream.reset() == [] and +stream.counts.dropped == {"incomplete": 1}
+    assert_same(push(stream, 30, 40)[0], directly(30, 40))
+
+
+def test_a_gate_from_the_photons_is_for_files():
+    with pytest.raises(InvalidInput, match="^gate is auto: expected off, first and last bin"):
+        SketchStream(SENSOR, replace(BY_NUMBER, gate="auto"))
+
+
+def test_photons_outside_the_gate_are_dropped_and_counted():
+    stream = SketchStream(SENSOR, replace(BY_NUMBER, frequencies="1,4,20", gate="20:79"))
+    sketch, = push(stream, 0)
+    expected = directly(0, frequencies=(1, 4, 20), gate=Gate(SENSOR, 20, 79))
+    assert_same(sketch, expected)
+    outside = 60 - int(expected.photons.sum())
+    assert outside > 0 and +stream.counts.photons_dropped == {"gate": outside} and not +stream.counts.dropped
+    assert stream.counts.totals["photons"] == 60 - outside
+    assert sketch.sensor.num_bins == 60 and stream.facts["gate"].startswith("20-79, ")
+
+
+# ---- Merging
+
+MERGING = replace(BY_NUMBER, merge_when_busy=True)
+
+
+def test_while_readers_are_busy_frames_are_merged_and_all_photons_come_out():
+    stream = SketchStream(SENSOR, MERGING)
+    assert len(push(stream, 0)) == 1
+    assert push(stream, 20, 40, busy=True) == [] and stream.wait_s < 0.1
+    assert stream.poll(0.05, busy=True) == []
+    sketch, = stream.poll(0.06)
+    assert_same(sketch, directly(20, 40))
+    assert stamps_ms([sketch]) == [20]
+    assert stream.counts.totals == {"packets": 3, "photons": 180} and stream.wait_s is None
+
+
+def test_readers_that_never_acknowledge_hold_a_frame_for_a_short_time_only():
+    stream = SketchStream(SENSOR, MERGING)
+    push(stream, 0, busy=True)
+    assert push(stream, 10, busy=True) == []
+    assert stream.poll(MERGE_S - 0.01, busy=True) == []
+    assert_same(stream.poll(MERGE_S + 0.01, busy=True)[0], directly(10))
+
+
+@pytest.mark.parametrize("others", [{"window_frames": 2}, {"moving": True}])
+def test_windows_and_motion_are_not_merged(others):
+    with pytest.raises(InvalidInput, match="^merge_when_busy is true: expected false with motion"):
+        replace(MERGING, **others)
+    with pytest.raises(InvalidInput, match="^window_frames is 2: expected 1 with motion"):
+        StreamOptions(window_frames=2, moving=True)
+
+
+# ---- Motion
+
+MOVING = replace(BY_NUMBER, packets_per_frame=4, moving=True)
+TURN = np.array([0, 0.5, 0])
+
+
+def report(ms: float) -> MotionReport:
+    return MotionReport(START_NS + round(ms * MS), Pose.turned(TURN * ms / 1e3), 0.0, TURN)
+
+
+def test_frames_wait_for_the_motion_and_go_on_in_their_order():
+    stream = SketchStream(SENSOR, MOVING)
+    assert push(stream, 0, 25, 50, 75, 100, 125, 150, 175) == [] and stream.waits_for_motion
+    for ms in range(-20, 110, 10):
+        assert stream.add_motion(report(ms)) == ""
+    first, = stream.poll(0.2)
+    assert stamps_ms([first]) == [50]                  # the middle of the frame
+    for ms in range(110, 220, 10):
+        stream.add_motion(report(ms))
+    assert stamps_ms(stream.poll(0.25)) == [150]
+    assert stream.counts.totals["frames_deskewed"] == 2 and stream.warning == "" and not stream.waits_for_motion
+    assert stream.counts.totals["photons"] + stream.counts.photons_dropped["out_of_view"] == 480
+
+
+@pytest.mark.parametrize(("reports", "why"), [
+    ((), "no motion was reported"), (range(-20, 40, 10), "the newest report of motion is 58 ms older than its end"),
+    (range(40, 120, 10), "the reports of motion begin later, or anew within it")])
+def test_without_its_motion_a_frame_goes_on_undeskewed_and_says_why(reports, why):
+    stream = SketchStream(SENSOR, MOVING)
+    for ms in reports:
+        stream.add_motion(report(ms))
+    sketches = push(stream, 0, 25, 50, 75) or stream.poll(0.07 + MOTION_S) or stream.poll(0.08 + MOTION_S)
+    assert_same(sketches[0], directly(0, 25, 50, 75))
+    assert stream.warning == why and stream.counts.totals["frames_undeskewed"] == 1
+
+
+def test_frames_that_wait_are_bounded_in_memory(monkeypatch):
+    monkeypatch.setattr(stream_module, "MOST_BYTES", 0)
+    stream = SketchStream(SENSOR, MOVING)
+    sketches = push(stream, *range(0, 600, 25), now_s=0.0)      # 6 frames; 4 may wait in any case
+    assert len(sketches) == 2 and len(stream.flush()) == 4
+
+
+# ---- Accounting
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_photon_comes_out_or_is_dropped_for_a_cause(seed):
+    rng = np.random.default_rng(seed)
+    options = rng.choice([replace(BY_NUMBER, packets_per_frame=3), replace(BY_NUMBER, frame_period_ns=50 * MS), MOVING,
+                          replace(MERGING, packets_per_frame=2)])
+    stream = SketchStream(SENSOR, options)
+    sketches, ms, refused = [], 0.0, 0
+    for _ in range(80):
+        ms += rng.choice([10, 10, 10, 10, 0, -15, 5_000])
+        try:
+            photons = packet(ms) if rng.random() < 0.95 else replace(packet(ms), pixel=np.full(60, 99, np.uint32))
+            sketches += stream.push(photons, ms / 1000, rng.random() < 0.3, raw(ms))
+        except InvalidInput:
+            refused += 1
+        if rng.random() < 0.1:
+            sketches += stream.poll(ms / 1000 + rng.choice([0.001, 2]))
+        elif rng.random() < 0.05:
+            sketches += stream.reset()
+    sketches += stream.flush()
+    counts = stream.counts
+    assert counts.totals["packets"] + counts.dropped.total() == 80 - refused
+    assert counts.totals["photons"] == sum(int(sketch.photons.sum()) for sketch in sketches)
+    assert counts.totals["photons"] + counts.photons_dropped.total() == 60 * (80 - refused)

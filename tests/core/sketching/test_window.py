@@ -1,0 +1,107 @@
+"""Sliding windows: to the bit the sketch of their photons, however long they run."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching import window
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketch import MAX_PHOTONS
+from srt3d_ros.core.sketching.sketcher import Sketcher
+from srt3d_ros.core.sketching.window import WindowSketcher
+from srt3d_ros.errors import InvalidInput
+
+SENSOR = SensorModel(3, 5, 100, 1e-10, [1, 2, 1])
+FREQUENCIES = (1, 4, 30)
+
+
+def frames(count: int) -> list[PhotonEvents]:
+    rng = np.random.default_rng(7)
+    sizes = rng.integers(0, 400, count)
+    return [PhotonEvents(rng.integers(0, SENSOR.pixels, n, dtype=np.uint32), rng.integers(0, 100, n, dtype=np.uint16),
+                         stamp_ns=1_000 * k) for k, n in enumerate(sizes)]
+
+
+def directly(of: list[PhotonEvents]):
+    """The sketch of these frames' photons, stamped as their window is."""
+    sketcher = Sketcher(SENSOR, FREQUENCIES)
+    for frame in of:
+        sketcher.add(frame)
+    return dataclasses.replace(sketcher.sketch(), stamp_ns=of[-1].stamp_ns)
+
+
+def assert_same(sketch, expected):
+    np.testing.assert_array_equal(sketch.sums, expected.sums)           # to the bit
+    np.testing.assert_array_equal(sketch.photons, expected.photons)
+    assert sketch.stamp_ns == expected.stamp_ns
+
+
+def windows(width: int) -> WindowSketcher:
+    return WindowSketcher(SENSOR, FREQUENCIES, width)
+
+
+def slide(sketcher: WindowSketcher, of: list[PhotonEvents]) -> list:
+    sketches = []
+    for frame in of:
+        half = frame.photons // 2       # a frame may come in packets
+        sketcher.add(PhotonEvents(frame.pixel[half:], frame.toa[half:], frame.stamp_ns + 5))
+        sketcher.add(PhotonEvents(frame.pixel[:half], frame.toa[:half], frame.stamp_ns))
+        sketches.append(sketcher.end_frame())
+    return sketches
+
+
+@pytest.mark.parametrize("width", [1, 2, 50])
+def test_a_window_has_the_sketch_of_its_photons_to_the_bit(width):
+    sent = frames(20)
+    sketcher = windows(width)
+    for k, sketch in enumerate(slide(sketcher, sent)):
+        assert_same(sketch, directly(sent[max(0, k + 1 - width):k + 1]))
+
+
+def test_sums_that_run_over_change_nothing():
+    sent = frames(8)
+    sketcher = windows(3)
+    slide(sketcher, sent[:3])
+    for kept in (sketcher._sums, *(sums for sums, _ in filter(None, sketcher._before))):
+        kept += np.int64(2**63 - 1 - 10**6)                         # years later
+    sketches = slide(sketcher, sent[3:])
+    assert sketcher._sums.min() < 0                                 # they ran over
+    assert_same(sketches[-1], directly(sent[5:]))
+
+
+def test_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():
+    packet = PhotonEvents(np.full(1_000, 7, np.uint32), np.full(1_000, 25, np.uint16))
+    sketcher = windows(2)
+    sketcher.add(packet)
+    many = sketcher._sums * 2_999_999, sketcher._photons * 2_999_999        # as if it had come so often more
+    sketcher.reset()
+    for seen in (3_000_000_000, MAX_PHOTONS, MAX_PHOTONS):
+        sketcher.add(packet)
+        sketcher._sums += many[0]
+        sketcher._photons += many[1]
+        sketch = sketcher.end_frame()
+        assert sketch.photons[1, 2] == seen
+        np.testing.assert_allclose(sketch.z[1, 2], directly([packet]).z[1, 2], rtol=1e-6)
+
+
+def test_the_width_may_change_while_it_runs():
+    sent = frames(16)
+    sketcher = windows(4)
+    slide(sketcher, sent[:6])
+    for width, first, last in ((2, 6, 8), (1, 8, 10), (3, 10, 14), (3, 14, 15)):
+        sketcher.resize(width)
+        assert_same(slide(sketcher, sent[first:last])[-1], directly(sent[max(last - width, 0):last]))
+    sketcher.add(sent[15])
+    sketcher.resize(2)                      # in the middle of a frame: its window is shorter already
+    assert_same(sketcher.end_frame(), directly(sent[14:]))
+
+
+def test_a_window_that_would_not_fit_into_memory_is_refused(monkeypatch):
+    monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 20_000)
+    WindowSketcher(SENSOR, FREQUENCIES, 9)
+    with pytest.raises(InvalidInput, match="window_frames is 500: expected 1 to 9 for 3 × 5 pixels"):
+        WindowSketcher(SENSOR, FREQUENCIES, 500)
+    one = dataclasses.replace(SENSOR, rows=300, cols=500)
+    assert WindowSketcher(one, FREQUENCIES).window_frames == 1      # that one must always do
