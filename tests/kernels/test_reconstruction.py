@@ -23,13 +23,13 @@ def shorten(cuda, monkeypatch, spreading):
             spreading(spread)
             monkeypatch.setattr(import_module("srt3d_ros.kernels.cuda.birth_death"), "PER_THREAD", 1 << 10)
             for name, value in settings.items():
-                monkeypatch.setattr(f"srt3d_ros.core.pooled.{name}", value)
+                monkeypatch.setattr(f"srt3d_ros.core.method.pooled.{name}", value)
     return change
 
 
 def built(monkeypatch, kernels, sensor, frequencies, *arguments, **options) -> Pooled:
     device = "cuda" if kernels.__name__.endswith("cuda") else "cpu"
-    monkeypatch.setattr("srt3d_ros.core.pooled.kernels_for", lambda wanted: (device, kernels))
+    monkeypatch.setattr("srt3d_ros.core.method.pooled.kernels_for", lambda wanted: (device, kernels))
     return Pooled(sensor, frequencies, *arguments, **options)
 
 
@@ -54,7 +54,7 @@ def test_backgrounds_are_taken_out_and_learnt_alike(backend, monkeypatch, shorte
         shorten(QUICKEST)
     sensor = make_sensor(*shape, seed=5).replace(background_shape=np.exp(-np.arange(300) / 40))
     sketch, found = make_sketch(sensor, 5), []
-    monkeypatch.setattr("srt3d_ros.core.pooled.PASSES", 1)      # so few pixels end at an even background
+    monkeypatch.setattr("srt3d_ros.core.method.pooled.PASSES", 1)      # so few pixels end at an even background
     for kernels in (backend.kernels, reference):
         reconstructor = built(monkeypatch, kernels, sensor, sketch.frequencies, surfaces)
         found.append((reconstructor(sketch), reconstructor.uneven_background))

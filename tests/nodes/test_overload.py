@@ -30,7 +30,7 @@ def test_overload_drops_the_oldest_counts_every_packet_and_passes(graph, packet)
     graph.start("sketcher", packets_per_frame=PACKETS, sketch_size=5).ready()
     graph.introduce(sensor)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
-    graph.wait(lambda: graph.report("reconstructor").get("device"), "the reconstructor to know its sensor")
+    graph.reports("reconstructor", "num_bins", sensor.num_bins)
     sent = 0
 
     def send(first_ns: int, packets: int) -> None:

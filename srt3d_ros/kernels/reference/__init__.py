@@ -25,8 +25,8 @@ Notation:
     c(t)         by how much scores at a depth exceed standard deviations (`clutter`)
     CAPITALS     constants of `kernels.constants` and `kernels.maps`
 
-A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise; that of `poisson` a `Likelihood` of
-`core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary ones. Maps with
+A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise; that of `poisson` a
+`Likelihood` of `core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary ones. Maps with
 rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is memory for
 results that last until the next call with it, which `cpu` uses. Types are those of `cpu` and `cuda`. Arrays lie on the
 kernels' device unless said to be NumPy's: ON_HOST says whether they are.
