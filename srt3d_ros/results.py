@@ -182,6 +182,9 @@ class Reconstructor:
         method, surfaces, device, false_alarm_rate, background: as of `Photons.reconstruct`.
         warm_start: begin with the last frame's surfaces where this one's photons support them (pooled).
 
+    Attributes:
+        device: "cpu" or "cuda", where it computes.
+
     Raises:
         InvalidInput: naming the argument that cannot be used.
     """
@@ -194,19 +197,28 @@ class Reconstructor:
         self._own, self._frequencies = {"method": method, "surfaces": surfaces}, tuple(frequencies)
         self._method = find(method).build(sensor, self._frequencies,
                                           **{name: value for name, value in own.items() if value is not None})
-        self._is_warm = False
+        self.device, self._is_warm = self._method.device, False
+
+    @property
+    def uneven_background(self) -> float:
+        """How uneven the background of the next frame is taken to be (pooled); 0 if flat."""
+        return getattr(self._method, "uneven_background", 0.0)
+
+    def warm_up(self) -> None:
+        """Compile what is not compiled yet, so that it does not count as time of a frame."""
+        if not self._is_warm:
+            self._method.warm_up()
+            self._is_warm = True
 
     def __call__(self, seen: core_sketch.Sketch | PhotonFrame) -> Cloud:
         """The cloud of a frame: of its sketch, or of the photons for a method on photons."""
-        if not self._is_warm:           # what is compiled first does not count as time of the frame
-            self._method.warm_up()
-            self._is_warm = True
+        self.warm_up()
         started = time.perf_counter()
         cloud = self._method(seen)
         elapsed_ms = round((time.perf_counter() - started) * 1e3, 3)
         sensor, frequencies = self._method.sensor, list(map(int, self._frequencies))
         facts = self._own | {
-            "device": self._method.device, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
+            "device": self.device, "rows": sensor.rows, "cols": sensor.cols, "num_bins": sensor.num_bins,
             "photons": int(np.sum(seen.photons)), "sketch_size": len(frequencies) or None, "frequencies": frequencies,
             "points": len(cloud), "sketch_ms": None, "reconstruct_ms": elapsed_ms}
         return Cloud(**vars(cloud), sensor=sensor, facts=facts, notes=getattr(seen, "notes", ()))

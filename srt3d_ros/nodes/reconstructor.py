@@ -1,7 +1,6 @@
 """reconstructor: `sketch` → `points`, and `depth`, `intensity` and `background` images while somebody subscribes."""
 
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -10,8 +9,8 @@ from std_msgs.msg import String
 
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
-from srt3d_ros.core.method.cloud import SURFACE_ORDERS, PointCloud
-from srt3d_ros.core.method.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES, Pooled
+from srt3d_ros.core.method.cloud import SURFACE_ORDERS
+from srt3d_ros.core.method.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch
@@ -30,6 +29,7 @@ from srt3d_ros.nodes.sensor_choice import in_words
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped, Refused
 from srt3d_ros.recording import cloud_files
+from srt3d_ros.results import Cloud, Reconstructor
 
 ANY_SENSOR = SensorModel(rows=8, cols=8, num_bins=64, bin_width_s=1e-9, irf=np.ones(3))
 PARAMETERS = (
@@ -82,14 +82,13 @@ def options(values: dict[str, Value]) -> dict[str, Value]:
     return {name: values[name] for name in names}
 
 
-def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Callable:
+def build(described: tuple[SensorModel, tuple[int, ...]] | None, values: dict[str, Value]) -> Reconstructor:
     """The reconstruction that these parameters ask for; InvalidInput if there is none.
 
     Args:
         described: sensor and frequencies of the sketches; None while they are not known: of any.
     """
-    chosen = options(values)
-    return METHODS[chosen.pop("method")].build(*(described or (ANY_SENSOR, (1, 2, 3))), **chosen)
+    return Reconstructor(*(described or (ANY_SENSOR, (1, 2, 3))), **options(values))
 
 
 SPEC = NodeSpec(
@@ -113,8 +112,8 @@ class ReconstructorNode(PipelineNode):
     def __init__(self):
         super().__init__()
         self._sketches = DescribedSketches()
-        self._built: dict[tuple[str, tuple[int, ...]], Callable[[Sketch], PointCloud]] = {}     # the last used last
-        self._newest: tuple[PointCloud, Sketch, str] | None = None      # and its frame_id
+        self._built: dict[tuple[str, tuple[int, ...]], Reconstructor] = {}      # the last used last
+        self._newest: tuple[Cloud, Sketch, str] | None = None      # and its frame_id
         self.parameters.on_check = self._check
         self.parameters.on_change = lambda: self.worker.call(self._apply)
 
@@ -142,8 +141,7 @@ class ReconstructorNode(PipelineNode):
         """Forget the last frame's surfaces and background, and the newest cloud."""
         self._newest = None
         for reconstructor in self._built.values():
-            if isinstance(reconstructor, Pooled):
-                reconstructor.forget()
+            reconstructor.forget()
 
     def _reset(self) -> str:
         self.forget()
@@ -196,16 +194,13 @@ class ReconstructorNode(PipelineNode):
     def _reconstruct(self, digest: str, sensor: SensorModel, raw: bytes) -> None:
         header, sketch = sketch_message.decode_cdr(raw, sensor)
         reconstructor = self._reconstructor(digest, sketch)
-        started = time.perf_counter()
         seen = reconstructor(sketch)
-        photons, background = int(sketch.photons.sum()), float(seen.background.sum())
-        self.diagnostics.show(reconstruct_ms=f"{(time.perf_counter() - started) * 1e3:.2f}",
-                              background_share=f"{background / max(photons, 1):.3f}")
-        if isinstance(reconstructor, Pooled):
-            self.diagnostics.show(background_unevenness=f"{reconstructor.uneven_background:.4f}")
-        self._publish(seen, sketch, photons, header.frame_id)
+        share = float(seen.background.sum()) / max(seen.facts["photons"], 1)
+        self.diagnostics.show(reconstruct_ms=f"{seen.facts['reconstruct_ms']:.2f}", background_share=f"{share:.3f}",
+                              background_unevenness=f"{reconstructor.uneven_background:.4f}")
+        self._publish(seen, sketch, header.frame_id)
 
-    def _reconstructor(self, digest: str, sketch: Sketch) -> Callable[[Sketch], PointCloud]:
+    def _reconstructor(self, digest: str, sketch: Sketch) -> Reconstructor:
         """That of sketches with this description and these frequencies, with its memory of the last ones."""
         kind = digest, sketch.frequencies
         reconstructor = self._built.pop(kind, None)
@@ -219,19 +214,20 @@ class ReconstructorNode(PipelineNode):
         self.diagnostics.show(device=reconstructor.device, frequencies=" ".join(map(str, sketch.frequencies)))
         return reconstructor
 
-    def _publish(self, seen: PointCloud, sketch: Sketch, photons: int, frame_id: str) -> None:
+    def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:
         settings = self._settings
         cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
-        self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud), photons=photons)
+        self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),
+                               photons=seen.facts["photons"])
         self._newest = cloud, sketch, frame_id
         try:
             self._publish_images(cloud, sketch.sensor, frame_id)
         except Exception as problem:    # does not concern the frame: it was published
             self.failed(problem)
 
-    def _publish_images(self, cloud: PointCloud, sensor: SensorModel, frame_id: str) -> None:
+    def _publish_images(self, cloud: Cloud, sensor: SensorModel, frame_id: str) -> None:
         draw = {"depth": partial(cloud.depth_image, sensor.projection), "intensity": partial(cloud.image, "intensity"),
                 "background": lambda: cloud.background}
         for name, publisher in self._images.items():
