@@ -30,7 +30,6 @@ from srt3d_ros.nodes.topics import LATCHED
 from tests.processes import Process, wait
 
 ASK_AGAIN_S = 1.0       # a question whose answer may have been lost
-ATTEMPTS = 5            # to have a description overtake frames
 namespaces = itertools.count()
 
 
@@ -196,44 +195,6 @@ class Graph:
             values = {pair.key: pair.value for pair in status.values}
             values |= {"level": status.level, "message": status.message, **under_way(values)}
             self._reports.setdefault(status.name, []).append(values)
-
-
-def check_outdated(graph: Graph, name: str, counted: str, describe: Callable[[SensorModel], None], frames,
-                   send: Callable[[], None], made: list, old: SensorModel, new: SensorModel) -> None:
-    """Frames sent before another description are never read with it, even if it comes first.
-
-    Args:
-        counted: key of those in the node's report; "dropped.outdated" if they are dropped.
-        describe: publishes a description.
-        frames: the publisher of the node's frames.
-        send: publishes one, the same each time.
-        made: what the node publishes of them.
-    """
-    node = graph.start(name).ready()
-    graph.matched(frames)
-    for attempt in range(ATTEMPTS):         # the node may read all before the description arrives
-        describe(old)
-        graph.reports(name, "num_bins", old.num_bins)
-        node.halt()
-        for _ in range(3):
-            send()
-        describe(new)
-        node.go_on()
-        graph.reports(name, "num_bins", new.num_bins)
-        graph.reports(name, "frames_in", 3 * (attempt + 1))
-        report = graph.reports(name, "under_way", 0)
-        if counted in report:
-            break
-    assert counted in report, report
-    before = int(report["frames_out"])
-    send()
-    graph.wait(lambda: len(made) == before + 1, "what is made of a frame sent after it")
-    describe(old)
-    graph.reports(name, "num_bins", old.num_bins)
-    send()
-    graph.wait(lambda: len(made) == before + 2, "what is made of a frame with its description")
-    read_as_new, right = (bytes(one.data) for one in made[before:])
-    assert all(bytes(one.data) == right for one in made[:before]) and read_as_new != right
 
 
 def under_way(report: dict[str, str]) -> dict[str, str]:

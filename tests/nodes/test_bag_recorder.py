@@ -54,68 +54,50 @@ def on_the_wire(raw: bytes) -> bytes:
 
 
 def test_what_is_recorded_gives_the_same_clouds_again(graph, sensor, frames, tmp_path):
-    """Bit for bit: a bag of photons, and one of coded sketches, played into the same nodes."""
+    """Bit for bit, over two descriptions of the sensor."""
     clouds, described = graph.collect(PointCloud2, "points", raw=True), graph.collect_latched(String, "sketch/sensor")
-    sketcher = graph.start("sketcher", layout="coded", sketch_size=8)
-    nodes = [graph.start("reconstructor"), sketcher]
-    parameters = {"photons": {}, "sketches": {"topics": "sketch, sketch/sensor"}}
-    bags = {kind: tmp_path / kind for kind in parameters}
-    recorders = {kind: graph.start("bag_recorder", "-r", f"__node:={kind}", path=path, **parameters[kind])
-                 for kind, path in bags.items()}
-    for process in (*nodes, *recorders.values()):
+    bag = tmp_path / "bag"
+    nodes = [graph.start(name) for name in ("reconstructor", "sketcher")]
+    recorder = graph.start("bag_recorder", path=bag)
+    for process in (*nodes, recorder):
         process.ready()
     driver, sensors = graph.matched(graph.publisher(PointCloud2, "photons"), 2), graph.latched("sensor")
     descriptions = [sensor_message.encode_cdr(each) for each in (sensor, sensor.replace(num_bins=90))]
-    for turn, (description, part) in enumerate(zip(descriptions, (frames[:4], frames[4:]))):
-        sensors.publish(description)
-        graph.wait(lambda: len(described) == turn + 1, "sketch/sensor")
-        graph.reports("reconstructor", "num_bins", (100, 90)[turn])
-        for k, frame in enumerate(part):
-            driver.publish(frame)
-            graph.wait(lambda: len(clouds) == 4 * turn + k + 1, "a cloud")
-        for kind in bags:
-            graph.reports(kind, "frames_out", (5, 8)[turn])
-    live, namespace = list(clouds), graph.namespace
+    sent = (descriptions[0], *frames[:4], descriptions[1], *frames[4:])
+    for number, raw in enumerate(sent, start=1):
+        (sensors if raw in descriptions else driver).publish(raw)
+        graph.reports("bag_recorder", "frames_out", number)
+        turns = sum(one in descriptions for one in sent[:number])
+        graph.wait(lambda: len(described) == turns and len(clouds) == number - turns, "what is made of it")
+    live = list(clouds)
     assert all(1 < len(points_message.decode_cdr(raw)[1]["xyz"]) for raw in live)
-    for kind, recorder in recorders.items():
-        assert recorder.end(signal.SIGINT if kind == "photons" else signal.SIGTERM) == 0
-        assert recorder.lines[-1].endswith("MB, nothing lost")
-        if kind != "sketches":
-            assert f"{namespace}/photons 6, {namespace}/sensor 2, " in recorder.lines[-1], recorder.text
-            assert [message.raw for message in read(bags[kind])] == [
-                on_the_wire(raw) for raw in (descriptions[0], *frames[:4], descriptions[1], *frames[4:])]
-            assert offers(bags[kind])["sensor"] == (("reliable", "transient_local", 1),)
-            assert offers(bags[kind])["photons"][0][:2] == ("reliable", "volatile")
+    assert recorder.end(signal.SIGINT) == 0 and recorder.lines[-1].endswith("MB, nothing lost")
+    assert f"{graph.namespace}/photons 6, {graph.namespace}/sensor 2, " in recorder.lines[-1], recorder.text
+    assert [message.raw for message in read(bag)] == [on_the_wire(raw) for raw in sent]
+    assert offers(bag)["sensor"] == (("reliable", "transient_local", 1),)
+    assert offers(bag)["photons"][0][:2] == ("reliable", "volatile")
     for publisher in (sensors, driver):
         graph.node.destroy_publisher(publisher)
-    for kind, bag in bags.items():
-        if kind == "sketches":          # the sketcher's description would contradict that in the bag
-            assert sketcher.end(signal.SIGINT) == 0
-        clouds.clear()
-        assert graph.start("player", input=bag).code() == 0
-        graph.wait(lambda: len(clouds) == len(live), f"the clouds of {kind}")
-        assert list(clouds) == live
+    clouds.clear()
+    assert graph.start("player", input=bag).code() == 0
+    graph.wait(lambda: len(clouds) == len(live), "the clouds of the bag")
+    assert list(clouds) == live
     assert {graph.report(name)["dropped"] for name in ("sketcher", "reconstructor")} == {"0"}
 
 
-def test_frames_that_nobody_describes_are_recorded_and_the_last_line_says_so(graph, frames, tmp_path):
+@pytest.mark.parametrize("comes_late", [False, True])
+def test_frames_that_nobody_describes_are_recorded_behind_a_late_sensor(graph, sensor, frames, tmp_path, comes_late):
     recorder = graph.start("bag_recorder", path=tmp_path / "bag").ready()
     graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
     graph.reports("bag_recorder", "frames_out", 1)
+    if comes_late:
+        graph.latched("sensor").publish(sensor_message.encode_cdr(sensor))
+        graph.reports("bag_recorder", "frames_out", 2)
     assert recorder.end(signal.SIGTERM) == 0
-    last = recorder.lines[-1]
-    assert last.endswith(f" MB, nothing came on {graph.namespace}/sensor") and "WARN" in last
-    assert [message.raw for message in read(tmp_path / "bag")] == [on_the_wire(frames[0])]
-
-
-def test_a_description_that_comes_late_is_recorded_before_its_frames(graph, sensor, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    graph.reports("bag_recorder", "frames_out", 1)
-    graph.latched("sensor").publish(sensor_message.encode_cdr(sensor))
-    graph.reports("bag_recorder", "frames_out", 2)
-    assert recorder.end(signal.SIGINT) == 0 and recorder.lines[-1].endswith("nothing lost")
-    assert len({message.time_ns for message in read(tmp_path / "bag")}) == 1
+    recorded = read(tmp_path / "bag")
+    assert len({message.time_ns for message in recorded}) == 1 and len(recorded) == 1 + comes_late
+    assert on_the_wire(frames[0]) in [message.raw for message in recorded]
+    assert recorder.lines[-1].endswith("nothing lost" if comes_late else f"nothing came on {graph.namespace}/sensor")
 
 
 # The node after a line of Python, as a program of its own.
@@ -148,12 +130,14 @@ def record_gates(graph, sensor, tmp_path):
     return record
 
 
-def test_a_bag_that_fills_the_disk_is_complete(record_gates, tmp_path):
-    recorder = record_gates(FILLS_UP)
-    assert recorder.code() == 1
-    assert "/gates 2, " in recorder.lines[-1], recorder.text
-    assert recorder.lines[-1].endswith("ended with less than 256 MB free on the disk")
-    assert len(read(tmp_path / "bag")) == 2
+@pytest.mark.parametrize("line, said", [(FILLS_UP, "ended with less than 256 MB free on the disk"),
+                                        (FILE_TOO_LARGE, "cannot be written (File too large)")])
+def test_a_full_disk_is_one_line_and_exit_code_1_and_the_bag_is_complete_if_it_was_seen_to_fill(
+        record_gates, tmp_path, line, said):
+    recorder = record_gates(line)
+    assert recorder.code() == 1 and said in recorder.lines[-1], recorder.text
+    assert recorder.text.count("ERROR") == (line == FILE_TOO_LARGE) and "Traceback" not in recorder.text
+    assert line != FILLS_UP or ("/gates 2, " in recorder.lines[-1] and len(read(tmp_path / "bag")) == 2)
 
 
 def test_what_the_disk_is_too_slow_for_is_dropped_and_what_waits_is_written_at_the_end(graph, record_gates, tmp_path):
@@ -162,13 +146,6 @@ def test_what_the_disk_is_too_slow_for_is_dropped_and_what_waits_is_written_at_t
     assert recorder.end(signal.SIGINT) == 0
     written = len(read(tmp_path / "bag"))
     assert 2 <= written < 4 and recorder.lines[-1].endswith(f"{4 - written} lost"), recorder.text
-
-
-def test_a_bag_that_can_no_longer_be_written_is_one_line_and_exit_code_1(record_gates):
-    recorder = record_gates(FILE_TOO_LARGE)
-    assert recorder.code() == 1
-    assert "cannot be written (File too large)" in recorder.lines[-1], recorder.text
-    assert recorder.text.count("ERROR") == 1 and "Traceback" not in recorder.text
 
 
 @pytest.mark.parametrize("parameters, line", [

@@ -136,11 +136,6 @@ def test_a_file_that_reaches_nobody_is_a_warning(tmp_path, text, node, expected)
     assert warnings(tmp_path, text, node) == [expected]
 
 
-@pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\0", "1: {2: {ros__parameters: {}}}", "{a: " * 5000])
-def test_what_is_no_parameter_file_is_rcls_to_refuse(tmp_path, text):
-    assert len(warnings(tmp_path, text, "/sketcher")) <= 1
-
-
 def test_a_pipe_is_not_read_a_second_time(tmp_path):
     os.mkfifo(tmp_path / "a.yaml")
     assert file_warnings(["--params-file", str(tmp_path / "a.yaml")], "/sketcher") == []

@@ -24,10 +24,6 @@ def settings(preset: Path) -> dict[str, dict]:
             for key, content in yaml.safe_load(preset.read_text()).items()}
 
 
-def test_there_is_one_for_an_array_of_gates_a_scanner_and_a_large_array():
-    assert [path.stem for path in PRESETS] == ["array_512x512", "scanner_141x141", "spad_32x32_gates"]
-
-
 def test_every_value_is_of_a_parameter_that_takes_it(preset):
     for node, values in settings(preset).items():
         table = {parameter.name: parameter for parameter in all_specs()[node].table}

@@ -1,14 +1,12 @@
 """How a node's process starts, fails and ends, shown on a node made for it."""
 
 import signal
-import sys
 
 import pytest
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from srt3d_ros.messages.cdr import Cloud, Header, write_cloud
-from tests.processes import Process
 
 SCRIPT = """
 import sys, time
@@ -138,6 +136,7 @@ QOS = "qos_overrides.{namespace}/in.subscription."
     (["-p", QOS + "reliability:=nonsense"], QOS + "reliability is nonsense: expected system_default or reliable"),
     (["-r", "in:=/rosout"], "topic of in is /rosout: expected one without another type than sensor_msgs"),
     (["-p", "x:=[1, a"], "command line is "),
+    (["--", "-p", "x:=5"], "command line is --ros-args -r __ns:={namespace} -- -p x:=5: expected nothing but"),
 ])
 def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start, ros_args, line):
     probe = start(*(arg.format(namespace=graph.namespace) for arg in ros_args))
@@ -153,35 +152,20 @@ def test_bad_input_at_the_start_is_one_line_and_exit_code_2_and_a_mistake_of_our
     assert probe.code() == 1 and "AttributeError" in probe.text
 
 
-def test_a_log_folder_that_cannot_be_written_is_named(start, monkeypatch):
-    monkeypatch.setenv("ROS_LOG_DIR", "/proc/nowhere")
-    probe = start()
-    assert probe.code() == 2
-    assert len(probe.lines) == 1
-    said = "srt3d: error: ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written"
-    assert probe.lines[0].startswith(said)
-
-
-def test_security_that_is_not_available_is_one_line_and_no_node_runs_without_it(graph, monkeypatch, tmp_path):
+@pytest.mark.parametrize("variables, line", [
+    ({"ROS_LOG_DIR": "/proc/nowhere"}, "ROS_LOG_DIR is /proc/nowhere: expected a folder that can be written"),
+    ({"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"},
+     "ROS_SECURITY_ENABLE is true: expected a middleware with DDS security and a keystore")])
+def test_surroundings_that_cannot_be_used_are_one_line_and_no_node_runs(start, monkeypatch, tmp_path, variables, line):
+    (tmp_path / "enclaves").mkdir()
     for name in ("identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s",
                  "permissions.p7s"):
-        path = tmp_path / "enclaves" / name
-        path.parent.mkdir(exist_ok=True)
-        path.touch()
-    for name, value in (("ENABLE", "true"), ("STRATEGY", "Enforce"), ("KEYSTORE", tmp_path)):
-        monkeypatch.setenv(f"ROS_SECURITY_{name}", str(value))
-    process = graph.start("sketcher")
-    assert process.code() == 2
-    assert "ROS_SECURITY_ENABLE is true: expected a middleware with DDS security and a keystore" in process.lines[-1]
+        (tmp_path / "enclaves" / name).touch()
+    for name, value in (variables | {"ROS_SECURITY_KEYSTORE": str(tmp_path)}).items():
+        monkeypatch.setenv(name, value)
+    process = start()
+    assert process.code() == 2 and process.lines[-1].startswith(f"srt3d: error: {line}")
     assert "Traceback" not in process.text
-
-
-def test_arguments_without_ros_args_before_them_are_refused_and_not_ignored(graph, start):
-    process = Process([sys.executable, "-m", "srt3d_ros.cli.main", "node", "sketcher", "-p", "sketch_size:=5"])
-    graph.processes.append(process)
-    assert process.code() == 2
-    assert process.lines[-1].startswith("srt3d: error: command line is -p sketch_size:=5: expected nothing but "
-                                        "--ros-args")
 
 
 def test_a_qos_of_no_topic_is_a_warning_and_capitals_pass(graph, start):

@@ -10,28 +10,16 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sensor as sensor_message
 
 
-def start_with_file(graph, sensor, folder):
-    path = folder / "spad.json"
-    path.write_text(sensor_message.encode(sensor).data)
-    return graph.start("sketcher", sensor_file=path).ready()
-
-
-def test_the_sensor_may_come_from_a_file(graph, sensor, tmp_path):
-    described = graph.collect_latched(String, "sketch/sensor")
-    published = graph.collect_latched(String, "sensor")
-    start_with_file(graph, sensor, tmp_path)
-    graph.wait(lambda: described and published, "the sensor of the file")
-    assert sensor_message.decode(described[0]).same_as(sensor)
-    assert sensor_message.decode(published[0]).same_as(sensor) and "x_writer" in published[0].data
-
-
 def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph, sensor, events, tmp_path):
-    """The driver is there first; it is right for a while, wrong again, and goes."""
+    """The file's sensor is published; the driver is there first, is right for a while, wrong again, and goes."""
+    published = graph.collect_latched(String, "sensor")
     sketches, described = graph.collect(PointCloud2, "sketch"), graph.latched("sensor")
-    topic = f"{graph.namespace}/sensor"
-    other = sensor.replace(rows=10, cols=8)
+    topic, other, path = f"{graph.namespace}/sensor", sensor.replace(rows=10, cols=8), tmp_path / "spad.json"
     described.publish(sensor_message.encode(other))
-    process = start_with_file(graph, sensor, tmp_path)
+    path.write_text(sensor_message.encode(sensor).data)
+    process = graph.start("sketcher", sensor_file=path).ready()
+    graph.wait(lambda: any(sensor_message.decode(one).same_as(sensor) and "x_writer" in one.data for one in published),
+               "the sensor of the file")
     problem = (f"rows on {topic} is 10: expected 16 as in sensor_file spad.json; photons are dropped until both say "
                "the same")
     process.says(problem)
@@ -53,7 +41,6 @@ def test_a_driver_that_contradicts_the_file_is_an_error_as_long_as_it_does(graph
 
     described.publish(sensor_message.encode(sensor.replace(toa_offset_bins=3.5)))
     process.says("is 3.5: expected 0.0 as in sensor_file spad.json")
-    graph.wait(lambda: graph.report("sketcher")["level"] == DiagnosticStatus.ERROR, "the error in the diagnostics")
     graph.node.destroy_publisher(described)
     process.says(f"is used again: nobody else publishes {topic} any more")
-    graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "its end")
+    graph.wait(lambda: graph.report("sketcher")["level"] != DiagnosticStatus.ERROR, "the end of the error")

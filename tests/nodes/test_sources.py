@@ -1,27 +1,32 @@
 """What the player plays, message by message: what is due when, with which stamps, and where it begins and ends."""
 
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonHistograms
+from srt3d_ros.core.sketching.sketch import noise_sketch
 from srt3d_ros.datasets import open_sensor
-from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.simulation.motion_profiles import OPTICAL, walk
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import photons
 from srt3d_ros.messages import sensor as sensor_message
+from srt3d_ros.messages import sketch as sketch_message
+from srt3d_ros.messages.odometry import decode_odometry
 from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import player
-from srt3d_ros.nodes.sources import open_source
+from srt3d_ros.nodes.motion_input import parse_extrinsics
+from srt3d_ros.nodes.sources import BEFORE_S, PACKETS, MovingSource, open_source
+from tests.bags import CLOUD, MS, START_NS, TEXT, write_bag
 
-START_NS = 1_600_000_000_000_000_000
-MS = 1_000_000
+BEFORE_NS = round(BEFORE_S * 1e9)
+DEFAULTS = {parameter.name: parameter.default for parameter in player.PARAMETERS}
 
 
 @pytest.fixture
@@ -30,8 +35,7 @@ def source():
     opened = []
 
     def open_with(**given):
-        defaults = {parameter.name: parameter.default for parameter in player.PARAMETERS}
-        opened.append(open_source(defaults | {name: str(value) if isinstance(value, Path) else value
+        opened.append(open_source(DEFAULTS | {name: str(value) if isinstance(value, Path) else value
                                               for name, value in given.items()}))
         return opened[-1]
 
@@ -53,27 +57,12 @@ def frames(sensor) -> list[bytes]:
     return [photons.encode_cdr(each, sensor, "spad") for each in events]
 
 
-def write(path: Path, types: dict[str, str], messages: list[tuple[float, str, bytes]]) -> Path:
-    """A bag of topics of these types, with messages recorded at so many milliseconds."""
-    writer = BagWriter(path)
-    for topic, type_name in types.items():
-        writer.add_topic(topic, type_name, [Offer()])
-    for at_ms, topic, raw in messages:
-        writer.write(topic, START_NS + round(at_ms * MS), raw)
-    writer.close()
-    return path
-
-
-TYPES = {"/spad/info": "std_msgs/msg/String", "/spad/raw": "sensor_msgs/msg/PointCloud2"}
-
-
 @pytest.fixture(scope="module")
 def bag(described, frames, tmp_path_factory) -> Path:
     """Recorded in ms: sensor 0 and again 22, another 25, frames 10, 20, 30, 40."""
-    return write(tmp_path_factory.mktemp("bags") / "bag", TYPES, [
-        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (20, "/spad/raw", frames[1]),
-        (22, "/spad/info", described[0]), (25, "/spad/info", described[1]), (30, "/spad/raw", frames[2]),
-        (40, "/spad/raw", frames[3])])
+    sensors = [("/spad/info", TEXT, described[which], at_ms) for at_ms, which in ((0, 0), (22, 0), (25, 1))]
+    photons = [("/spad/raw", CLOUD, raw, 10 * (k + 1)) for k, raw in enumerate(frames)]
+    return write_bag(tmp_path_factory.mktemp("bags") / "bag", sorted(sensors + photons, key=lambda one: one[3]))
 
 
 def test_the_frame_of_a_file_is_repeated_at_its_rate(source, photon_file, events):
@@ -124,8 +113,8 @@ def report() -> bytes:
 
 
 def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, frames, tmp_path, report):
-    write(tmp_path / "bag", TYPES | {"/base/odometry": "nav_msgs/msg/Odometry"}, [
-        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (11, "/base/odometry", report)])
+    write_bag(tmp_path / "bag", [("/spad/info", TEXT, described[0], 0), ("/spad/raw", CLOUD, frames[0], 10),
+                                 ("/base/odometry", "nav_msgs/msg/Odometry", report, 11)])
     opened = source(input=tmp_path / "bag")
     assert (opened.others, opened.notes) == (("odom",), ())
     items = list(opened.items())
@@ -136,16 +125,15 @@ def test_odometry_of_a_bag_is_played_if_it_is_the_only_one(source, described, fr
 @pytest.mark.parametrize(("name", "holds"), [("odom", "nav_msgs/msg/Odometry"), ("imu", "sensor_msgs/msg/Imu")])
 def test_of_several_topics_of_motion_none_is_played_and_a_line_names_them(source, described, frames, tmp_path, report,
                                                                          name, holds):
-    bag = write(tmp_path / "bag", TYPES | dict.fromkeys(("/raw", "/filtered"), holds), [
-        (0, "/spad/info", described[0]), (10, "/spad/raw", frames[0]), (11, "/raw", report), (12, "/filtered", report)])
+    bag = write_bag(tmp_path / "bag", [("/spad/info", TEXT, described[0]), ("/spad/raw", CLOUD, frames[0]),
+                                       ("/raw", holds, report), ("/filtered", holds, report)])
     opened = source(input=bag)
     assert opened.notes == (f"nothing is played on {name}: the bag has /raw and /filtered",)
     assert [item.topic for item in opened.items()] == ["photons"]
 
 
 def test_a_message_without_a_stamp_is_played_for_others_to_count(source, tmp_path, described, frames):
-    write(tmp_path / "bag", {"/photons": TYPES["/spad/raw"]}, [
-        (k, "/photons", raw) for k, raw in enumerate((frames[0], b"\0\1\0\0", frames[1]))])
+    write_bag(tmp_path / "bag", [("/photons", CLOUD, raw) for raw in (frames[0], b"\0\1\0\0", frames[1])])
     played = source(input=tmp_path / "bag")
     assert [(item.raw, item.stamp_ns) for item in played.items()][1] == (b"\0\1\0\0", START_NS + MS)
     assert played.sensor is None and "no sensor is described beside /photons" in played.notes[0]
@@ -180,6 +168,14 @@ def test_a_sensor_file_of_other_pixels_is_refused(source, photon_file, sensor, t
         source(input=photon_file, sensor_file=tmp_path / "other.json")
 
 
+def test_a_bag_of_sketches_is_played_with_their_descriptions(source, sensor, described, tmp_path):
+    raw = sketch_message.encode_cdr(noise_sketch(sensor, (1, 2)), sensor, "spad", "coded")
+    played = source(input=write_bag(tmp_path / "bag", [
+        ("/sketch/sensor", TEXT, described[0]), ("/sketch", CLOUD, raw), ("/sketch/sensor", TEXT, described[1])]))
+    assert (played.output, played.describes, played.sensor) == ("sketch", "sketch/sensor", described[0])
+    assert [(item.topic, item.raw) for item in played.items()] == [("sketch", raw), ("sketch/sensor", described[1])]
+
+
 @pytest.mark.parametrize("given, line", [
     ({"input": "nowhere.npz"}, "nowhere.npz"),
     ({"sensor_file": "sensor.json"}, "sensor_file is sensor.json: expected nothing, unless a photon file is played"),
@@ -189,3 +185,39 @@ def test_what_is_no_source_is_refused(source, repository, monkeypatch, given, li
     monkeypatch.chdir(repository)
     with pytest.raises(InvalidInput, match=line):
         source(**given)
+
+
+# ---- A sensor that moves: packets and odometry of one time
+
+@pytest.fixture
+def moving():
+    return lambda **given: MovingSource(DEFAULTS | {"motion": "walk", "frames": 1} | given)
+
+
+def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(moving):
+    items = list(moving(rate_hz=20.0, ppp=2.0).items())
+    assert all(before.due_ns <= after.due_ns for before, after in pairwise(items))
+    packets = [item for item in items if item.topic == "photons"]
+    assert [item.stamp_ns for item in packets] == [BEFORE_NS + k * 5 * MS for k in range(PACKETS)]
+    assert [item.due_ns - item.stamp_ns for item in packets] == [5 * MS] * PACKETS
+    assert sum(item.photons for item in packets) == pytest.approx(2 * 141 * 141, rel=0.05)
+    stamps = [item.stamp_ns for item in items if item.topic == "odom"]
+    assert stamps[0] == 0 and stamps[-1] >= BEFORE_NS + 100 * MS and set(np.diff(stamps)) == {10 * MS}
+
+
+def test_odometry_is_that_of_the_path(moving):
+    reports = [item for item in moving().items() if item.topic == "odom"]
+    assert all(item.due_ns == item.stamp_ns for item in reports)
+    for item in reports[::5]:
+        exact, report = walk((item.stamp_ns - BEFORE_NS) / 1e9), decode_odometry(item.raw)
+        np.testing.assert_allclose(report.pose.translation, exact.translation, atol=1e-12)
+        np.testing.assert_allclose(report.pose.rotation, exact.rotation, atol=1e-12)
+        assert report.speed_m_s == pytest.approx(1, rel=0.03)
+        assert report.rate_rad_s[2] == pytest.approx(np.radians(30), rel=0.03)
+    message = deserialize_message(reports[3].raw, Odometry)
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+
+
+def test_the_extrinsics_that_it_tells_are_where_the_sensor_is(moving):
+    note, = moving().notes
+    np.testing.assert_allclose(parse_extrinsics(note.split("'")[-2]).rotation, OPTICAL.rotation, atol=1e-9)

@@ -56,42 +56,27 @@ def probe():
         made.finish()
 
 
-def test_the_newest_frame_pushes_out_the_waiting_one_but_no_other_job(probe):
-    newest = probe(limit=1)
-    newest.offer("frame 0")
-    newest.worker.call(newest.done.append, "sensor")
-    newest.offer("frame 1", "frame 2")
-    assert newest.finish() == ["sensor", "frame 2"] and newest.dropped == ["queue", "queue"]
-
-
-@pytest.mark.parametrize("limit, messages_per_frame, offered, kept", [(3, 1, 5, [2, 3, 4]), (1, 3, 8, [5, 6, 7])])
+@pytest.mark.parametrize("limit, messages_per_frame, offered, kept", [
+    (1, 1, 3, [2]), (3, 1, 5, [2, 3, 4]), (1, 3, 8, [5, 6, 7])])
 def test_a_queue_keeps_the_messages_of_its_newest_frames_in_order(probe, limit, messages_per_frame, offered, kept):
     queue = probe(limit)
     queue.worker.messages_per_frame = messages_per_frame
+    queue.worker.call(queue.done.append, "sensor")
     queue.offer(*range(offered))
-    assert queue.finish() == kept and queue.dropped == ["queue"] * (offered - len(kept))
+    assert queue.finish() == ["sensor", *kept] and queue.dropped == ["queue"] * (offered - len(kept))
 
 
-def test_held_frames_wait_for_another_job_and_keep_their_order(probe):
-    holding = probe(limit=8)
+def test_held_frames_wait_in_order_for_another_job_or_are_dropped_for_the_cause_that_holds_them(probe):
+    holding = probe(limit=3)
     holding.worker.hold_frames("no_sensor")
-    holding.offer(0, 1, 2)
+    holding.offer(0, 1, 2, 3)
     holding.worker.call(holding.done.append, "sensor")
     holding.worker.call(holding.worker.release_frames)
     last = threading.Event()
-    holding.worker.offer(last.set)
+    holding.worker.call(last.set)
     holding.go.set()
     assert last.wait(60)
-    assert holding.done == ["sensor", 0, 1, 2]
-
-
-def test_of_held_frames_newer_ones_push_out_the_oldest_for_the_cause_that_holds_them(probe):
-    holding = probe(limit=1)
-    holding.worker.hold_frames("no_sensor")
-    holding.go.set()
-    holding.offer(0, 1)
-    holding.worker.release_frames()
-    assert holding.finish() == [1] and holding.dropped == ["no_sensor"]
+    assert holding.finish() == ["sensor", 1, 2, 3] and holding.dropped == ["no_sensor"]
 
 
 def test_a_job_that_fails_is_reported_and_the_next_one_runs(probe):
