@@ -92,15 +92,3 @@ def test_clouds_of_another_program_without_intensities_give_one_line(tmp_path):
     stream.disconnect()
     with pytest.raises(InvalidInput, match="/points with intensity"):
         list(RecordingReader(tmp_path / "other.rrd").clouds())
-
-
-def test_of_a_property_that_was_set_again_the_last_value_counts(tmp_path):
-    stream = rr.RecordingStream("srt3d_ros")
-    stream.save(tmp_path / "a.rrd")
-    for k in (1, 2):
-        for value in (10 * k, 10 * k + 1):
-            stream.send_property("parameters", rr.AnyValues(sketch_size=value))
-        stream.send_property("parameters", rr.AnyValues(other=k))
-        stream.flush()
-    stream.disconnect()
-    assert RecordingReader(tmp_path / "a.rrd").properties() == {"parameters": {"sketch_size": 21, "other": 2}}

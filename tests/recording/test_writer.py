@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import time
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,57 +27,43 @@ def random_cloud(points, seed=0):
     return rng.normal(size=(points, 3)).astype(np.float32), rng.gamma(2, 5, points).astype(np.float32)
 
 
-def record_clouds(path, clouds, sensor, **options):
-    with RecordingWriter(path, sensor, **options) as writer:
-        for k, (xyz, intensity) in enumerate(clouds):
-            writer.log_cloud(10**18 + k, 7 * k, xyz, intensity)
-    assert writer.error is None and writer.dropped == 0
-    read = sorted(RecordingReader(path).clouds(), key=lambda cloud: cloud.frame_index)
-    assert [(c.stamp_ns, c.frame_index) for c in read] == [(10**18 + k, 7 * k) for k in range(len(clouds))]
-    return read
-
-
 def test_clouds_are_kept_as_they_are(tmp_path, ball):
     clouds = [random_cloud(n, seed=n) for n in (1000, 1, 0, 20_000)]
     clouds[0][0][3] = np.nan
     clouds[0][1][5] = np.nan
-    for cloud, (xyz, intensity) in zip(record_clouds(tmp_path / "a.rrd", clouds, ball[1]), clouds, strict=True):
+    ball, sensor = ball
+    std_m = ball.depth_std_bins * sensor.bin_width_m
+    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
+        for k, cloud in enumerate(clouds):
+            writer.log_cloud(10**18 + k, 7 * k, *cloud)
+        writer.log_cloud(10**18 + 4, 28, ball.xyz, ball.intensity, depth_std=std_m, row=ball.row, col=ball.col,
+                         surface=ball.surface)
+    assert writer.error is None and writer.dropped == 0
+    *read, full = sorted(RecordingReader(tmp_path / "a.rrd").clouds(), key=lambda cloud: cloud.frame_index)
+    for k, (cloud, (xyz, intensity)) in enumerate(zip(read, clouds, strict=True)):
+        assert (cloud.stamp_ns, cloud.frame_index) == (10**18 + k, 7 * k)
         assert np.array_equal(cloud.xyz, xyz, equal_nan=True)
         assert np.array_equal(cloud.intensity, intensity, equal_nan=True)
-
-
-def test_row_column_surface_and_deviation_too(tmp_path, ball):
-    cloud, sensor = ball
-    std_m = cloud.depth_std_bins * sensor.bin_width_m
-    with RecordingWriter(tmp_path / "a.rrd", sensor) as writer:
-        writer.log_cloud(0, 0, cloud.xyz, cloud.intensity, depth_std=std_m, row=cloud.row, col=cloud.col,
-                         surface=cloud.surface)
-    (read,) = RecordingReader(tmp_path / "a.rrd").clouds()
-    assert (read.row.dtype, read.col.dtype, read.surface.dtype) == (np.uint16, np.uint16, np.uint8)
-    for name, wanted in (("row", cloud.row), ("col", cloud.col), ("surface", cloud.surface), ("depth_std_m", std_m)):
-        assert np.array_equal(getattr(read, name), wanted), name
+    for name, wanted in (("row", ball.row), ("col", ball.col), ("surface", ball.surface), ("depth_std_m", std_m)):
+        found = getattr(full, name)
+        assert np.array_equal(found, wanted) and found.dtype == wanted.dtype, name
 
 
 @pytest.mark.parametrize("by, values", [
     ("height", lambda xyz: -xyz[:, 1]), ("range", lambda xyz: np.linalg.norm(xyz, axis=1)),
-    ("depth_std", lambda xyz: xyz[:, 0] ** 2), ("intensity", None)])
+    ("depth_std", lambda xyz: xyz[:, 0] ** 2), ("intensity", None), ("absent depth_std", None)])
 def test_colours_show_the_chosen_quantity(tmp_path, by, values):
     xyz, intensity = random_cloud(1000)
-    with RecordingWriter(tmp_path / "a.rrd", None, colour_by=by) as writer:
-        writer.log_cloud(0, 0, xyz, intensity, depth_std=xyz[:, 0] ** 2)
+    with RecordingWriter(tmp_path / "a.rrd", None, colour_by=by.removeprefix("absent ")) as writer:
+        writer.log_cloud(0, 0, xyz, intensity, **({} if "absent" in by else {"depth_std": xyz[:, 0] ** 2}))
     (cloud,) = RecordingReader(tmp_path / "a.rrd").clouds()
+    by = "intensity" if values is None else by
     table = packed({"range": range_table(), "intensity": visible_table("inferno")}.get(by, visible_table("viridis")))
     value = intensity if values is None else values(xyz)
     low, high = np.percentile(value, (2, 98))
     assert set(cloud.colour[value < low]) == {table[0]} and set(cloud.colour[value > high]) == {table[255]}
     rank = np.argsort(table)[np.searchsorted(np.sort(table), cloud.colour)]
     assert (np.diff(rank[np.argsort(value)]) >= 0).all() and len(set(rank)) > 30
-
-
-def test_without_a_depth_std_the_intensity_colours(tmp_path):
-    by_std, by_intensity = (record_clouds(tmp_path / f"{by}.rrd", [random_cloud(1000)], None, colour_by=by)
-                            for by in ("depth_std", "intensity"))
-    assert np.array_equal(by_std[0].colour, by_intensity[0].colour)
 
 
 def test_images_are_kept_as_they_are(tmp_path):
@@ -129,23 +114,6 @@ def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball)
     assert len(columns["context"][0].as_py()[0]) == 2
 
 
-def test_scalars_are_complete_under_load_and_every_missing_cloud_is_counted(tmp_path):
-    xyz, intensity = random_cloud(20_000)
-    frames = 150
-    with RecordingWriter(tmp_path / "a.rrd", None, queue_mb=1.3) as writer:
-        for k in range(frames):
-            writer.log_cloud(k, k, xyz, intensity)
-            writer.log_scalars(k, {"latency_ms": k / 7, "points": 20_000 + k, "latency_ms/sketch": k}, k)
-    reader = RecordingReader(tmp_path / "a.rrd")
-    series = reader.series()
-    assert set(series) == {"latency_ms", "points", "latency_ms/sketch"}
-    for name, values in (("latency_ms", np.arange(frames) / 7), ("points", 20_000 + np.arange(frames))):
-        assert np.array_equal(series[name].stamp_ns, np.arange(frames))
-        assert np.array_equal(series[name].values, values)
-    assert len(list(reader.clouds())) + writer.dropped == frames
-    assert writer.error is None
-
-
 def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeypatch):
     """Without regular flushes, rerun writes clouds only."""
     monkeypatch.setattr(writer_module, "FLUSH_PERIOD_S", 0.1)
@@ -163,7 +131,7 @@ def test_a_flood_of_clouds_does_not_keep_scalars_from_the_file(tmp_path, monkeyp
     assert names == {"points"}
 
 
-def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_path, monkeypatch):
+def test_a_disk_that_stalls_costs_the_oldest_clouds_no_scalar_and_never_the_caller(tmp_path, monkeypatch):
     stalled, go_on, log_cloud = threading.Event(), threading.Event(), FrameLog.cloud
     monkeypatch.setattr(FrameLog, "cloud", lambda *frame: (stalled.set(), go_on.wait(60), log_cloud(*frame)))
     with RecordingWriter(tmp_path / "a.rrd", None, queue_mb=1) as writer:
@@ -172,10 +140,13 @@ def test_a_disk_that_stalls_costs_the_oldest_clouds_and_never_the_caller(tmp_pat
         assert stalled.wait(60)
         for k in range(1, 51):
             writer.log_cloud(k, k, xyz, intensity)
+            writer.log_scalars(k, {"latency_ms": k / 7}, k)
         assert writer.dropped == 47
         go_on.set()
     assert writer.error is None
-    assert [cloud.frame_index for cloud in RecordingReader(tmp_path / "a.rrd").clouds()] == [0, 48, 49, 50]
+    reader = RecordingReader(tmp_path / "a.rrd")
+    assert [cloud.frame_index for cloud in reader.clouds()] == [0, 48, 49, 50]
+    assert reader.series()["latency_ms"].values.tolist() == [k / 7 for k in range(1, 51)]
 
 
 def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path):
@@ -246,15 +217,19 @@ def test_closing_twice_and_logging_afterwards_change_nothing(tmp_path):
     assert (tmp_path / "a.rrd").stat().st_size == size
 
 
-def test_properties_hold_the_run_and_the_sensor(tmp_path, ball):
+@pytest.mark.filterwarnings("error")
+def test_properties_hold_the_run_and_the_sensor_and_none_without_facts(tmp_path, ball):
     sensor = ball[1].replace(projection=replace(ball[1].projection, distortion=PlumbBob(k1=-0.05, p2=0.01)))
     facts = {"version": "1.2", "frequencies": [1, 2, 5], "nothing": None, "path": tmp_path, "rate_hz": 10.0,
              "live": True}
-    with RecordingWriter(tmp_path / "a.rrd", sensor, properties={"run": facts, "versions": {"numpy": "2"}}) as writer:
+    given = {"run": facts, "versions": {"numpy": "2"}, "empty": {}}
+    with RecordingWriter(tmp_path / "a.rrd", sensor, properties=given) as writer:
+        writer.set_properties("unset", {"unset": None, "none": [], "nothing": ()})
         writer.set_properties("parameters", {"sketcher.sketch_size": 5, "sketcher.layout": "float32"})
         writer.set_properties("parameters", {"sketcher.sketch_size": 6})
     properties = RecordingReader(tmp_path / "a.rrd").properties()
     run = properties["run"]
+    assert not {"empty", "unset"} & properties.keys()
     assert run["frequencies"].tolist() == [1, 2, 5] and run["path"] == str(tmp_path) and "nothing" not in run
     assert properties["versions"] == {"numpy": "2"}
     assert properties["parameters"] == {"sketcher.sketch_size": 6, "sketcher.layout": "float32"}
@@ -263,16 +238,6 @@ def test_properties_hold_the_run_and_the_sensor(tmp_path, ball):
     assert properties["sensor"]["projection"] == "pinhole" and properties["sensor"]["fx"] == sensor.projection.fx
     assert properties["sensor"]["distortion"].tolist() == [-0.05, 0, 0, 0.01, 0]
     assert np.array_equal(properties["sensor"]["irf"].astype(np.float32), sensor.irf)
-
-
-def test_a_property_without_facts_is_left_out_without_a_warning(tmp_path):
-    """Such as the parameters of a node that has ended."""
-    with warnings.catch_warnings(record=True) as seen:
-        warnings.simplefilter("always")
-        with RecordingWriter(tmp_path / "a.rrd", None, properties={"versions": {}}) as writer:
-            writer.set_properties("parameters", {"unset": None, "none": [], "nothing": ()})
-    assert not [str(warning.message) for warning in seen]
-    assert not {"versions", "parameters"} & RecordingReader(tmp_path / "a.rrd").properties().keys()
 
 
 def threads_of_streams() -> int:
