@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.sketcher import sketch_photons
@@ -80,23 +79,6 @@ def test_the_sample_has_all_photons_of_some_pixels_and_all_can_be_had(npy, event
     assert np.array_equal(found.source.histogram, np.bincount(events.toa, minlength=200))
     changed = found.with_options({"mask": np.eye(16, 24) == 0})
     assert np.array_equal(changed.sketch(1).sensor.mask, np.eye(16, 24) == 0)       # not that of the sample
-
-
-def test_few_photons_are_kept_whole_and_a_gate_drops_and_says_so(npy, events):
-    photons = read(npy, gate=(60, 159), **GIVEN)
-    inside = (events.toa >= 60) & (events.toa < 160)
-    assert photons.is_loaded and np.array_equal(photons.frame.pixel, events.pixel[inside])
-    assert np.array_equal(np.sort(photons.frame.toa), np.sort(events.toa[inside]) - 60)
-    assert photons.sensor.toa_offset_bins == 60
-    assert photons.notes == (f"{np.count_nonzero(~inside)} of {events.photons} photons lie outside the gate "
-                             "(bins 60 to 159): dropped",)
-
-
-def test_what_is_not_said_is_assumed_and_noted(npy):
-    photons = read(npy, bin_width_s=5e-11)
-    assert [note.split()[0] for note in photons.notes] == ["IRF", "geometry"]
-    assert photons.with_options({"projection": Pinhole(9, 9, 1, 1)}).notes == photons.notes[:1]
-    assert np.abs(np.argmax(photons.sensor.irf) - photons.sensor.irf_ref) == 0
 
 
 def test_an_irf_that_cannot_be_seen_is_refused_or_guessed(tmp_path):

@@ -28,15 +28,6 @@ def test_a_ball_is_hit_where_geometry_says():
     np.testing.assert_allclose(ball.march(origin, rays)[clear], expected[clear], atol=3e-4)
 
 
-def test_parts_off_the_middle_have_mirror_images_and_carving_takes_away():
-    ears = Figure((Part((5, 0, 0), (1, 1, 1), tilt_deg=(10, 20, 30)),))
-    left, right, between = ears.distance(np.array([[0.052, -0.052, 0.0], [0, 0, 0], [0, 0, 0]], np.float32))
-    assert left == right < 0 < between
-    bowl = Figure((Part((0, 0, 0), (5, 5, 5)), Part((0, 0, -5), (2, 2, 2), carve=True, seam_cm=0.1)))
-    inside, hollow = bowl.distance(np.array([[0, 0], [0, 0], [0.01, -0.04]], np.float32))
-    assert inside < 0 < hollow
-
-
 def test_the_bust_is_a_head_on_shoulders_before_a_wall(bust):
     range_m = bust.frame(0)[0][0]
     person = range_m < 2.35
