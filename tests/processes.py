@@ -1,5 +1,6 @@
 """Programs that tests start: their lines, their ends, and waiting for both."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -7,6 +8,8 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+
+import psutil
 
 DEADLINE_S = 60.0                       # generous: the machine may be busy; nothing waits longer than it has to
 STOP_TIMEOUT_S = 60.0                   # for a recording and a bag to be written
@@ -29,6 +32,17 @@ def wait(condition: Callable[[], object], what: str, describe: Callable[[], str]
     if not (value := wait_until(condition, deadline_s)):
         raise TimeoutError(f"waited {deadline_s:.0f} s for {what}\n{describe()}".rstrip())
     return value
+
+
+def nodes_of(pid: int) -> dict[str, psutil.Process]:
+    """The node processes that a program has started, by name."""
+    found = {}
+    for child in psutil.Process(pid).children(recursive=True):
+        with contextlib.suppress(psutil.Error):         # it has just ended
+            words = child.cmdline()
+            if "node" in words:
+                found[words[words.index("node") + 1]] = child
+    return found
 
 
 class Process:

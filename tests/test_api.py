@@ -241,24 +241,6 @@ def test_a_cloud_is_drawn(cloud, tmp_path):
         cloud.render(size_px=(0, 9))
 
 
-def test_a_cloud_without_points_is_drawn_and_shown(tmp_path):
-    empty = srt3d_ros.from_events([], [], [], sensor=SENSOR).reconstruct()
-    assert len(empty) == 0 and repr(empty).startswith("Cloud of 0 points")
-    empty.save(tmp_path / "empty.png")
-    empty.save(tmp_path / "empty.ply")
-
-
-def test_parts_of_a_cloud_are_clouds(cloud):
-    near = cloud.within(max_m=float(np.median(np.linalg.norm(cloud.xyz, axis=1)))).ordered("nearest")
-    assert isinstance(near, srt3d_ros.Cloud) and 0 < len(near) < len(cloud) and near.sensor.same_as(SENSOR)
-
-
-def test_what_draws_is_named_if_it_is_missing(cloud, monkeypatch):
-    monkeypatch.setitem(sys.modules, "srt3d_ros.pictures", None)
-    with pytest.raises(srt3d_ros.InvalidInput, match=r"expected pip install 'srt3d_ros\[review\]' to have been run"):
-        cloud.plot()
-
-
 # ---- What is refused
 
 @pytest.mark.parametrize(("source", "options", "said"), [

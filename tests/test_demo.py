@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import pytest
 from srt3d_ros.cli import main
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from tests.programs import nodes_of
+from tests.processes import nodes_of, wait
 
 NODES = {"player", "sketcher", "reconstructor", "recorder"}
 LOGS = {"nodes", "player"}
@@ -50,13 +49,6 @@ def start(tmp_path, repository):
             process.wait(60)
 
 
-def wait_for_cloud(process: psutil.Popen, output: Path) -> None:
-    """Wait until the demo has shown its first cloud."""
-    while not re.search(r" [1-9]\d*/", output.read_text()):
-        assert process.poll() is None, output.read_text()
-        time.sleep(0.05)
-
-
 def assert_accounted(summary: dict, sent: int) -> None:
     """Every cloud that came was judged, and every other frame counts as lost: a busy machine loses some."""
     assert summary["frames_sent"] == sent == summary["frames_reconstructed"] + summary["frames_lost"]
@@ -64,19 +56,19 @@ def assert_accounted(summary: dict, sent: int) -> None:
 
 
 def test_a_moving_sensor_is_deskewed(start, tmp_path):
-    demo = start("--motion", "spin", "--rate-hz", "1", "--duration-s", "5")
+    demo = start("--motion", "spin", "--rate-hz", "1", "--duration-s", "3")
     assert demo.wait() == 0, (tmp_path / "out.txt").read_text()
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert_accounted(summary, 5)
+    assert_accounted(summary, 3)
     assert summary["true_detections_percent"] > 98 and summary["dae_bins"] < 0.8     # not moved: 96 %, 1.3 bins
 
 
 def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
-    demo = start("--photons", str(photon_file), "--rate-hz", "2", "--duration-s", "5")
+    demo = start("--photons", str(photon_file), "--rate-hz", "2", "--duration-s", "2")
     assert demo.wait() == 0, (tmp_path / "out.txt").read_text()
     out = tmp_path / "out"
     summary = json.loads((out / "summary.json").read_text())
-    assert_accounted(summary, 10)
+    assert_accounted(summary, 4)
     assert 0 < summary["latency_median_ms"] <= summary["latency_p95_ms"]
     assert 0 < summary["clouds_per_second"]
     assert summary["true_detections_percent"] > 90 and summary["dae_bins"] < 2
@@ -87,16 +79,16 @@ def test_a_photon_file_goes_through_all_nodes(start, tmp_path, photon_file):
 
 
 def test_the_moving_scene_is_compared_with_the_truth_of_the_same_moment(start, tmp_path):
-    demo = start("--rate-hz", "2", "--duration-s", "4")
+    demo = start("--rate-hz", "2", "--duration-s", "2")
     assert demo.wait() == 0, (tmp_path / "out.txt").read_text()
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert_accounted(summary, 8)
+    assert_accounted(summary, 4)
     assert summary["true_detections_percent"] > 95 and summary["dae_mm"] < 6
 
 
 def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--duration-s", "60")
-    wait_for_cloud(demo, tmp_path / "out.txt")
+    wait(lambda: "recorder" in nodes_of(demo.pid), "the recorder")
     nodes = nodes_of(demo.pid)
     nodes["recorder"].kill()
     assert demo.wait() == 1
@@ -107,13 +99,14 @@ def test_a_node_that_dies_is_named_and_fails_the_demo(start, tmp_path, photon_fi
 
 def test_ctrl_c_ends_the_demo_and_its_nodes_quietly(start, tmp_path, photon_file):
     demo = start("--photons", str(photon_file), "--duration-s", "60")
-    wait_for_cloud(demo, tmp_path / "out.txt")
+    said = tmp_path / "out.txt"
+    wait(lambda: re.search(r" [1-9]\d*/", said.read_text()) or demo.poll() is not None, "a cloud", said.read_text)
     nodes = nodes_of(demo.pid)
     assert set(nodes) == NODES
     demo.send_signal(signal.SIGINT)
     assert demo.wait() == 130
     assert not any(node.is_running() for node in nodes.values())
-    assert "Traceback" not in (tmp_path / "out.txt").read_text()
+    assert "Traceback" not in said.read_text()
 
 
 @pytest.mark.parametrize("options, said", [

@@ -1,7 +1,6 @@
 """`srt3d reconstruct`: a photon file becomes a cloud file; a mistake becomes one line and exit code 2."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +10,11 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
-from srt3d_ros.datasets.bags.writer import BagWriter, Offer
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.messages import photon_frames, sketch
 from srt3d_ros.messages import sensor as sensor_message
+from tests.bags import CLOUD, IMAGE, TEXT, write_bag
 from tests.datasets.made_logs import tmf8829_log, zones_16
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
@@ -99,29 +98,17 @@ def test_a_dark_frame_gives_the_background(reconstruct, refusal, photons, tmp_pa
     assert said == "dark frame rows is 20: expected 12, as in the input\n"
 
 
-def write_bag(path: Path, sensor_topic: str, sensor: bytes, *frames: tuple[str, str, bytes]) -> Path:
-    """A bag of a sensor and of frames: (topic, kind of message, bytes)."""
-    writer = BagWriter(path)
-    writer.add_topic(sensor_topic, "std_msgs/msg/String", [Offer()])
-    for topic, kind in dict.fromkeys((topic, kind) for topic, kind, _ in frames):
-        writer.add_topic(topic, f"sensor_msgs/msg/{kind}", [Offer()])
-    writer.write(sensor_topic, 0, sensor)
-    for k, (topic, _, raw) in enumerate(frames):
-        writer.write(topic, k + 1, raw)
-    writer.close()
-    return path
-
-
 def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, tmp_path):
     few = PhotonEvents(np.zeros(5, np.uint32), np.arange(5, dtype=np.uint16))
-    bag = write_bag(tmp_path / "bag", "/sensor", sensor_message.encode_cdr(SENSOR), *(
-        (f"/{side}/photons", "PointCloud2", photon_frames.encode_cdr(frame, "photons", SENSOR))
-        for side, frame in (("left", few), ("right", few), ("left", photons[1]))))
+    described = ("/sensor", TEXT, sensor_message.encode_cdr(SENSOR))
+    bag = write_bag(tmp_path / "bag", [described, *(
+        (f"/{side}/photons", CLOUD, photon_frames.encode_cdr(frame, "photons", SENSOR))
+        for side, frame in (("left", few), ("right", few), ("left", photons[1])))])
     _, from_file = reconstruct(out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--photons-topic", "/left/photons", source=bag)
     assert np.array_equal(np.load(from_file)["xyz"], np.load(from_bag)["xyz"])
-    bag = write_bag(tmp_path / "histograms", "/sensor", sensor_message.encode_cdr(SENSOR),
-                    ("/tof/raw", "Image", photon_frames.encode_cdr(photons[1], "histograms", SENSOR)))
+    bag = write_bag(tmp_path / "histograms", [
+        described, ("/tof/raw", IMAGE, photon_frames.encode_cdr(photons[1], "histograms", SENSOR))])
     for options in ((), ("--gate", "auto"), ("--gate", "60:230")):
         _, from_file = reconstruct(*options, out="file.npz")
         _, from_bag = reconstruct(*options, source=bag)
@@ -131,9 +118,9 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
 
 def test_a_frame_of_a_bag_of_sketches_is_reconstructed_as_its_photons(photons, refusal, reconstruct, tmp_path):
     sketched = sketch_photons(photons[1], SENSOR, (1, 2, 5, 9))
-    bag = write_bag(tmp_path / "bag", "/spad/sketch/sensor", sensor_message.encode_cdr(SENSOR), *(
-        ("/spad/sketch", "PointCloud2", sketch.encode_cdr(sketched, SENSOR, "lidar", layout))
-        for layout in ("coded", "float32")))
+    bag = write_bag(tmp_path / "bag", [("/spad/sketch/sensor", TEXT, sensor_message.encode_cdr(SENSOR)), *(
+        ("/spad/sketch", CLOUD, sketch.encode_cdr(sketched, SENSOR, "lidar", layout))
+        for layout in ("coded", "float32"))])
     _, from_file = reconstruct("--frequencies", "1,2,5,9", "--surfaces", "2", out="file.npz")
     _, from_bag = reconstruct("--frame", "1", "--surfaces", "2", source=bag)
     _, from_coded = reconstruct("--frame", "0", "--surfaces", "2", source=bag, out="coded.npz")

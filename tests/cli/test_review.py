@@ -48,13 +48,10 @@ def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes_and_said_so(srt3
 
 
 @pytest.mark.parametrize("content, expected", [
-    (b"", "not empty"), (b"# not a recording\n" * 9, "as the recorder writes it"),
-    (b"RRF2" + bytes([9, 9, 9, 0, 1, 2, 0, 0]), "it is of 9.9.9: pip install -U rerun-sdk")])
-def test_empty_foreign_and_newer_files_are_one_line_each(refusal, tmp_path, content, expected):
-    path = tmp_path / "a.rrd"
-    path.write_bytes(content)
-    said = refusal("review", path)
-    assert said.startswith("recording is ") and expected in said
+    (b"", "not empty"), (b"# not a recording\n" * 9, "as the recorder writes it")])
+def test_empty_and_foreign_files_are_one_line_each(refusal, tmp_path, content, expected):
+    (tmp_path / "a.rrd").write_bytes(content)
+    assert expected in refusal("review", tmp_path / "a.rrd")
 
 
 @pytest.mark.parametrize("arguments, expected", [
