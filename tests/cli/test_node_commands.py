@@ -1,6 +1,5 @@
 """`srt3d node`, `play` and `bag-record` start a node with the parameters that their options name, and no others."""
 
-import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -35,14 +34,3 @@ def test_options_become_parameters(monkeypatch, srt3d, command, expected):
 
 def test_a_namespace_is_checked(refusal):
     assert refusal("play", "simulator", "--namespace", "a-b").startswith("--namespace is a-b: expected letters")
-
-
-@pytest.mark.parametrize("command, said", [
-    (["play", "simulator", "--rate-hz", "-1"], "rate_hz is -1.0: expected a number from 0.001 to 10000 Hz\n"),
-    (["bag-record", ".", "--topics", "photons"], ": expected a folder that is not there\n"),
-])
-def test_the_nodes_refuse_them_in_one_line(repository, command, said):
-    done = subprocess.run([sys.executable, "-m", "srt3d_ros.cli.main", *command], cwd=repository, capture_output=True,
-                          text=True)
-    assert done.returncode == 2 and said in done.stderr, done.stderr
-    assert done.stderr.count("\n") == 1 and done.stderr.startswith("srt3d: error: ")

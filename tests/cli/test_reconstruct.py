@@ -8,14 +8,12 @@ import pytest
 import srt3d_ros
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import photon_file
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.messages import photon_frames, sketch
+from srt3d_ros.messages import photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 from tests.bags import CLOUD, IMAGE, TEXT, write_bag
-from tests.datasets.made_logs import tmf8829_log, zones_16
 
 SENSOR = SensorModel(12, 20, 300, 5e-11, np.exp(-np.linspace(-2, 3, 21)**2), toa_offset_bins=1_000)
 DEPTH = np.stack([np.full((12, 20), 80.0), np.full((12, 20), 200.0)])
@@ -114,31 +112,6 @@ def test_a_frame_of_a_bag_is_reconstructed_as_from_a_file(photons, reconstruct, 
         _, from_bag = reconstruct(*options, source=bag)
         one, other = (np.load(path)["xyz"] for path in (from_file, from_bag))
         assert one.shape == other.shape and np.allclose(one, other, atol=1e-3)      # sums of float32 products
-
-
-def test_a_frame_of_a_bag_of_sketches_is_reconstructed_as_its_photons(photons, refusal, reconstruct, tmp_path):
-    sketched = sketch_photons(photons[1], SENSOR, (1, 2, 5, 9))
-    bag = write_bag(tmp_path / "bag", [("/spad/sketch/sensor", TEXT, sensor_message.encode_cdr(SENSOR)), *(
-        ("/spad/sketch", CLOUD, sketch.encode_cdr(sketched, SENSOR, "lidar", layout))
-        for layout in ("coded", "float32"))])
-    _, from_file = reconstruct("--frequencies", "1,2,5,9", "--surfaces", "2", out="file.npz")
-    _, from_bag = reconstruct("--frame", "1", "--surfaces", "2", source=bag)
-    _, from_coded = reconstruct("--frame", "0", "--surfaces", "2", source=bag, out="coded.npz")
-    wanted, found, coded = (np.load(path) for path in (from_file, from_bag, from_coded))
-    assert np.allclose(wanted["xyz"], found["xyz"], rtol=1e-4)
-    assert len(coded["xyz"]) == pytest.approx(len(wanted["xyz"]), rel=0.02) and len(coded["xyz"]) > 400
-    assert coded["depth_bins"].mean() == pytest.approx(wanted["depth_bins"].mean(), abs=1)
-    assert "gate is (1, 40): expected nothing" in refusal("reconstruct", bag, *OUT, "--gate", "1:40")
-
-
-def test_a_frame_of_a_log_is_reconstructed(srt3d, tmp_path):
-    slanted = np.linspace(1.0, 2.0, 16)
-    log = tmf8829_log(tmp_path / "log.json", [zones_16(slanted), zones_16(slanted + 1)])
-    out = tmp_path / "out.npz"
-    code, printed, notes = srt3d("reconstruct", log, "--frame", 1, "-o", out, "--device", "cpu", "--json")
-    assert code == 0 and json.loads(printed)["points"] == 256
-    assert "ranges count from the reference pulse" in notes
-    assert np.linalg.norm(np.load(out)["xyz"], axis=1) == pytest.approx(np.tile(slanted + 1, 16), abs=0.02)
 
 
 OUT = ("-o", "a.npz")

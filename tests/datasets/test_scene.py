@@ -5,7 +5,7 @@ import pytest
 
 from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets.simulation.bust import Bust, Figure, Part
-from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, default_sensor, net_sensor, read_scene
+from srt3d_ros.datasets.simulation.scene import NetScene, default_sensor, net_sensor, read_scene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
 
@@ -68,12 +68,6 @@ def test_the_net_hangs_before_the_plane_and_waves():
     later = scene.frame(1.0)[0]
     assert np.nanmax(np.abs(later[0] - net)) > 0.05
     np.testing.assert_array_equal(later[1], plane)
-
-
-@pytest.mark.parametrize(("range_m", "reflectivity"), [(np.ones(4), 1), (np.ones((2, 3)), np.ones((3, 2)))])
-def test_a_static_scene_checks_its_shapes(range_m, reflectivity):
-    with pytest.raises(InvalidInput, match="shape"):
-        StaticScene(range_m, reflectivity)
 
 
 DEPTH_M = 4 + 0.3 * np.arange(48).reshape(6, 8) / 48

@@ -129,9 +129,3 @@ def test_bad_arguments_are_named(field, changes):
     with pytest.raises(InvalidInput) as caught:
         Simulator(**({"scene": flat_scene(sensor, 80), "sensor": sensor} | changes))
     assert caught.value.field == field
-
-
-def test_depths_count_from_the_sensors_offsets():
-    sensor = make_sensor(toa_offset_bins=7.0, range_offset_m=0.25)
-    depth, _, _ = Simulator(flat_scene(sensor, 50.5), sensor).expected(0)
-    np.testing.assert_allclose(depth, 50.5, atol=1e-3)

@@ -111,8 +111,7 @@ def warnings(folder, text: str, node: str) -> list[str]:
 
 @pytest.mark.parametrize("text, node", [
     ("/**/sketcher: {ros__parameters: {}}\n/**/recorder: {ros__parameters: {}}", "/a/left/sketcher"),
-    ("/**/sketcher: {ros__parameters: {}}\n/**/recorder: {ros__parameters: {}}", "/player"),
-    ("sketcher: {ros__parameters: {}}", "/sketcher"),
+    ("/**/sketcher: {ros__parameters: {}}", "/player"), ("sketcher: {ros__parameters: {}}", "/sketcher"),
     ("left: {sketcher: {ros__parameters: {}}}", "/left/sketcher"),
     ("/*/sketcher: {ros__parameters: {}}", "/left/sketcher"),
     ("/**: {ros__parameters: {use_sim_time: true}}", "/sketcher"),

@@ -40,7 +40,7 @@ class Speaker:
     """Says what sketcher and reconstructor would: the sensor, then clouds, and sketches where asked for."""
 
     def __init__(self, graph, sensor):
-        self.graph, self.sensor, self.frequencies, self.sent = graph, sensor, (1, 2), 0
+        self.graph, self.sensor, self.sent = graph, sensor, 0
         self._described = graph.latched("sketch/sensor")
         self._points, self._sketches = graph.publisher(PointCloud2, "points"), graph.publisher(PointCloud2, "sketch")
         self.describe(sensor)
@@ -56,35 +56,16 @@ class Speaker:
         self.graph.matched(self._sketches)
         return self
 
-    @property
-    def stamp_ns(self) -> int:
-        """Of the next frame, 10 ms after the last."""
-        return 10**18 + self.sent * 10**7
-
-    def sketch(self) -> None:
-        """Send the next frame's sketch."""
-        counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
-        z = np.zeros((*counts.shape, 2), np.complex64)
-        sketch = Sketch(self.frequencies, z, counts, self.stamp_ns)
-        self._sketches.publish(sketch_message.encode_cdr(sketch, self.sensor, "spad"))
-
-    def sketch_only(self) -> int:
-        """Send the next frame, which gets no cloud; its stamp."""
-        stamp_ns = self.stamp_ns
-        self.sketch()
-        self.sent += 1
-        return stamp_ns
-
-    def cloud(self, points: int = 50, sketch: bool = False) -> int:
-        """Send the next frame; its stamp."""
-        stamp_ns = self.stamp_ns
+    def frame(self, points: int | None = 50, sketch: bool = False) -> int:
+        """Send the next frame, 10 ms after the last: its sketch, and a cloud of so many points; its stamp."""
+        stamp_ns = 10**18 + self.sent * 10**7
         if sketch:
-            self.sketch()
-        rng = np.random.default_rng(self.sent)
-        cloud = np.zeros(points, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-        for name in cloud.dtype.names:
-            cloud[name] = rng.uniform(1, 2, points)
-        self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
+            counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
+            made = Sketch((1, 2), np.zeros((*counts.shape, 2), np.complex64), counts, stamp_ns)
+            self._sketches.publish(sketch_message.encode_cdr(made, self.sensor, "spad"))
+        if points is not None:
+            cloud = np.ones(points, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+            self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
         self.sent += 1
         return stamp_ns
 
@@ -109,7 +90,7 @@ def test_recordings_begin_and_end_when_the_services_say_and_each_is_a_file_of_it
         assert not graph.trigger("recorder/start_recording")[0]
         speaker.ready()
         for _ in range(3):
-            speaker.cloud()
+            speaker.frame()
         graph.reports("recorder", "clouds", 3 * number)
         assert graph.trigger("recorder/stop_recording") == (True, f"recorded {path}")
         graph.wait(lambda: graph.node.count_subscribers("points") == 0, "the end of the recording")
@@ -120,11 +101,11 @@ def test_recordings_begin_and_end_when_the_services_say_and_each_is_a_file_of_it
 def test_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_path):
     recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
     speaker.ready()
-    stamps = [speaker.cloud() for _ in range(3)]
+    stamps = [speaker.frame() for _ in range(3)]
     graph.reports("recorder", "clouds", 3)
     speaker.describe(sensor.replace(range_offset_m=1.0))
     graph.wait(lambda: recorder.text.count("recording to") == 2, "the other recording")
-    stamps += [speaker.cloud() for _ in range(3)]
+    stamps += [speaker.frame() for _ in range(3)]
     graph.reports("recorder", "clouds", 6)
     assert recorder.end(signal.SIGINT) == 0, recorder.text
     paths = [tmp_path / "a.rrd", tmp_path / "a_2.rrd"]
@@ -158,13 +139,13 @@ def test_photon_counts_are_of_frames_with_clouds_and_of_all_where_nobody_makes_c
     speaker.ready()
     stamps = []
     for _ in range(3):
-        speaker.sketch_only()       # the reconstructor drops this one
-        stamps.append(speaker.cloud(sketch=True))
+        speaker.frame(None, sketch=True)       # the reconstructor drops this one
+        stamps.append(speaker.frame(sketch=True))
     graph.reports("recorder", "frames_out", 9)
     speaker.stop_clouds()
     graph.wait(lambda: not graph.node.count_publishers("points"), "an end of the clouds")
     graph.known_to("recorder")          # which has then seen that end as well
-    stamps += [speaker.sketch_only() for _ in range(3)]
+    stamps += [speaker.frame(None, sketch=True) for _ in range(3)]
     graph.reports("recorder", "frames_out", 12)
     assert recorder.end(signal.SIGTERM) == 0
     reader = RecordingReader(tmp_path / "a.rrd")
@@ -179,7 +160,7 @@ def test_photon_counts_are_of_frames_with_clouds_and_of_all_where_nobody_makes_c
 def test_a_killed_recorder_leaves_a_file_with_all_but_the_end(graph, speaker, tmp_path):
     recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
     speaker.ready()
-    stamps = [speaker.cloud(2000, sketch=True) for _ in range(20)]
+    stamps = [speaker.frame(2000, sketch=True) for _ in range(20)]
     copy = tmp_path / "copy.rrd"
 
     def written() -> bool:
@@ -208,6 +189,9 @@ def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_fil
     graph.start("player", input=photon_file, rate_hz=20.0, frames=frames)
     graph.wait(lambda: len(clouds) == frames, "every cloud")
     graph.reports("recorder", "clouds", frames)
+    for name in ("sketcher", "reconstructor"):
+        assert graph.reports(name, "frames_out", frames)["dropped"] == "0"
+    graph.wait(lambda: graph.total("recorder", "frames_out") >= 5 * frames - 3, "its sketches and images")
     assert recorder.end(signal.SIGTERM) == 0 and "Warning" not in recorder.text, recorder.text
     last, reader = graph.reports("recorder", "state", "finalized"), RecordingReader(path)
     assert (last["errors"], last["recording_dropped"]) == ("0", "0")

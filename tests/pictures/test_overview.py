@@ -1,6 +1,5 @@
 """The overview picture: every panel is filled, whatever the cloud lacks."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,10 +60,3 @@ def test_an_empty_cloud_is_a_picture_that_says_so(drawn, ball, photons):
     picture = drawn(ball[0].within(max_m=0), photons=photons)
     assert 0 < filled(picture, PANELS["cloud"]) < 0.02               # the words
     assert filled(picture, PANELS["photons"]) > 0.001
-
-
-def test_missing_values_are_drawn_around(drawn, ball):
-    cloud = ball[0]
-    xyz, intensity = cloud.xyz.copy(), cloud.intensity.copy()
-    xyz[::3], intensity[1::5] = np.nan, np.nan
-    assert filled(drawn(replace(cloud, xyz=xyz, intensity=intensity)), PANELS["cloud"]) > 0.3
