@@ -1,5 +1,6 @@
 """The Makefile's commands: what they install, and what an old Python is told."""
 
+import os
 import shlex
 import subprocess
 import sys
@@ -12,7 +13,8 @@ exec {python} -c "import sys; sys.version_info = (3, 10, 1); exec(sys.argv[1])" 
 
 
 def make(repository, *arguments, cwd=None) -> subprocess.CompletedProcess:
-    return subprocess.run(["make", "-f", repository / "Makefile", *arguments], cwd=cwd or repository,
+    own = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+    return subprocess.run(["make", "-f", repository / "Makefile", *arguments], cwd=cwd or repository, env=own,
                           capture_output=True, text=True)
 
 

@@ -7,8 +7,9 @@ import threading
 import time
 
 import numpy as np
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.serialization import serialize_message
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
@@ -35,7 +36,7 @@ def test_every_photon_is_sketched_or_dropped_for_a_cause_whatever_changes(graph,
 
     def tick():
         """Another second passes."""
-        clock.publish(Clock(clock=Time(sec=next(seconds))))
+        clock.publish(Clock(clock=TimeMessage(sec=next(seconds))))
         return True
 
     send(0)                                                     # waits for the description
@@ -77,18 +78,33 @@ def test_no_frame_is_lost_or_misread_while_gate_and_frequencies_change(graph, se
     graph.introduce(sensor)
     photons = graph.matched(graph.publisher(PointCloud2, "photons"))
     settings = [{"gate": "30:79"}, {"frequencies": "1,2,5,9"}, {"gate": "off"}, {"frequencies": "auto"}]
+
+    def send(stamp_ns):
+        frame = dataclasses.replace(events, stamp_ns=stamp_ns)
+        photons.publish(photons_message.encode_cdr(frame, sensor, "spad"))
+
+    early = itertools.count()
+
+    def found():
+        """Whether the reconstructor has found the sketcher, whose sketches are lost until then."""
+        send(next(early) * MS)
+        time.sleep(0.1)
+        return clouds
+
+    graph.wait(found, "the first cloud")
     for k in range(24):
         if k % 6 == 3:
             assert graph.set("sketcher", **settings[k // 6]) == ""
-        photons.publish(photons_message.encode_cdr(dataclasses.replace(events, stamp_ns=S + k * MS), sensor, "spad"))
-    graph.wait(lambda: len(clouds) == 24, "a cloud for each frame")
+        send(S + k * MS)
+    late = {S + k * MS for k in range(24)}
+    graph.wait(lambda: late <= {Time.from_msg(cloud.header.stamp).nanoseconds for cloud in clouds}, "24 clouds")
     for cloud in clouds:
         xyz = points_message.decode_cdr(serialize_message(cloud))[1]["xyz"]
         assert len(xyz) > 150
         assert abs(np.median(np.linalg.norm(xyz, axis=-1)) - sensor.range_m(50)) < sensor.bin_width_m
-    report = graph.reports("sketcher", "frames_out", 24)
+    report = graph.reports("sketcher", "frames_out", 24 + next(early))
     assert int(report["photons_dropped.gate"]) > 0 and report["dropped"] == "0"
-    assert graph.reports("reconstructor", "frames_out", 24)["dropped"] == "0"
+    assert graph.reports("reconstructor", "frames_out", len(clouds))["dropped"] == "0"
 
 
 def test_for_a_reader_that_halts_frames_are_merged_if_the_user_wants_it(graph, sensor, events):
