@@ -90,12 +90,6 @@ def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     assert counts(kept).frame.counts is kept        # without a copy
 
 
-def test_counts_of_wider_bins():
-    bins = HistogramBins(10, first_bin=3, bin_width=4)
-    found = counts(np.ones((3, 4, 10)), num_bins=50, histograms=bins)
-    assert (found.sensor.num_bins, found.sensor.histograms, found.frame.photons) == (50, bins, 120)
-
-
 def test_photons_that_are_there_already_get_the_options():
     seen = events(toa=[1, 2, 3, 4])
     assert srt3d_ros.read(seen).sensor.same_as(seen.sensor) and srt3d_ros.read(seen).notes == ()

@@ -36,9 +36,9 @@ class Sketcher:
         self._frames = {topic: graph.publisher(PointCloud2 if topic == "photons" else Image, topic)
                         for topic in photon_frames.CODECS}
 
-    def begin(self, sensor: SensorModel, **parameters) -> None:
-        """Describe a sensor to a node whose live parameters are these, and forget what was before."""
-        assert self.graph.set("sketcher", **LIVE | {"frequencies": "1,3"} | parameters) == ""
+    def begin(self, sensor: SensorModel) -> None:
+        """Describe a sensor to a node whose live parameters are as at its start, and forget what was before."""
+        assert self.graph.set("sketcher", **LIVE | {"frequencies": "1,3"}) == ""
         self._sensor.publish(sensor_message.encode(sensor))
         self.graph.reports("sketcher", "num_bins", sensor.num_bins)
         for publisher in self._frames.values():
@@ -55,10 +55,9 @@ class Sketcher:
 
         return self.graph.wait(find, f"sketch/sensor of {digest}")
 
-    def send(self, *messages: bytes, topic: str = "photons") -> None:
-        for message in messages:
-            self._frames[topic].publish(message)
-        self._sent += len(messages)
+    def send(self, message: bytes, topic: str = "photons") -> None:
+        self._frames[topic].publish(message)
+        self._sent += 1
 
     def wait_for(self, sketches: int) -> None:
         self.graph.wait(lambda: len(self.sketches) == sketches, f"{sketches} sketches")
