@@ -24,8 +24,6 @@ PYZMQ = "pyzmq>=25,<28"
 ROSBAGS = "rosbags>=0.11.9,<0.12"
 DASK = "distributed>=2025.1,<2028"      # with dask and what both need: 38 MB
 ZSTD = "backports.zstd>=1,<2; python_version < '3.14'"      # which has it as compression.zstd; 2 MB
-# torch's CUDA builds bring it; its CPU builds do not, and tests interpret the CUDA kernels there.
-TRITON = 'triton>=3.4,<4; sys_platform == "linux"'
 # Readers of laboratories' files. ptufile and sdtfile change their interfaces from year to year.
 LAB = ["ptufile>=2026.2,<2027", "sdtfile>=2026.2,<2027", "h5py>=3.10,<4"]
 EXTRAS = {
@@ -35,11 +33,11 @@ EXTRAS = {
     "review": [RERUN, *PICTURES, "Jinja2>=3.1,<4"],
     "bags": [ROSBAGS],
     "dask": [DASK],
-    "gpu": [TORCH, TRITON],
+    "gpu": [TORCH],
     "lab": [*LAB],
     "test": [ROSBAGS, PYZMQ, DASK, *LAB, "pytest>=8,<10", "pytest-xdist>=3.6,<4",
              "hypothesis>=6.100,<7", "psutil>=5.9,<8",
-             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH, TRITON],
+             "colcon-common-extensions>=0.3,<0.4", "ruff>=0.6,<0.18", TORCH],
 }
 
 

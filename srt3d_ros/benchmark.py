@@ -54,6 +54,12 @@ def screen(device: str) -> Iterator[str]:
         sketching_row(form, sensor, frame) for form, (sensor, frame) in sketched_frames().items())])
 
 
+def device_for(device: str) -> str:
+    """"cpu" or "cuda", of "auto" that which takes frames of the first size."""
+    sensor, method = sensor_of(SIDES[0]), METHODS[DEFAULT_METHOD]
+    return method.build(sensor, choose(method.frequencies, sensor, SKETCH_SIZES[0]), device=device).device
+
+
 def reconstruction_row(side: int, m: int, device: str) -> list[str]:
     """Cells of one size: from a sketch in memory to a cloud in memory."""
     sensor, method = sensor_of(side), METHODS[DEFAULT_METHOD]

@@ -11,7 +11,7 @@ from pathlib import Path
 from srt3d_ros import __version__
 
 _PACKAGES = {"numpy": "numpy", "torch": "torch", "numba": "numba", "rerun": "rerun-sdk"}
-MEASURED_WITH = ("numpy", "scipy", "numba", "torch", "triton")
+MEASURED_WITH = ("numpy", "scipy", "numba", "torch")
 _ROOT = Path(__file__).resolve().parents[1]
 _GIT_TIMEOUT_S = 5.0
 UNKNOWN = "unknown"

@@ -153,7 +153,7 @@ from importlib.abc import MetaPathFinder
 
 class NoTorch(MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("torch", "triton"):
+        if name.split(".")[0] == "torch":
             raise ImportError(f"{name} is imported")
 
 sys.meta_path.insert(0, NoTorch())
@@ -189,7 +189,7 @@ for name in {NODES}:
 
 
 def test_core_imports_no_more_than_numpy(repository):
-    heavy = ["torch", "triton", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
+    heavy = ["torch", "numba", "rclpy", "rerun", "scipy", "matplotlib", "PIL", "sensor_msgs", "rosbags"]
     imports = ("import importlib, pkgutil, sys, srt3d_ros.core as core\n"
                "for module in pkgutil.walk_packages(core.__path__, 'srt3d_ros.core.'): "
                "importlib.import_module(module.name)\n"

@@ -15,10 +15,8 @@ def add_parser(subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from srt3d_ros.benchmark import screen
-    from srt3d_ros.core.device import kernels_for
+    from srt3d_ros.benchmark import device_for, screen
 
-    device, _ = kernels_for(args.device)
-    for line in screen(device):
+    for line in screen(device_for(args.device)):
         print(line, flush=True)
     return 0

@@ -15,7 +15,7 @@ def given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, object]:
 
 def add_device(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"),
-                        help="where to compute (auto: the GPU if there is one)")
+                        help="where to compute (auto: a GPU that does the same as the CPU, and faster)")
 
 
 SENSOR_OVERRIDES = ("num_bins", "bin_width_s", "irf", "irf_ref", "fov_deg", "rows", "cols", "channel")

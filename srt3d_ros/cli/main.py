@@ -19,7 +19,7 @@ MODULES = {"play": "node", "bag-record": "node"}      # those that are not calle
 
 # Optional packages: how to get what a command turns out to need.
 EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
-          "rosbags": "bags", "torch": "gpu", "triton": "gpu", "ptufile": "lab", "sdtfile": "lab",
+          "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
           "h5py": "lab", "distributed": "dask"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 

@@ -1,12 +1,10 @@
-"""Selects the kernels by the name of a device; no other module knows which backends there are."""
+"""Selects the kernels by the name of a device; no other module knows which there are."""
 
 import ctypes
 import logging
-import os
 from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
-from types import ModuleType
 
 import numpy as np
 
@@ -16,58 +14,47 @@ DEVICES = ("auto", "cpu", "cuda")
 DRIVER = "libcuda.so.1"
 
 
-def kernels_for(device: str) -> tuple[str, ModuleType]:
-    """The device, "cpu" or "cuda", and its kernels; where "auto" finds no GPU, Python's log says so once.
+def kernels_for(device: str) -> tuple:
+    """The device, "cpu" or "cuda", and its kernels; "auto" is the CPU, unless `method.gpu_check` has been asked before.
 
     Raises:
         InvalidInput: there is no such device, or what it needs is not installed.
     """
     require(device in DEVICES, "device", device, "auto, cpu or cuda")
-    if device == "auto":
-        missing = _missing_for_cuda()
-        if missing:
-            _say(f"{missing}: computing on the CPU")
-        device = "cpu" if missing else "cuda"
-    if device == "cuda":
-        _check_cuda()
-    return device, import_module(f"srt3d_ros.kernels.{device}")
+    if device != "cuda":
+        return "cpu", import_module("srt3d_ros.kernels.cpu")
+    if missing := missing_for_cuda():
+        package = _missing_package()
+        both = missing if package in missing else f"{missing}, and {package}"
+        raise InvalidInput("device", "cuda", f"cpu or auto: {both}")
+    return "cuda", import_module("srt3d_ros.kernels.oracle").on("cuda")
 
 
-def on_device(fields: dict, kernels: ModuleType) -> dict:
+def on_device(fields: dict, kernels) -> dict:
     """The same fields, NumPy arrays among them on the kernels' device."""
     return {name: kernels.array(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
 
 
-def _check_cuda() -> None:
-    """Raise InvalidInput unless the CUDA kernels can run: on a GPU or, with TRITON_INTERPRET=1, interpreted."""
-    packages = _missing_packages()
-    interpreted = os.environ.get("TRITON_INTERPRET") == "1" and not packages
-    missing = "" if interpreted else _missing_for_cuda()
-    if missing:
-        both = missing if packages in missing else f"{missing}, and {packages}"
-        raise InvalidInput("device", "cuda", f"cpu or auto: {both}")
-
-
-def _missing_for_cuda() -> str:
-    """The first thing that the CUDA kernels lack to run on a GPU; empty if nothing."""
+def missing_for_cuda() -> str:
+    """The first thing that is missing to compute on a GPU; empty if nothing."""
     try:
         ctypes.CDLL(DRIVER)     # before torch, whose import takes long
     except OSError:
         return "no CUDA device"
-    if packages := _missing_packages():
-        return packages
+    if package := _missing_package():
+        return package
     import torch
     if torch.version.cuda is None:
         return f"torch {torch.__version__} is built without CUDA"
     return "" if torch.cuda.is_available() else "no CUDA device"
 
 
-def _missing_packages() -> str:
-    """Which packages of the extra `gpu` are not installed, and how to get them; empty if none is missing."""
-    names = [name for name in ("torch", "triton") if find_spec(name) is None]
-    return f"{' and '.join(names)} not installed: pip install 'srt3d_ros[gpu]'" if names else ""
+def _missing_package() -> str:
+    """That torch is not installed, and how to get it; empty if it is."""
+    return "" if find_spec("torch") else "torch not installed: pip install 'srt3d_ros[gpu]'"
 
 
 @lru_cache
-def _say(text: str) -> None:
-    logging.getLogger(__name__).info(text)
+def say_once(text: str) -> None:
+    """Python's log says why the CPU computes."""
+    logging.getLogger(__name__).info(f"{text}: computing on the CPU")

@@ -176,7 +176,7 @@ class Photons:
             sketch_size, frequencies, gate: as of `sketch`; frequencies are those that the method is published with
                 unless given.
             surfaces: K, the most surfaces in a pixel.
-            device: "cpu", "cuda", or "auto" for the GPU if there is one.
+            device: "cpu", "cuda", or "auto" for a GPU that does the same as the CPU, and faster.
             false_alarm_rate: probability that a pixel with background alone shows a point.
             background: how it spreads over the bins (pooled): as the frame itself shows ("auto"), as the "sensor"
                 says, or "flat".

@@ -1,1 +1,1 @@
-"""The work that is done for every pixel: one contract, that of `reference`, and two backends, `cpu` and `cuda`."""
+"""The work that is done for every pixel: the contract, in torch, also for a GPU (`oracle`), and for the CPU (`cpu`)."""

@@ -47,7 +47,7 @@ PARAMETERS = (
               "background_shape, or even without one. flat: even.", choices=BACKGROUNDS, live=True),
     Parameter("warm_start", False, "pooled: start from the last frame's surfaces where the photons confirm them. This "
               "reduces the error while the scene changes little.", live=True),
-    Parameter("device", "auto", "Where to compute. auto: on a GPU if there is one.", choices=DEVICES, live=True),
+    Parameter("device", "auto", "Where to compute. auto: on a GPU if it passes a check.", choices=DEVICES, live=True),
     Parameter("fields", "xyzi", "Fields of `points`. xyzi: x, y, z, intensity. full: also depth_std, background, row, "
               "col and surface.", choices=("xyzi", "full"), live=True),
     Parameter("organised", False, "true: `points` as rows × cols with the first point of each pixel, NaN where there "

@@ -20,19 +20,17 @@ SENSOR = SensorModel(4, 5, 64, 1e-10, np.ones(3))
 def missing(monkeypatch):
     """Makes a machine lack something, whatever this one has."""
     def set_to(driver: str = "libc.so.6", absent=(), cuda: str | None = "13.0", gpu: bool = True):
-        monkeypatch.delenv("TRITON_INTERPRET", raising=False)
         monkeypatch.setattr(device, "DRIVER", driver)
         monkeypatch.setattr(device, "find_spec", lambda name: None if name in absent else object())
         monkeypatch.setattr(torch.version, "cuda", cuda)
         monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
-        device._say.cache_clear()
+        device.say_once.cache_clear()
     return set_to
 
 
 LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
          ({"gpu": False}, "no CUDA device"),
-         ({"absent": ["triton"]}, "triton not installed: pip install 'srt3d_ros[gpu]'"),
-         ({"absent": ["torch", "triton"]}, "torch and triton not installed: pip install 'srt3d_ros[gpu]'"),
+         ({"absent": ["torch"]}, "torch not installed: pip install 'srt3d_ros[gpu]'"),
          ({"cuda": None}, f"torch {torch.__version__} is built without")]
 
 
@@ -40,7 +38,7 @@ LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
 def test_what_cuda_lacks_is_said_in_one_line_and_auto_computes_on_the_cpu(missing, caplog, lack, said):
     missing(**lack)
     with caplog.at_level(logging.INFO):
-        assert [kernels_for("auto")[0] for _ in range(2)] == ["cpu", "cpu"]
+        assert [Pooled(SENSOR, (1, 2), device="auto").device for _ in range(2)] == ["cpu", "cpu"]
     assert len(caplog.messages) == 1 and re.fullmatch(f"{re.escape(said)}.*: computing on the CPU", caplog.messages[0])
     for make in (kernels_for, lambda name: Pooled(SENSOR, (1, 2), device=name)):
         with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
@@ -53,11 +51,8 @@ def test_where_there_is_no_gpu_either_what_to_install_is_said_all_the_same(missi
         kernels_for("cuda")
 
 
-def test_auto_takes_the_gpu_and_the_cpu_can_be_asked_for(missing, caplog):
-    pytest.importorskip("srt3d_ros.kernels.cuda", reason="triton")      # now, while its environment is as it was
+def test_cuda_is_the_oracle_in_single_precision(missing):
     missing()
-    with caplog.at_level(logging.INFO):
-        assert [kernels_for(name)[0] for name in ("auto", "cuda", "cpu")] == ["cuda", "cuda", "cpu"]
-    assert not caplog.messages
-    names = [kernels_for(name)[1].__name__ for name in ("auto", "cpu")]
-    assert names == ["srt3d_ros.kernels.cuda", "srt3d_ros.kernels.cpu"]
+    name, kernels = kernels_for("cuda")
+    assert (name, kernels.device, kernels.dtype, kernels.ON_HOST) == ("cuda", "cuda", torch.float32, False)
+    assert kernels_for("cpu")[1] is kernels_for("auto")[1] and kernels_for("cpu")[1].ON_HOST

@@ -1,4 +1,4 @@
-"""Frames and states on which the kernels are held against the reference, and when results agree.
+"""Frames and states on which the kernels are held against the oracle, and when results agree.
 
 Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, which is
 what whole reconstructions differ by. Single steps start here from states that photons partly contradict, where a point
@@ -19,7 +19,7 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
-from srt3d_ros.kernels import cpu, maps, reference
+from srt3d_ros.kernels import cpu, maps, oracle
 from srt3d_ros.kernels.constants import SAME_SURFACE
 
 T = 300
@@ -67,12 +67,8 @@ class Backend:
         return [self.off(argument) for argument in given]
 
 
-CPU, REFERENCE = Backend("cpu", cpu), Backend("reference", reference)
-
-
-def cases(both: list[tuple], cpu: list[tuple] = ()) -> list[tuple]:
-    """Values of ("backend", …): cases of both, and those of the CPU alone, since the interpreter is slow."""
-    return [("cuda", *case) for case in both] + [("cpu", *case) for case in (*both, *cpu)]
+CPU, ORACLE = Backend("cpu", cpu), Backend("oracle", oracle.on("cpu", torch.float64))
+SINGLE = Backend("single", oracle.on("cpu", torch.float32))
 
 
 def make_sensor(rows: int, cols: int, seed: int) -> SensorModel:
@@ -144,8 +140,8 @@ def with_clutter(frame: MatchedFrame) -> MatchedFrame:
 
 
 def make_terms(frame: MatchedFrame, state: np.ndarray) -> np.ndarray:
-    """`expand` of a state as the kernels take it, by the reference."""
-    return REFERENCE.expand(frame.padded, state)
+    """`expand` of a state as the kernels take it, by the oracle."""
+    return ORACLE.expand(frame.padded, state)
 
 
 def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> MatchedFrame:

@@ -1,4 +1,4 @@
-"""The backends have the names and arguments of the reference, whose constants need none of what they need."""
+"""The CPU has the names and arguments of the oracle, and what both share needs nothing of what they need."""
 
 import inspect
 import subprocess
@@ -6,7 +6,9 @@ import sys
 
 import pytest
 
-from srt3d_ros.kernels import reference
+from srt3d_ros.kernels import cpu, oracle
+
+KERNELS = oracle.on("cpu")
 
 
 def arguments(function) -> list[tuple]:
@@ -14,18 +16,20 @@ def arguments(function) -> list[tuple]:
     return [(each.name, each.kind, each.default) for each in inspect.signature(function).parameters.values()]
 
 
-@pytest.mark.parametrize("name", reference.__all__)
-def test_a_backend_has_the_names_and_arguments_of_the_reference(backend, name):
-    ours, theirs = (getattr(kernels, name) for kernels in (backend.kernels, reference))
-    methods = {"Scratch": ["array"]}.get(name, [])
-    for one, two in [(getattr(ours, method), getattr(theirs, method)) for method in methods] or [(ours, theirs)]:
-        if callable(two):
-            assert arguments(one) == arguments(two)
-    assert type(ours) is type(theirs) and (not callable(theirs) or theirs.__doc__)
+@pytest.mark.parametrize("name", [*oracle.FUNCTIONS, "array", "numpy", "run_frame"])
+def test_the_cpu_has_the_names_and_arguments_of_the_oracle(name):
+    ours, theirs = getattr(cpu, name), getattr(KERNELS, name)
+    assert theirs.__doc__
+    assert arguments(ours) == arguments(theirs)
 
 
-def test_what_all_backends_share_needs_numpy_alone():
-    names = "{'numba', 'torch', 'triton', 'srt3d_ros.core', 'srt3d_ros.errors'}"
+def test_scratch_is_asked_for_alike():
+    assert arguments(cpu.Scratch().array) == arguments(KERNELS.Scratch().array)
+    assert cpu.ON_HOST and not KERNELS.ON_HOST
+
+
+def test_what_both_share_needs_numpy_alone():
+    names = "{'numba', 'torch', 'srt3d_ros.core', 'srt3d_ros.errors'}"
     modules = "import sys; from srt3d_ros.kernels import constants, lens, maps"
     program = f"{modules}; sys.exit(str({names} & set(sys.modules) or ''))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

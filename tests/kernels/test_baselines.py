@@ -1,4 +1,4 @@
-"""The kernels of the baselines against the reference, step by step, and whole reconstructions.
+"""The kernels of the baselines against the oracle, step by step, and whole reconstructions.
 
 float32 leaves depths in [0, 300) exact to 3e-5 bins; where points hang on small differences ten times that. Decisions
 that rounding tells apart (a point on the border of a cluster, a projection that just goes on) may fall either way.
@@ -15,10 +15,10 @@ from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import consecutive
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.kernels import cpu, reference
+from srt3d_ros.kernels import cpu
 from tests.core.scenes import reconstruct, simulate
 
-from .frames import REFERENCE, SHARE_AT_TIES, T
+from .frames import ORACLE, SHARE_AT_TIES, T
 
 
 def make_sensor(rows, cols, irfs=1):
@@ -64,7 +64,7 @@ def test_pixelwise(backend, shape, surfaces, precise, usual):
     depth, intensity = make_points(*shape, surfaces)
     intensity *= (frame.exposure > 0)[:, None]
     found, expected = (kernels.changed("pixelwise", frame, table, 0.3, usual, depth, intensity)[-2:]
-                       for kernels in (backend, REFERENCE))
+                       for kernels in (backend, ORACLE))
     assert not np.array_equal(found[0], depth)
     assert_agree(found, expected, exact_bins=1e-3, relative=1e-3)
 
@@ -77,8 +77,8 @@ def test_poisson(backend, shape, irfs, surfaces, ppp):
     depth, intensity = make_points(*shape, surfaces)
     background = np.random.default_rng(2).uniform(0.001, 0.1, shape).astype(np.float32)
     arguments = data, background, 0.3, 20.0, depth, intensity
-    np.testing.assert_allclose(backend.poisson(*arguments), REFERENCE.poisson(*arguments), rtol=1e-4, atol=1e-5)
-    found, expected = (kernels.changed("poisson", *arguments)[-2:] for kernels in (backend, REFERENCE))
+    np.testing.assert_allclose(backend.poisson(*arguments), ORACLE.poisson(*arguments), rtol=1e-4, atol=1e-5)
+    found, expected = (kernels.changed("poisson", *arguments)[-2:] for kernels in (backend, ORACLE))
     assert not np.array_equal(found[0], depth)
     assert_agree(found, expected)
 
@@ -93,7 +93,7 @@ def test_apss(backend, shape, surfaces, spheres):
     intensity *= (exposure > 0)[:, None]
     normal = rng.uniform(-0.3, 0.3, (2, *depth.shape)).astype(np.float32) if spheres else None
     arguments = depth, intensity, normal, exposure, 8.0, T
-    fast, slow = backend.apss(*arguments), REFERENCE.apss(*arguments)
+    fast, slow = backend.apss(*arguments), ORACLE.apss(*arguments)
     assert_agree(fast, slow, exact_bins=3e-3)
     close = np.abs(fast[2] - slow[2]).max(axis=0) < 1e-3
     assert (close | (slow[1] == 0)).mean() > 1 - SHARE_AT_TIES
@@ -128,7 +128,7 @@ def test_apss_creates_points_among_four_and_removes_those_among_three():
 def test_whole_reconstructions_agree(backend, monkeypatch, name):
     monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 1)
     sensor, clouds = make_sensor(4, 18), []
-    for kernels in (backend.kernels, reference):
+    for kernels in (backend.kernels, ORACLE.kernels):
         for module in ("rt3d", "sketched"):
             monkeypatch.setattr(f"srt3d_ros.core.baselines.{module}.kernels_for",
                                 lambda device, found=kernels: (device, found))

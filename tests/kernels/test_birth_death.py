@@ -1,6 +1,4 @@
-"""Creation, competition and removal of points against the reference, and rules that can be seen alone."""
-
-from importlib import import_module
+"""Creation, competition and removal of points against the oracle, and rules that can be seen alone."""
 
 import numpy as np
 import pytest
@@ -12,11 +10,10 @@ from .frames import (
     CPU,
     FAINT,
     GATE,
-    REFERENCE,
+    ORACLE,
     STATES,
     T,
     assert_states_agree,
-    cases,
     exact_frame,
     exact_state,
     make_frame,
@@ -25,24 +22,17 @@ from .frames import (
 )
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces", "seed", "light", "spread", "per_thread", "longest"), cases(
-    [((5, 33), 1, 1, FAINT, 4, 1 << 10, 256), ((3, 33), 2, 1, 1, 2, 1 << 10, 256), ((2, 33), 3, 1, 1, 0, 1 << 10, 256),
-     ((2, 45), 1, 1, FAINT, 1, 16, 32)],
-    [(*case, light, spread, 0, 0) for case in STATES[::2] for light, spread in ((1, 0), (FAINT, 3))]
-    + [((9, 33), surfaces, 2, light, 1, 0, 0) for surfaces, light in ((3, FAINT), (4, 1))]), indirect=["backend"])
-def test_birth_death(backend, monkeypatch, spreading, shape, surfaces, seed, light, spread, per_thread, longest):
-    """The interpreter runs a program of a whole list of pixels in the time of a few: most cases have such."""
+@pytest.mark.parametrize(("shape", "surfaces", "seed", "light", "spread"), [
+    *((*case, light, spread) for case in STATES for light, spread in ((1, 0), (FAINT, 4))),
+    ((9, 33), 3, 2, FAINT, 1), ((9, 33), 4, 2, 1, 1), ((3, 67), 2, 1, 0.3, 2)])
+def test_birth_death(backend, spreading, shape, surfaces, seed, light, spread):
     spreading(spread)
-    if per_thread:
-        module = import_module("srt3d_ros.kernels.cuda.birth_death")
-        monkeypatch.setattr(module, "PER_THREAD", per_thread)
-        monkeypatch.setattr(module, "LONGEST_LIST", longest)
     frame = make_frame(shape, seed, light)
     state = make_state(frame, surfaces, seed, light)
     terms = make_terms(frame, state)
     found = backend.birth_death(frame.padded, state, terms, GATE)
     assert found.dtype == np.float32
-    assert_states_agree(found, REFERENCE.birth_death(frame.padded, state, terms, GATE), shape)
+    assert_states_agree(found, ORACLE.birth_death(frame.padded, state, terms, GATE), shape)
     assert (found[:, :, maps.INTENSITY][frame.padded.exposure[:, None].repeat(surfaces, 1) == 0] == 0).all()
 
 
@@ -78,7 +68,7 @@ def test_what_all_neighbours_show_fills_a_pixel_without_photons(shown):
     np.testing.assert_allclose(found, [100, shown], atol=0.01)
 
 
-@pytest.mark.parametrize("kernels", [CPU, REFERENCE])
+@pytest.mark.parametrize("kernels", [CPU, ORACLE])
 def test_surfaces_grow_by_one_pixel_a_time(spreading, kernels):
     lit = 2 * ALL
     lit[0, 2:5, 3:6] = 0                                        # a hole of 3 × 3 pixels without photons

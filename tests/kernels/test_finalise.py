@@ -1,11 +1,11 @@
-"""The end's kernels against the reference: intensities and their uncertainty, and the list of points."""
+"""The end's kernels against the oracle: intensities and their uncertainty, and the list of points."""
 
 import numpy as np
 import pytest
 
-from srt3d_ros.kernels import maps, reference
+from srt3d_ros.kernels import maps
 
-from .frames import REFERENCE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, with_clutter
+from .frames import ORACLE, RELATIVE, SHAPES, T, make_frame, make_state, make_terms, with_clutter
 
 
 @pytest.mark.parametrize(("shape", "surfaces", "clutter"), [
@@ -16,7 +16,7 @@ def test_finalise(backend, shape, surfaces, clutter):
     state, photons = make_state(frame, surfaces, 1), frame.counts.astype(np.uint32) + 3
     arguments = frame.padded, photons, state, make_terms(frame, state), 9.0
     intensity, std, background = backend.finalise(*arguments)
-    expected = REFERENCE.finalise(*arguments)
+    expected = ORACLE.finalise(*arguments)
     there = intensity > 0
     np.testing.assert_allclose(intensity, expected[0], rtol=RELATIVE, atol=1e-4)
     np.testing.assert_allclose(std[there], expected[1][there], rtol=RELATIVE)
@@ -36,7 +36,7 @@ def test_collect_lists_points_by_pixel_the_strongest_first(backend, shape, surfa
     arguments = state, intensity, std, rng.normal(size=(*shape, 3)).astype(np.float32), 0.0149, 12.5, T
     found = backend.kernels.unpack(backend.kernels.collect(*map(backend.on, arguments)))
     assert len(found[0]) == (intensity > 0).sum() and (len(found[0]) > 50 or shape == (1, 1))
-    expected = reference.unpack(reference.collect(*map(REFERENCE.on, arguments)))
+    expected = ORACLE.kernels.unpack(ORACLE.kernels.collect(*map(ORACLE.on, arguments)))
     for one, two in zip(found[:4], expected[:4]):
         assert one.dtype == two.dtype and np.array_equal(one, two)
     np.testing.assert_allclose(found[4], expected[4], rtol=1e-6)

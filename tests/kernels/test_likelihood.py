@@ -1,4 +1,4 @@
-"""The evidence of a pixel's own photons: by formulas that can be written down, and against the plain reference."""
+"""The evidence of a pixel's own photons: by formulas that can be written down, and against the oracle."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS
 from srt3d_ros.kernels.cpu.likelihood import llr as kernel
 
-from .frames import FAINT, REFERENCE, T, make_frame, make_state, make_terms
+from .frames import FAINT, ORACLE, T, make_frame, make_state, make_terms
 
 FRAME = make_frame((6, 40), seed=0)
 
@@ -70,7 +70,7 @@ def test_log_likelihood_ratio(backend, shape, surfaces, light):
     frame = make_frame(shape, 1, light)
     state = make_state(frame, surfaces, 1, light)
     arguments = frame.padded, state, make_terms(frame, state)
-    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, REFERENCE))
+    fast, slow = (kernels.log_likelihood_ratio(*arguments) for kernels in (backend, ORACLE))
     np.testing.assert_allclose(fast, slow, atol=1e-5 * np.abs(slow).max())
     assert (fast > 1).any() and (fast < -0.5).any()
     assert (fast[state[:, :, maps.INTENSITY] == 0] == 0).all()

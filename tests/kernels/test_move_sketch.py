@@ -1,4 +1,4 @@
-"""`move_sketch` against the reference."""
+"""`move_sketch` against the oracle."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.kernels.reference.move_sketch import move_sketch
+from srt3d_ros.kernels.oracle.move_sketch import move_sketch
 
 from .frames import CPU
 
@@ -35,7 +35,7 @@ def nothing(shape) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((*shape, M), np.complex64), np.zeros(shape, np.float32)
 
 
-def by_reference(given: dict) -> tuple[np.ndarray, np.ndarray]:
+def by_oracle(given: dict) -> tuple[np.ndarray, np.ndarray]:
     changed = nothing(given["photons"].shape)
     move_sketch(*given.values(), *changed)
     return changed
@@ -45,7 +45,7 @@ def by_reference(given: dict) -> tuple[np.ndarray, np.ndarray]:
     *((lens, seed, (13, 21)) for lens in list(LENSES)[:-1] for seed in (0, 1)), ("line", 3, (1, 40))])
 def test_move_sketch(lens, seed, shape):
     given = arguments(LENSES[lens], seed, shape)
-    expected = by_reference(given)
+    expected = by_oracle(given)
     *_, moved, numbers = CPU.changed("move_sketch", *given.values(), *nothing(shape))
     assert expected[1].sum() > 0.5 * given["photons"].sum()
     np.testing.assert_allclose(numbers, expected[1], atol=1e-3)
@@ -54,7 +54,7 @@ def test_move_sketch(lens, seed, shape):
 
 def test_photons_are_added_to_those_there():
     given = arguments(LENSES["pinhole"], 0)
-    once = by_reference(given)
+    once = by_oracle(given)
     *_, moved, numbers = CPU.changed("move_sketch", *given.values(), *once)
     np.testing.assert_allclose(numbers, 2 * once[1], atol=2e-3)
     np.testing.assert_allclose(moved, 2 * once[0], atol=1e-2)

@@ -1,4 +1,4 @@
-"""Expansion of the data terms and their pools against the reference, and what the reference must do as well."""
+"""Expansion of the data terms and their pools against the oracle, and what the oracle must do as well."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,9 @@ from srt3d_ros.kernels.constants import FINE
 from .frames import (
     CPU,
     GATE,
-    REFERENCE,
+    ORACLE,
     T,
     assert_states_agree,
-    cases,
     exact_frame,
     exact_state,
     make_frame,
@@ -21,14 +20,14 @@ from .frames import (
 )
 
 FAR = 8                     # a radius with cells
-BOTH = pytest.mark.parametrize("kernels", [CPU, REFERENCE])
+BOTH = pytest.mark.parametrize("kernels", [CPU, ORACLE])
 
 
 @pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4)])
 def test_expand(backend, shape, surfaces):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
-    fast, slow = backend.expand(frame.padded, state), REFERENCE.expand(frame.padded, state)
+    fast, slow = backend.expand(frame.padded, state), ORACLE.expand(frame.padded, state)
     assert fast.dtype == np.float32 and fast.shape == slow.shape
     for term in range(maps.TERMS):
         one, other = fast[:, :, term], slow[:, :, term]
@@ -51,11 +50,8 @@ def test_expand_leaves_out_what_the_other_surfaces_explain(kernels):
     assert (terms[:, :, maps.EXPOSURE] == 1).all()
 
 
-@pytest.mark.parametrize(("backend", "shape", "surfaces", "sigma", "radius"), cases(
-    [((6, 40), 1, 2.0, 3), ((3, 32), 1, 3.5, FINE), ((5, 32), 1, 4.0, FINE + 1), ((4, 32), 2, 5.0, FAR),
-     ((4, 32), 3, 1.0, 2)],
-    [(shape, surfaces, sigma, radius) for shape, surfaces in (((6, 40), 1), ((9, 33), 2), ((6, 40), 4))
-     for sigma, radius in ((0.5, 1), (3.5, FINE), (5.0, FAR), (1e3, maps.MARGIN))]), indirect=["backend"])
+@pytest.mark.parametrize(("shape", "surfaces"), [((6, 40), 1), ((9, 33), 2), ((6, 40), 4), ((1, 67), 1)])
+@pytest.mark.parametrize(("sigma", "radius"), [(0.5, 1), (3.5, FINE), (4.0, FINE + 1), (5.0, FAR), (1e3, maps.MARGIN)])
 def test_pooled_step(backend, shape, surfaces, sigma, radius):
     frame = make_frame(shape, seed=1)
     state = make_state(frame, surfaces, seed=1)
@@ -63,7 +59,7 @@ def test_pooled_step(backend, shape, surfaces, sigma, radius):
     arguments = frame.padded, state, terms, sigma, radius, GATE
     _, before, known, *_, after = backend.changed("pooled_step", *arguments, None, np.zeros_like(state))
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
-    assert_states_agree(after, REFERENCE.pooled_step(*arguments), shape)
+    assert_states_agree(after, ORACLE.pooled_step(*arguments), shape)
     assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
 
 

@@ -1,4 +1,4 @@
-"""Outlines: against the reference, and what goes and stays where the photons are known."""
+"""Outlines: against the oracle, and what goes and stays where the photons are known."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from srt3d_ros.kernels.constants import SPREAD
 from .frames import (
     CPU,
     FAINT,
-    REFERENCE,
+    ORACLE,
     SHAPES,
     exact_frame,
     exact_state,
@@ -21,7 +21,7 @@ from .frames import (
     with_clutter,
 )
 
-BOTH = pytest.mark.parametrize("kernels", [CPU, REFERENCE])
+BOTH = pytest.mark.parametrize("kernels", [CPU, ORACLE])
 ENOUGH = 2.3
 SHAPE = (21, 30)
 WALL = np.zeros(SHAPE, bool)
@@ -51,7 +51,7 @@ def test_trim(backend, shape, surfaces, light, clutter):
     maps.crop(state, *shape)[:, :, maps.DEPTH] += 40 * (np.arange(shape[1]) > 20)       # no photons speak for these
     maps.crop(state, *shape)[:, :, maps.DEPTH] %= 300
     terms = make_terms(frame, state)
-    fast, slow = (kernels.changed("trim", frame.padded, state, terms, ENOUGH)[1] for kernels in (backend, REFERENCE))
+    fast, slow = (kernels.changed("trim", frame.padded, state, terms, ENOUGH)[1] for kernels in (backend, ORACLE))
     assert np.array_equal(np.delete(fast, maps.INTENSITY, axis=2), np.delete(state, maps.INTENSITY, axis=2))
     fast, slow = (maps.crop(after, *shape)[:, :, maps.INTENSITY] > 0 for after in (fast, slow))
     assert np.array_equal(fast, slow)

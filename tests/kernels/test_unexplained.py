@@ -1,4 +1,4 @@
-"""`unexplained`, and what `prepare` takes out, against the reference; and what both mean."""
+"""`unexplained`, and what `prepare` takes out, against the oracle; and what both mean."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.kernels import maps
 
-from .frames import REFERENCE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
+from .frames import ORACLE, RELATIVE, exact_frame, exact_state, make_frame, make_sensor, make_sketch, make_state
 
 
 def photon_maps(shape, seed):
@@ -22,7 +22,7 @@ def test_unexplained(backend, shape, surfaces, each):
     size = (*shape, len(frame.energy)) if each else (1, 1, len(frame.energy))
     passed = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = frame.padded, state, intensity, *photon_maps(shape, 3), passed
-    found, expected = backend.unexplained(*arguments), REFERENCE.unexplained(*arguments)
+    found, expected = backend.unexplained(*arguments), ORACLE.unexplained(*arguments)
     assert found.dtype == np.float32 and found.shape == (4 * len(frame.energy) + 4,)
     np.testing.assert_allclose(found, expected, atol=RELATIVE * np.abs(expected[:-1]).max(), rtol=RELATIVE)
 
@@ -33,7 +33,7 @@ def test_points_that_are_right_leave_nothing_but_the_background():
     frame, state = exact_frame(depth, signal, 4), exact_state(depth, signal)
     m, taken = len(frame.energy), np.full(x.shape, 4.0)
     photons = signal[0] + taken
-    found = REFERENCE.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
+    found = ORACLE.unexplained(frame.padded, state, signal.swapaxes(0, 1), taken, taken, taken, photons,
                                   np.ones((1, 1, m)))
     share = taken / photons
     omega = 2 * np.pi * frame.bin_frequencies
@@ -60,7 +60,7 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
     shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
     arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used, None, taken, shown
-    for matched, counts in (backend.prepare(*arguments), REFERENCE.prepare(*arguments)):
+    for matched, counts in (backend.prepare(*arguments), ORACLE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
         expected = sketch.sums * matcher.equaliser - taken[..., None] * shown
         np.testing.assert_allclose(left, np.concatenate([expected.real, expected.imag], axis=-1), atol=1e-3)

@@ -18,6 +18,7 @@ import numpy as np
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.background import PASSES, WINDOW, Background, Belief
 from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.gpu_check import device_for
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sensor.model import SensorModel
@@ -50,7 +51,7 @@ class Pooled:
         frequencies: the integers k_l of the sketches.
         surfaces: K, the most surfaces in a pixel, 1 … 4.
         false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours vote.
-        device: "cpu", "cuda", or "auto" for the best there is.
+        device: "cpu", "cuda", or "auto": a GPU that has passed `gpu_check`, else the CPU.
         background: how it spreads over the bins: as the "sensor" says, "flat", or "auto": what the last cloud leaves
             unexplained, if that is significant.
         warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
@@ -64,9 +65,12 @@ class Pooled:
                  false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
                  background: str = "auto", warm_start: bool = False):
         check_options(surfaces, false_alarm_rate)
+        self._matcher = Matcher(sensor, frequencies)
+        if device == "auto":
+            device = device_for(sensor, self._matcher.frequencies, lambda name: Pooled(
+                sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
         self.device, self.kernels = kernels_for(device)
         self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
-        self._matcher = Matcher(sensor, frequencies)
         self._background = Background(self._matcher, background)
         array = self.kernels.array
         self._padded = self._matcher.padded_on(self.kernels)

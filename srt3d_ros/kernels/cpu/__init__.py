@@ -1,4 +1,4 @@
-"""The CPU kernels, in numba: the kernels of `reference` on NumPy arrays, compiled at first use, cached on disk.
+"""The CPU kernels, in numba: the kernels of `oracle` on NumPy arrays, compiled at first use, cached on disk.
 
 Rows run in parallel, and inside a row BLOCK neighbouring columns run in vector registers. The cost of a frame does not
 depend on its photons, and results do not depend on the number of threads: no sum runs across threads

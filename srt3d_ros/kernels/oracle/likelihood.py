@@ -7,9 +7,11 @@ import torch
 
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS, RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE, crop
-from srt3d_ros.kernels.reference.arithmetic import as_complex, has_depth, noise_ratio, waves
-from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.oracle.arithmetic import as_complex, has_depth, noise_ratio, waves
+from srt3d_ros.kernels.oracle.blur import blur
+from srt3d_ros.kernels.oracle.windows import by_rows
 
+NUMBERS = 16           # that `expand` holds for each frequency of a point, about
 NEAREST, AROUND = np.ones(3, np.float32), np.ones(2 * VOTE_RADIUS + 1, np.float32)      # of `trim`
 
 
@@ -22,6 +24,11 @@ def expand(frame, state, scratch=None):
     Returns:
         float32 [rows', K, TERMS, cols']: v, s, b, and n, n, g; 0 where there is no point.
     """
+    numbers = NUMBERS * len(frame.energy) * state.shape[1]
+    return by_rows(_expand, numbers * state[0, 0, 0].nbytes, frame, state, margin=0)[0]
+
+
+def _expand(frame, state):
     depth, intensity = state[:, :, DEPTH], state[:, :, INTENSITY]
     omega, phases = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth)
     shown = frame.energy[:, None] * (frame.exposure[:, None] * intensity)[:, :, None] * phases
@@ -29,7 +36,7 @@ def expand(frame, state, scratch=None):
     counts, exposure = (values[:, None].expand_as(depth) for values in (frame.counts, frame.exposure))
     terms = [along.real.sum(dim=2), (omega * along.imag).sum(dim=2), (omega**2 * along.real).sum(dim=2), counts, counts,
              exposure]
-    return torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0)
+    return (torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0),)
 
 
 def surprise(response, photons, frame):
@@ -94,7 +101,7 @@ def trim(frame, state, terms, enough, scratch=None):
     view, terms, used = (crop(values, *frame.shape) for values in (state, terms, frame.exposure > 0))
     intensity = view[:, :, INTENSITY]
     for _ in range(SPREAD):
-        there = has_depth(view.swapaxes(2, 3), frame.num_bins).any(dim=1)
+        there = has_depth(view.movedim(2, 0), frame.num_bins).any(dim=1)
         blank = blur((used & ~there)[:, None].to(state.dtype), NEAREST)[:, 0]
         rim = there & (blank > RIM - 0.5)
         own = torch.stack([terms[:, :, VALUE], terms[:, :, COUNTS], terms[:, :, EXPOSURE] * intensity], dim=1)

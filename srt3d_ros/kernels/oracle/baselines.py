@@ -3,7 +3,7 @@
 import torch
 
 from srt3d_ros.kernels.constants import INTENSITY_RATE
-from srt3d_ros.kernels.reference.arithmetic import TINY, as_complex, waves
+from srt3d_ros.kernels.oracle.arithmetic import TINY, as_complex, waves
 
 
 def pixelwise(frame, table, rate, usual, depth, intensity):

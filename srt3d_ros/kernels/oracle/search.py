@@ -1,16 +1,19 @@
 """The start: `prepare`, `match`, `search`, `drop_weak` and `residual`."""
 
 import math
+from functools import partial
 
 import torch
 
 from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, VALUE, crop, window_weights
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
-from srt3d_ros.kernels.reference.blur import blur_cells
-from srt3d_ros.kernels.reference.likelihood import surprise
+from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
+from srt3d_ros.kernels.oracle.blur import blur_cells
+from srt3d_ros.kernels.oracle.likelihood import surprise
+from srt3d_ros.kernels.oracle.windows import by_rows
 
-TOGETHER = 2**27        # responses to the matched filter at once
+RESPONSES = 3           # arrays of responses to the matched filter that are held at once, about
+NUMBERS = 16            # that `residual` holds for each frequency of a point, about
 
 
 def prepare(sums, photons, equaliser, used, scratch=None, taken=None, shown=None):
@@ -49,20 +52,23 @@ def match(frame, surfaces):
 
 def _peak(z, frame):
     """Where the responses R(z, t) of pixels are highest, bins, and how high; [rows, cols] each."""
-    rows, m, cols = z.shape
     cells = 16 * math.ceil(frame.highest / 4)
     place = torch.arange(cells, device=z.device, dtype=torch.float64) / cells
     angle = 2 * math.pi * place[:, None] * (frame.bin_frequencies.double() * frame.num_bins).round()
     filters = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1).to(z.real.dtype)         # [cells, 2m]
-    found = []
-    for part in as_map(z).split(max(TOGETHER // (cells * cols), 1)):
-        response = filters @ part                                                               # [rows, cells, cols]
-        peak, top = response.max(dim=1, keepdim=True)
-        before, after = (response.gather(1, (top + step) % cells) for step in (-1, 1))
-        bend = before - 2 * peak + after
-        shift = torch.where(bend < 0, (before - after) / 2 / bend, 0)
-        found.append(((top + shift) * (frame.num_bins / cells), peak - (before - after) / 4 * shift))
-    return tuple(torch.cat(values)[:, 0] for values in zip(*found))
+    matched = as_map(z)
+    top, height = by_rows(partial(_highest, filters), RESPONSES * cells * matched[0, 0].nbytes, matched, margin=0)
+    return top * (frame.num_bins / cells), height
+
+
+def _highest(filters, matched):
+    """Between which cells the filters respond most, and how much, by the parabola through three of them."""
+    response = filters @ matched                                                                # [rows, cells, cols]
+    peak, top = response.max(dim=1, keepdim=True)
+    before, after = (response.gather(1, (top + step) % len(filters)) for step in (-1, 1))
+    bend = before - 2 * peak + after
+    shift = torch.where(bend < 0, (before - after) / 2 / bend, 0)
+    return (top + shift)[:, 0], (peak - (before - after) / 4 * shift)[:, 0]
 
 
 def residual(frame, state, terms, layer, scratch=None):
@@ -71,10 +77,15 @@ def residual(frame, state, terms, layer, scratch=None):
     With the intensities of pools too much would be taken from some pixels, and the filter would respond half a
     period away.
     """
+    numbers = NUMBERS * len(frame.energy) * state.shape[1]
+    return by_rows(partial(_residual, layer), numbers * state[0, 0, 0].nbytes, frame, state, terms, margin=0)[0]
+
+
+def _residual(layer, frame, state, terms):
     signal = terms[:, :, VALUE].clamp(min=0) / frame.total_energy
     signal[:, layer].zero_()
     shown = (signal[:, :, None] * waves(frame, state[:, :, DEPTH])).sum(dim=1)
-    return frame.matched - as_map(frame.energy[:, None] * shown)
+    return (frame.matched - as_map(frame.energy[:, None] * shown),)
 
 
 def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,

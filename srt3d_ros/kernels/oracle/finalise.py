@@ -9,8 +9,8 @@ import torch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE, crop
-from srt3d_ros.kernels.reference.arithmetic import EPSILON, TINY, as_complex, noise_ratio, waves
-from srt3d_ros.kernels.reference.blur import blur
+from srt3d_ros.kernels.oracle.arithmetic import EPSILON, TINY, as_complex, noise_ratio, waves
+from srt3d_ros.kernels.oracle.blur import blur
 
 
 def finalise(frame, photons, state, terms, enough, scratch=None):

@@ -2,10 +2,9 @@
 
 import math
 
-import numpy as np
 import torch
 
-from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, MAX_STD, SLOPE_COL, SLOPE_ROW, STD
+from srt3d_ros.kernels.maps import BLOCK, INTENSITY, MARGIN, MAX_STD, STD
 
 TINY, EPSILON = 1e-12, 1e-6        # photons: added nothing, divided by at least this
 
@@ -43,21 +42,11 @@ def wrap(difference, period):
     return difference - period * (difference / period).round()
 
 
-def plane_depth(record, dy, dx):
-    """Depth of a point's tangent plane, (dy, dx) pixels from the point."""
-    return record[DEPTH] + record[SLOPE_COL] * dx + record[SLOPE_ROW] * dy
-
-
 def agreement(difference, variance):
-    """How far depths are one surface's, 0 … 1; `variance` is the sum of what each may be off, squared."""
-    return np.maximum(1 - difference**2 / (variance + TINY), 0)
+    """How far depths are one surface's, 0 … 1; `variance`, above 0, is the sum of what each may be off, squared."""
+    return (1 - difference**2 / variance).clamp(min=0)
 
 
-def near(dy, dx, sigma):
-    """Gaussian weight by distance, 1 at the centre."""
-    return np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
-
-
-def has_depth(records, period):
-    """Which of some surfaces [..., FIELDS] exist, at depths that mean anything."""
-    return (records[..., INTENSITY] > 0) & (records[..., STD] < MAX_STD * period)
+def has_depth(record, period):
+    """Which of some surfaces [FIELDS, …] exist, at depths that mean anything."""
+    return (record[INTENSITY] > 0) & (record[STD] < MAX_STD * period)

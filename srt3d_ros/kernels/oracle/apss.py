@@ -17,7 +17,7 @@ from srt3d_ros.kernels.constants import (
     APSS_SHARED,
     APSS_STILL,
 )
-from srt3d_ros.kernels.reference.arithmetic import TINY, wrap
+from srt3d_ros.kernels.oracle.arithmetic import TINY, wrap
 
 PLACES = [(0, 0), (-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]     # rows and columns away
 

@@ -1,0 +1,54 @@
+"""The contract of the kernels, and what it means: written in torch, to be read. `cpu` has the same names.
+
+`on` gives the functions for tensors of one type on one device. In double precision on the CPU they are the tests'
+oracle: `cpu` differs by its own rounding only. In single precision they are what a GPU runs: no step of a frame looks
+at a value, so that nothing waits, and a graph can hold them all. Only the baselines' `poisson` does.
+
+What photons and sketches of photons go through before a reconstruction runs on the CPU alone: `cpu.phase_sums`, and
+`move_sketch`, of which this package has the contract too, for NumPy.
+
+Notation:
+    T            bins of a period (`num_bins`); depths are bins on a circle of T
+    K, m         surfaces of a pixel, frequencies of a sketch; ω_l = 2π k_l / T
+    x_p, n       times of arrival of a pixel's photons, bins, and their number
+    h, ĥ_l       impulse response (IRF), and its spectrum Σ_b h(b) exp(i ω_l b)
+    z_l          a pixel's matched sketch, conj(ĥ_l) · Σ_p exp(i ω_l x_p)
+    t, r, g      depth (bins) and intensity (signal photons at g = 1) of a point, exposure of its pixel: the points of
+                 a pixel are expected to show z_l = g Σ_k r_k |ĥ_l|² exp(i ω_l t_k)
+    E, C         Σ_l |ĥ_l|² and Σ_l ω_l² |ĥ_l|²: curvature of the data term in r, and of that over r² in t (bins⁻²)
+    δ            √(E / C), width of a matched filter's peak, bins (`resolution_bins`)
+    R(z, t)      response to the matched filter, Σ_l Re(z_l exp(−i ω_l t))
+    M₁, M₀       variance of dR/dt that a signal, a background photon adds (`moments`); I₁, I₀ of R itself
+    (·)₊, wrap   the positive part; a difference of depths on the circle, in [−T/2, T/2]
+    ρ(u)         what a mean response u of background photons is worth, standard deviations per √photon
+                 (`background_table`, Chernoff's bound)
+    c(t)         by how much scores at a depth exceed standard deviations (`clutter`)
+    CAPITALS     constants of `kernels.constants` and `kernels.maps`
+
+A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise; that of `poisson` a
+`Likelihood` of `core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary
+ones. Maps with rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is
+memory for results that last until the next call with it, which `cpu` uses. Types are those of `cpu`. Arrays lie on the
+kernels' device unless said to be NumPy's: ON_HOST says whether they are.
+"""
+
+import torch
+
+from srt3d_ros.kernels.oracle.apss import apss
+from srt3d_ros.kernels.oracle.baselines import pixelwise, poisson
+from srt3d_ros.kernels.oracle.birth_death import birth_death
+from srt3d_ros.kernels.oracle.blur import blur
+from srt3d_ros.kernels.oracle.device import Kernels
+from srt3d_ros.kernels.oracle.finalise import collect, finalise, unexplained, unpack
+from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
+from srt3d_ros.kernels.oracle.pooled_step import pooled_step
+from srt3d_ros.kernels.oracle.search import drop_weak, match, prepare, residual, search
+
+FUNCTIONS = {function.__name__: function for function in (
+    apss, birth_death, blur, collect, drop_weak, expand, finalise, log_likelihood_ratio, match, pixelwise, poisson,
+    pooled_step, prepare, residual, search, trim, unexplained, unpack)}
+
+
+def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:
+    """The kernels on a device, by torch's name of it, for real numbers of this type."""
+    return Kernels(FUNCTIONS, device, dtype)

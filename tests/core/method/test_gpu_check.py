@@ -1,0 +1,68 @@
+"""`device: auto`: a GPU that computes otherwise than the CPU, or not faster, is left alone. The oracle acts the GPU."""
+
+import logging
+import re
+
+import pytest
+
+from srt3d_ros.core.method import gpu_check, pooled
+from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.kernels import cpu, oracle
+from tests.core.scenes import make_sensor
+
+SENSOR = make_sensor(12, 17)
+
+
+@pytest.fixture
+def auto(monkeypatch, caplog):
+    """The device that `auto` takes, and what the log says, where this many milliseconds pass for each frame."""
+    def take(sensor: SensorModel = SENSOR, gpu_ms: float = 5.0, surfaces: int = 1, **changes) -> tuple:
+        kernels, now = oracle.on("cpu"), iter([0.0, 0.02, 1.0, 1 + gpu_ms / 1e3])
+        for name, value in changes.items():
+            monkeypatch.setattr(kernels, name, value)
+        monkeypatch.setattr(gpu_check, "missing_for_cuda", lambda: "")
+        monkeypatch.setattr(gpu_check.time, "perf_counter", lambda: next(now))
+        monkeypatch.setattr(pooled, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
+        with caplog.at_level(logging.INFO):
+            chosen = Pooled(sensor, choose("auto", sensor, 7), surfaces, device="auto")
+        return chosen.device, chosen.kernels is kernels, caplog.messages
+    return take
+
+
+@pytest.mark.parametrize(("surfaces", "changes"), [(1, {}), (2, {}), (1, {"delay": True})])
+def test_a_gpu_that_does_the_same_and_sooner_is_taken(auto, surfaces, changes):
+    sensor = make_sensor(12, 17, delay_bins=90 * (SENSOR.rays[..., 0] > 0)) if changes else SENSOR
+    assert auto(sensor, surfaces=surfaces) == ("cuda", True, [])
+
+
+def test_one_that_is_slower_is_not(auto):
+    assert auto(gpu_ms=21) == ("cpu", False, [
+        "the GPU is not used (21 ms a frame instead of 20): computing on the CPU"])
+
+
+def test_one_that_computes_otherwise_is_not(auto):
+    def wrong(frame, state, *others, **more):
+        after = oracle.FUNCTIONS["pooled_step"](frame, state, *others, **more)
+        after[20, :, 0] += 3
+        return after
+
+    *taken, said = auto(pooled_step=wrong)
+    assert taken == ["cpu", False] and len(said) == 1
+    expected = r"the GPU is not used \(\d\d\.\d % of its pixels are as on the CPU\): computing on the CPU"
+    assert re.fullmatch(expected, said[0])
+
+
+def test_one_that_fails_is_not(auto):
+    def fail(*arguments, **more):
+        raise RuntimeError("CUDA out of memory.\nTried to allocate")
+
+    assert auto(match=fail, search=fail) == ("cpu", False, [
+        "the GPU is not used (CUDA out of memory.): computing on the CPU"])
+
+
+def test_the_frame_that_is_tried_shows_its_walls():
+    frame = gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
+    cloud = Pooled(SENSOR, frame.frequencies, device="cpu")(frame)
+    assert len(cloud) > 0.98 * SENSOR.pixels and gpu_check._alike(cloud, cloud, SENSOR.num_bins) == 1
