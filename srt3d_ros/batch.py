@@ -56,7 +56,7 @@ def reconstruct_frames(request: Request, folder: Path, suffix: str, jobs: int, d
                     continue
                 future = _here(read)
                 if future.exception() is None:
-                    submit = executor.submit if found["done"] else _here        # the first here: it compiles
+                    submit = partial(_submit, executor) if found["done"] else _here      # the first here: it compiles
                     future = submit(save, request, future.result(), files[number])
                 waiting.append((number, future))
                 if not found["done"] or len(waiting) == (WAITING if dask else 2 * jobs):
@@ -74,6 +74,15 @@ def _here(function: Callable, *arguments) -> futures.Future:
     except InvalidInput as error:
         future.set_exception(error)
     return future
+
+
+def _submit(executor: futures.Executor, *call) -> futures.Future:
+    """Submit a call; a process that is started for it leaves Ctrl-C to this one, from its first instant."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return executor.submit(*call)
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _count(found: dict, number: int, future: futures.Future, bar: tqdm) -> None:
@@ -118,10 +127,9 @@ def _executor(jobs: int, dask: str | None) -> Iterator[futures.Executor]:
 
 
 def _begin(cores: int) -> None:
-    """In a new process: take its share of the cores, leave Ctrl-C to the parent, and end with it, even if killed."""
+    """In a new process: take its share of the cores, and end with the parent, even if that is killed."""
     import numba
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=lambda: multiprocessing.parent_process().join() or os._exit(1), daemon=True).start()
     numba.set_num_threads(min(cores, numba.config.NUMBA_NUM_THREADS))
 

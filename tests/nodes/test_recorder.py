@@ -179,14 +179,14 @@ def test_a_killed_recorder_leaves_a_file_with_all_but_the_end(graph, speaker, tm
 
 
 def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_file, tmp_path):
-    path, frames = tmp_path / "a.rrd", 20
+    path, frames = tmp_path / "a.rrd", 10
     clouds = graph.collect(PointCloud2, "points", raw=True)
     recorder = graph.start("recorder", path=path, colour_by="depth_std").ready()
     graph.start("reconstructor", fields="full").ready()
     graph.start("sketcher", sketch_size=7).ready()
     of_another = graph.node.create_publisher(Log, "/rosout", LATCHED)
     of_another.publish(Log(name="right.sketcher", msg="ready too"))
-    graph.start("player", input=photon_file, rate_hz=20.0, frames=frames)
+    graph.start("player", input=photon_file, rate_hz=5.0, frames=frames)
     graph.wait(lambda: len(clouds) == frames, "every cloud")
     graph.reports("recorder", "clouds", frames)
     for name in ("sketcher", "reconstructor"):

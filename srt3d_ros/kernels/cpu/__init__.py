@@ -9,6 +9,7 @@ from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.device import ON_HOST, Scratch, array, numpy, run_frame
+from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
 from srt3d_ros.kernels.cpu.histograms import sketch_histograms
@@ -26,7 +27,7 @@ from srt3d_ros.kernels.cpu.phase_sums import (
     sketch_sorted,
     sketch_unsorted,
 )
-from srt3d_ros.kernels.cpu.pooled_step import expand, pooled_step
+from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.rows import fixed_rows
 from srt3d_ros.kernels.cpu.search import drop_weak, search

@@ -1,4 +1,4 @@
-"""Expand data terms, pool them along every point's tangent plane, step to the top of their sum, fit the plane.
+"""Pool data terms along every point's tangent plane, step to the top of their sum, fit the plane.
 
 A pool's BLOCK neighbouring columns go through each step together, in vector registers. What they need lies in one flat
 scratch array, at offsets known when compiling, and indices are unsigned: only so can the compiler see that the parts do
@@ -18,7 +18,6 @@ from srt3d_ros.kernels.cpu.arithmetic import (
     GRADIENT,
     HALF,
     INTENSITY,
-    ONE,
     RESIDUAL,
     SCORE,
     SLOPE_COL,
@@ -34,7 +33,6 @@ from srt3d_ros.kernels.cpu.arithmetic import (
     agreement,
     aligned,
     rise,
-    sincos,
     total_of,
     wrap,
 )
@@ -48,56 +46,8 @@ from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
  V, G, C, S2, S1, X, SPREAD, CX, CY,
  P, PX, PY, PXX, PYY, PXY, PE, PXE, PYE,
  ROW_C, ROW_P, ROW_PX, ROW_PE) = (U(k * BLOCK) for k in range(28))
-SCRATCH, TURN = 28 * BLOCK, F32(2 * np.pi)
+SCRATCH = 28 * BLOCK
 EVEN = np.ones(CELL // 2 + 1, np.float32)       # weights in a cell
-
-
-@parallel
-def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
-    padded_rows, surfaces, _, padded_cols = state.shape
-    m = len(energy)
-    for row in prange(padded_rows - 2 * MARGIN):
-        i = row + MARGIN
-        v, g, c = (np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32),
-                   np.empty(padded_cols, np.float32))
-        for k in range(surfaces):
-            v[:], g[:], c[:] = ZERO, ZERO, ZERO
-            depth = state[i, k, DEPTH]
-            for l in range(m):
-                frequency, omega = bin_frequencies[l], TURN * bin_frequencies[l]
-                real, imaginary = matched[i, l], matched[i, m + l]
-                for j in range(padded_cols):
-                    sine, cosine = sincos(frequency * depth[j])
-                    along = real[j] * cosine + imaginary[j] * sine
-                    v[j] += along
-                    g[j] += omega * (imaginary[j] * cosine - real[j] * sine)
-                    c[j] += omega * omega * along
-            for o in range(surfaces):
-                if o != k:
-                    other, strength = state[i, o, DEPTH], state[i, o, INTENSITY]
-                    for l in range(m):
-                        frequency, omega, share = bin_frequencies[l], TURN * bin_frequencies[l], energy[l]
-                        for j in range(padded_cols):
-                            sine, cosine = sincos(frequency * (other[j] - depth[j]))
-                            known = strength[j] * exposure[i, j] * share
-                            v[j] -= known * cosine
-                            g[j] -= omega * known * sine
-                            c[j] -= omega * omega * known * cosine
-            for j in range(padded_cols):
-                seen = ONE if state[i, k, INTENSITY, j] > ZERO else ZERO
-                terms[i, k, VALUE, j], terms[i, k, GRADIENT, j] = seen * v[j], seen * g[j]
-                terms[i, k, CURVATURE, j] = seen * c[j]
-                terms[i, k, SQUARES, j] = seen * counts[i, j]
-                terms[i, k, COUNTS, j] = seen * counts[i, j]
-                terms[i, k, EXPOSURE, j] = seen * exposure[i, j]
-
-
-def expand(frame, state, scratch=None):
-    """Whole rows in vector registers: numba does not vectorise loops that start at a margin."""
-    padded_rows, surfaces, _, padded_cols = state.shape
-    terms = borrow(scratch, "terms", (padded_rows, surfaces, TERMS, padded_cols), scratch is None)
-    _expand(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms)
-    return terms
 
 
 @inline

@@ -1,0 +1,73 @@
+"""Expand: the data terms of every point, and their derivatives."""
+
+import numpy as np
+from numba import prange
+
+from srt3d_ros.kernels.cpu.arithmetic import (
+    COUNTS,
+    CURVATURE,
+    DEPTH,
+    EXPOSURE,
+    F32,
+    GRADIENT,
+    INTENSITY,
+    ONE,
+    SQUARES,
+    TERMS,
+    VALUE,
+    ZERO,
+    sincos,
+)
+from srt3d_ros.kernels.cpu.compiling import parallel
+from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.maps import MARGIN
+
+TURN = F32(2 * np.pi)
+
+
+@parallel
+def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
+    padded_rows, surfaces, _, padded_cols = state.shape
+    m = len(energy)
+    for row in prange(padded_rows - 2 * MARGIN):
+        i = row + MARGIN
+        v, g, c = (np.empty(padded_cols, np.float32), np.empty(padded_cols, np.float32),
+                   np.empty(padded_cols, np.float32))
+        for k in range(surfaces):
+            v[:], g[:], c[:] = ZERO, ZERO, ZERO
+            depth = state[i, k, DEPTH]
+            for l in range(m):
+                frequency, omega = bin_frequencies[l], TURN * bin_frequencies[l]
+                real, imaginary = matched[i, l], matched[i, m + l]
+                for j in range(padded_cols):
+                    sine, cosine = sincos(frequency * depth[j])
+                    along = real[j] * cosine + imaginary[j] * sine
+                    v[j] += along
+                    g[j] += omega * (imaginary[j] * cosine - real[j] * sine)
+                    c[j] += omega * omega * along
+            for o in range(surfaces):
+                if o != k:
+                    other, strength = state[i, o, DEPTH], state[i, o, INTENSITY]
+                    for l in range(m):
+                        frequency, omega, share = bin_frequencies[l], TURN * bin_frequencies[l], energy[l]
+                        for j in range(padded_cols):
+                            sine, cosine = sincos(frequency * (other[j] - depth[j]))
+                            known = strength[j] * exposure[i, j] * share
+                            v[j] -= known * cosine
+                            g[j] -= omega * known * sine
+                            c[j] -= omega * omega * known * cosine
+            for j in range(padded_cols):
+                seen = ONE if state[i, k, INTENSITY, j] > ZERO else ZERO
+                terms[i, k, VALUE, j], terms[i, k, GRADIENT, j] = seen * v[j], seen * g[j]
+                terms[i, k, CURVATURE, j] = seen * c[j]
+                terms[i, k, SQUARES, j] = seen * counts[i, j]
+                terms[i, k, COUNTS, j] = seen * counts[i, j]
+                terms[i, k, EXPOSURE, j] = seen * exposure[i, j]
+
+
+def expand(frame, state, scratch=None):
+    """Whole rows in vector registers: numba does not vectorise loops that start at a margin."""
+    padded_rows, surfaces, _, padded_cols = state.shape
+    terms = borrow(scratch, "terms", (padded_rows, surfaces, TERMS, padded_cols), scratch is None)
+    _expand(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms)
+    return terms
