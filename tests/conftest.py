@@ -22,7 +22,7 @@ if threading.current_thread() is threading.main_thread():
 MAX_WORKERS = 4
 # They begin first: begun last, one would keep a single worker busy at the end. Those that wait alternate with those
 # that compute.
-LONG = ("tests/robustness/test_pipeline.py", "tests/kernels/test_birth_death.py", "tests/test_demo.py",
+LONG = ("tests/robustness/test_pipeline.py", "tests/test_demo.py",
         "tests/kernels/test_reconstruction.py", "tests/robustness/test_files.py", "tests/cli/test_compile.py",
         "tests/docs/test_quickstart.py", "tests/nodes/test_reconstructor.py", "tests/cli/test_supervisor.py")
 REPOSITORY = Path(__file__).resolve().parent.parent

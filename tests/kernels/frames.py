@@ -1,8 +1,8 @@
 """Frames and states on which the kernels are held against the oracle, and when results agree.
 
 Tolerances: the kernels count in float32, with sines good to 7e-7. A depth in [0, 300) has steps of 3e-5 bins, which is
-what whole reconstructions differ by. Single steps start here from states that photons partly contradict, where a point
-hangs on small differences: 5e-4 bins and 5e-4 of the other values leave them ten times what most of them need. A
+what most points differ by after a step. States here are such that photons partly contradict them, where a point hangs
+on small differences: 1e-4 bins and 1e-4 of the other values for a step, five times as much for whole reconstructions. A
 comparison between values that rounding tells apart may be decided either way: one point in 100 may differ by more.
 """
 
@@ -24,8 +24,9 @@ from srt3d_ros.kernels.constants import SAME_SURFACE
 
 T = 300
 GATE = SAME_SURFACE**2
-DEPTH_TOLERANCE = 5e-4          # bins, and bins per pixel
-RELATIVE = 5e-4
+DEPTH_TOLERANCE = 1e-4          # bins, and bins per pixel
+RELATIVE = 1e-4
+STEPS = 5                       # times both, for whole reconstructions
 SHARE_AT_TIES = 1 / 100
 SHAPES = [(6, 40), (9, 33)]     # one and seven columns beyond a block of 32, so that padding matters
 FAINT = 1 / 20                  # light with which votes matter as much as a pixel's own photons
@@ -187,10 +188,10 @@ def assert_clouds_agree(one: PointCloud, other: PointCloud, surfaces: int, point
         depth = [cloud.image("depth_bins", k) for cloud in (one, other)]
         there = np.isfinite(depth[0])
         wrong = there != np.isfinite(depth[1])
-        agree = np.abs(circular_difference(*depth, T)) <= DEPTH_TOLERANCE
+        agree = np.abs(circular_difference(*depth, T)) <= STEPS * DEPTH_TOLERANCE
         for field in ("intensity", "depth_std_bins"):
             ours, theirs = (cloud.image(field, k) for cloud in (one, other))
-            agree &= np.abs(ours - theirs) <= RELATIVE * theirs
+            agree &= np.abs(ours - theirs) <= STEPS * RELATIVE * theirs
         wrong |= there & ~agree
         assert there.sum() > points / (k + 1) and wrong.sum() <= max(there.sum() * SHARE_AT_TIES, 1), np.argwhere(wrong)
     np.testing.assert_allclose(one.background, other.background, atol=1e-3 * max(one.background.max(), 1))

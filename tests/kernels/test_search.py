@@ -12,13 +12,17 @@ from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import DOUBTFUL, REST_SCALES, SURE_SCALES
 
 from .frames import (
+    DEPTH_TOLERANCE,
     FAINT,
     ORACLE,
+    RELATIVE,
     SHAPES,
+    SHARE_AT_TIES,
     T,
     assert_states_agree,
     make_frame,
     make_state,
+    make_terms,
     with_clutter,
 )
 
@@ -48,6 +52,37 @@ def test_match_finds_the_highest_peak_wherever_it_lies(backend, size):
     # The parabola through a band-limited peak sampled 4 times a period: a small part of the peak's width.
     assert np.abs(circular_difference(found[:, 0], depth, T)).max() < 0.1 * frame.resolution_bins
     np.testing.assert_allclose(intensity, 40, rtol=0.03)
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "light"), [((6, 40), 1, FAINT), ((9, 33), 2, 1), ((5, 7), 3, 1)])
+def test_match(backend, shape, surfaces, light):
+    frame = make_frame(shape, 4, light)
+    found, expected = (kernels.match(frame, surfaces) for kernels in (backend, ORACLE))
+    seen = (frame.counts > 0)[:, None] & (expected[1] > 0)
+    apart = np.abs(circular_difference(found[0], expected[0], T))
+    wrong = apart > surfaces * DEPTH_TOLERANCE      # each is found in what those before leave
+    wrong |= np.abs(found[1] - expected[1]) > RELATIVE * np.abs(expected[1]) + 1e-5
+    assert seen.sum() > 20 and (wrong & seen).sum() <= seen.sum() * SHARE_AT_TIES
+    assert (found[1][(frame.counts == 0)[:, None].repeat(surfaces, 1)] == 0).all()
+
+
+@pytest.mark.parametrize(("shape", "surfaces", "layer"), [((6, 40), 2, 1), ((9, 33), 2, 0), ((5, 7), 4, 3)])
+def test_residual(backend, shape, surfaces, layer):
+    frame = make_frame(shape, 4)
+    state = make_state(frame, surfaces, 4)
+    arguments = frame.padded, state, make_terms(frame, state), layer
+    found, expected = (maps.crop(kernels.residual(*arguments), *shape) for kernels in (backend, ORACLE))
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+    assert np.abs(expected - maps.crop(frame.padded.matched, *shape)).max() > 0.1
+
+
+def test_weak_surfaces_are_dropped(backend):
+    state = make_state(make_frame((6, 40), 4), 2, 4)
+    found, = backend.changed("drop_weak", state, 9.0)[:1]
+    kept = np.where(state[:, :, maps.SCORE] < 9, 0, state[:, :, maps.INTENSITY])
+    np.testing.assert_array_equal(found[:, :, maps.INTENSITY], kept)
+    np.testing.assert_array_equal(np.delete(found, maps.INTENSITY, 2), np.delete(state, maps.INTENSITY, 2))
+    assert 0 < (kept > 0).sum() < (state[:, :, maps.INTENSITY] > 0).sum()
 
 
 def check_search(backend, frame, state, layer, scale, enough, carried=None):

@@ -58,7 +58,7 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor from their photons; arguments as of `Pooled`."""
+    """Reconstructs frames of one sensor from their photons; arguments as of `Pooled`, but "auto" is the CPU."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
         check_options(surfaces, None)

@@ -32,7 +32,7 @@ class SketchedBaseline:
     """Reconstructs frames of one sensor from their sketches, by the points of a subclass.
 
     Args:
-        sensor, frequencies, surfaces, device: as of `Pooled`.
+        sensor, frequencies, surfaces, device: as of `Pooled`, but "auto" is the CPU.
         precise: whether W of the data term is the inverse covariance of the sketch, else the identity.
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
     """
