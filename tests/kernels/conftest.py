@@ -3,8 +3,11 @@
 from importlib import import_module
 
 import pytest
+import torch
 
 from .frames import CPU, SINGLE, Backend
+
+torch.set_num_threads(1)        # tensors are small, and other tests run beside
 
 
 @pytest.fixture(params=[CPU, SINGLE], ids=lambda backend: backend.name)

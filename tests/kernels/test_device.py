@@ -13,8 +13,7 @@ from srt3d_ros.kernels.oracle import windows
 from .frames import GATE, ORACLE, make_frame, make_sensor, make_sketch, make_state, make_terms
 
 
-@pytest.mark.parametrize("warm", [False, True])
-@pytest.mark.parametrize("surfaces", [1, 2])
+@pytest.mark.parametrize(("surfaces", "warm"), [(1, True), (2, False)])
 def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(monkeypatch, surfaces, warm):
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
     kernels = oracle.on("meta")
@@ -51,7 +50,7 @@ def test_blocks_of_one_row_give_what_all_rows_at_once_give(monkeypatch, surfaces
 
 def test_a_block_stays_within_its_memory(monkeypatch):
     """By what its tensors take as they come and go."""
-    frame = make_frame((24, 33), 1)
+    frame = make_frame((12, 33), 1)
     kernels = oracle.on("cpu", torch.float64)
     for surfaces in (1, 2):
         state = make_state(frame, surfaces, 1)
