@@ -19,7 +19,9 @@ def test_a_rotation_vector_makes_a_rotation_and_comes_back(vector):
 def test_a_quarter_to_the_left_turns_forward_into_left():
     np.testing.assert_allclose(QUARTER_LEFT(np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-12)
     half = np.sqrt(0.5)
-    np.testing.assert_allclose(Pose.from_quaternion([0, 0, half, half]).rotation, QUARTER_LEFT.rotation, atol=1e-12)
+    of_quaternion = Pose.from_quaternion([0, 0, half, half])
+    np.testing.assert_allclose(of_quaternion.rotation, QUARTER_LEFT.rotation, atol=1e-12)
+    np.testing.assert_array_equal(of_quaternion.translation, 0)
 
 
 def test_a_motion_and_its_inverse_cancel():
