@@ -135,10 +135,6 @@ class Trajectory:
         turn = share @ _rotations().from_matrix(middle.T @ np.stack([pose.rotation for pose in near])).as_rotvec()
         return Pose(middle @ Pose.turned(turn).rotation, share @ np.stack([pose.translation for pose in near]))
 
-    def motion(self, from_ns: int, to_ns: int) -> Pose:
-        """Where a point of the sensor's frame at from_ns lies in its frame at to_ns, if the world stands still."""
-        return self.at(to_ns).inverse() @ self.at(from_ns)
-
 
 def _rotations():
     from scipy.spatial.transform import Rotation  # here: it takes a tenth of a second, and only moving sensors need it

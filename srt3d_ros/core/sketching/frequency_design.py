@@ -61,11 +61,6 @@ class Light:
         """Signal over background photons, 0 … infinite."""
         return self.signal_share / (1 - self.signal_share) if self.signal_share < 1 else np.inf
 
-    @property
-    def in_words(self) -> str:
-        """Photons and SBR."""
-        return f"{self.photons_per_pixel:.3g} photons per pixel at SBR {self.sbr:.2g}"
-
     def octaves(self, sketch_size: int) -> float:
         """How often the photons have doubled over those that are just enough for SCORES; below 0 if they are fewer.
 
