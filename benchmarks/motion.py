@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from benchmarks.relief import hand, read_relief, trajectory
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.metrics import Metrics, evaluate
 from srt3d_ros.core.motion.moving_sketcher import MovingFrame, MovingSketcher
 from srt3d_ros.core.motion.trajectory import Trajectory
@@ -111,7 +111,7 @@ class Method:
     """One way to a cloud: a sketcher that moves frames, or adds them if there is no trajectory."""
 
     sketcher: MovingSketcher
-    pooled: Pooled
+    pooled: PooledStream
     known: Trajectory | None
 
     def cloud(self, frame: MovingFrame) -> PointCloud:
@@ -131,7 +131,7 @@ class Shot:
 
 def methods(sensor: SensorModel, frequencies, exact: Trajectory) -> dict[str, Method]:
     """The methods by the names of their lines."""
-    return {name: Method(MovingSketcher(sensor, frequencies), Pooled(sensor, frequencies), known)
+    return {name: Method(MovingSketcher(sensor, frequencies), PooledStream(sensor, frequencies), known)
             for name, known in (("not_moved", None), ("moved", exact))}
 
 
@@ -145,7 +145,7 @@ def judge(drive: Drive, ppps: list[float], frames: int, shots: list[Shot]) -> It
     last_s = drive.first_s + (WARM_UP + 1 + frames) * FRAME_S
     exact = trajectory(view.sensor_pose, drive.first_s, last_s)
     ways = {ppp: methods(sensor, frequencies, exact) for ppp in ppps}
-    still = {ppp: Pooled(sensor, frequencies) for ppp in ppps}
+    still = {ppp: PooledStream(sensor, frequencies) for ppp in ppps}
     found: dict[tuple[float, str], list] = defaultdict(list)
     for k in tqdm(range(WARM_UP + frames), desc=drive.name, unit="frame", leave=False):
         first_s = drive.first_s + k * FRAME_S

@@ -51,8 +51,8 @@ class Method:
 
 METHODS = {method.name: method for method in (
     Method("pooled", "SRT3D's data term, regularised by sharing photons (each pixel's data term is pooled along the "
-           "surface) instead of smoothing depths with APSS afterwards", "sketch", "srt3d_ros.core.method.pooled:Pooled",
-           options=("false_alarm_rate", "background", "warm_start")),
+           "surface) instead of smoothing depths with APSS afterwards", "sketch",
+           "srt3d_ros.core.method.memory:PooledStream", options=("false_alarm_rate", "background", "warm_start")),
     Method("srt3d", "SRT3D as published, gradient steps on pixels' sketches and an APSS denoiser", "sketch",
            "srt3d_ros.core.baselines.sketched:SRT3D", "consecutive"),
     Method("smle", "maximum likelihood on each pixel's sketch", "sketch", "srt3d_ros.core.baselines.sketched:SMLE",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.motion.moving_sketcher import MovingSketcher
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory
 from srt3d_ros.core.sensor.model import MAX_BINS, GateWords, SensorModel
@@ -32,4 +32,4 @@ def deskewing() -> None:
 
 def reconstruction() -> None:
     """A frame by the default method."""
-    Pooled(ANY_SENSOR, choose("auto", ANY_SENSOR, 3), device="cpu").warm_up()
+    PooledStream(ANY_SENSOR, choose("auto", ANY_SENSOR, 3), device="cpu").warm_up()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from srt3d_ros.core.method.pooled import MAX_SURFACES, check_options
+from srt3d_ros.core.method.thresholds import MAX_SURFACES, check_options
 from srt3d_ros.core.methods import METHODS, Method, find
 from srt3d_ros.core.sketching.frequencies import DEFAULT_SKETCH_SIZE
 from srt3d_ros.errors import require

@@ -58,11 +58,6 @@ def state_shape(rows: int, cols: int, surfaces: int) -> tuple[int, int, int, int
     return padded_rows, surfaces, FIELDS, padded_cols
 
 
-def no_surfaces(rows: int, cols: int, surfaces: int) -> np.ndarray:
-    """A state without any surface, float32 [rows', K, FIELDS, cols']."""
-    return np.zeros(state_shape(rows, cols, surfaces), np.float32)
-
-
 @lru_cache
 def window_weights(sigma: float) -> np.ndarray:
     """exp(−d² / 2σ²) for d = −⌈2.5 σ⌉ … ⌈2.5 σ⌉: a Gaussian over rows or columns of pixels or cells; float32."""

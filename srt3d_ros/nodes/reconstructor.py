@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from srt3d_ros.core.device import DEVICES
 from srt3d_ros.core.method.background import BACKGROUNDS
 from srt3d_ros.core.method.cloud import SURFACE_ORDERS
-from srt3d_ros.core.method.pooled import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, MAX_SURFACES
 from srt3d_ros.core.methods import DEFAULT_METHOD, METHODS, SKETCH_METHODS
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch

@@ -9,7 +9,7 @@ import torch
 
 from srt3d_ros.core import device
 from srt3d_ros.core.device import kernels_for
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput
 
@@ -38,9 +38,9 @@ LACKS = [({"driver": "libnone.so"}, "no CUDA device"),
 def test_what_cuda_lacks_is_said_in_one_line_and_auto_computes_on_the_cpu(missing, caplog, lack, said):
     missing(**lack)
     with caplog.at_level(logging.INFO):
-        assert [Pooled(SENSOR, (1, 2), device="auto").device for _ in range(2)] == ["cpu", "cpu"]
+        assert [PooledStream(SENSOR, (1, 2), device="auto").device for _ in range(2)] == ["cpu", "cpu"]
     assert len(caplog.messages) == 1 and re.fullmatch(f"{re.escape(said)}.*: computing on the CPU", caplog.messages[0])
-    for make in (kernels_for, lambda name: Pooled(SENSOR, (1, 2), device=name)):
+    for make in (kernels_for, lambda name: PooledStream(SENSOR, (1, 2), device=name)):
         with pytest.raises(InvalidInput, match=f"^device is cuda: expected cpu or auto: {re.escape(said)}[^\n]*$"):
             make("cuda")
 

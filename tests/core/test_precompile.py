@@ -29,5 +29,5 @@ def compiled(step: str) -> set[str]:
 def test_what_runs_later_has_been_compiled_ahead():
     """In the user's own cache, which has most of it."""
     compiled("precompile.sketching(); precompile.reconstruction()")
-    other = "precompile.Pooled(precompile.ANY_SENSOR, (1, 2, 3), 2, warm_start=True, device='cpu')"
+    other = "precompile.PooledStream(precompile.ANY_SENSOR, (1, 2, 3), 2, warm_start=True, device='cpu')"
     assert compiled(f"precompile.sketching(); {other}.warm_up()") == set()

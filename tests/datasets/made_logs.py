@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.datasets import Photons
 
@@ -91,7 +91,7 @@ def tmf882x_log(path: Path, depths_bins: list[float], shots: float = 4e6) -> Pat
 def zones_mm(photons: Photons, frequencies: tuple[int, ...]) -> np.ndarray:
     """Reconstructed ranges of the zones, float [rows, cols], NaN without a surface."""
     sensor = photons.sensor
-    cloud = Pooled(sensor, frequencies, device="cpu")(photons.sketch(frequencies=frequencies))
+    cloud = PooledStream(sensor, frequencies, device="cpu")(photons.sketch(frequencies=frequencies))
     ranges = np.full((sensor.rows, sensor.cols), np.nan)
     ranges[cloud.row, cloud.col] = sensor.range_m(cloud.depth_bins) * 1e3
     return ranges

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.evaluation.cases import simulated
@@ -15,7 +15,7 @@ def test_outlines_swell_by_less_than_a_pixel_and_windows_stay_open(scene, sbr, p
     case, = simulated(scene, [sbr], [ppp])
     observation = case.observe()
     frequencies = design_for(observation.frame, case.sensor).frequencies
-    cloud = Pooled(case.sensor, frequencies, device="cpu")(sketch_photons(observation.frame, case.sensor, frequencies))
+    cloud = PooledStream(case.sensor, frequencies, device="cpu")(sketch_photons(observation.frame, case.sensor, frequencies))
     judged = judge(cloud, case, observation)
     assert 0 < judged["swelling_px"] < 0.7 and judged["true_detections_percent"] > 98
     shown = np.isfinite(cloud.image("depth_bins"))

@@ -116,7 +116,7 @@ def make_state(frame: MatchedFrame, surfaces: int, seed: int, light: float = 1.0
     """Points near the layers of `make_sketch`, some astray, some missing, some without a depth; and a hole in them."""
     rng = np.random.default_rng(seed + 100)
     rows, cols = frame.shape
-    state = maps.no_surfaces(rows, cols, surfaces)
+    state = np.zeros(maps.state_shape(rows, cols, surfaces), np.float32)
     view = maps.crop(state, rows, cols)
     y, x = np.mgrid[:rows, :cols]
     near, far = layers(x, y)
@@ -157,7 +157,7 @@ def exact_frame(depth: np.ndarray, signal: np.ndarray, background: float) -> Mat
 
 def exact_state(depth: np.ndarray, intensity: np.ndarray) -> np.ndarray:
     """The state with these points, [K, rows, cols], that were measured well; intensity 0 where there is none."""
-    state = maps.no_surfaces(*depth.shape[1:], len(depth))
+    state = np.zeros(maps.state_shape(*depth.shape[1:], len(depth)), np.float32)
     view = maps.crop(state, *depth.shape[1:])
     view[:, :, maps.STD], view[:, :, maps.SCORE] = 0.3, 20
     view[:, :, maps.DEPTH], view[:, :, maps.INTENSITY] = depth.swapaxes(0, 1), intensity.swapaxes(0, 1)

@@ -23,11 +23,6 @@ def test_the_cpu_has_the_names_and_arguments_of_the_oracle(name):
     assert arguments(ours) == arguments(theirs)
 
 
-def test_scratch_is_asked_for_alike():
-    assert arguments(cpu.Scratch().array) == arguments(KERNELS.Scratch().array)
-    assert cpu.ON_HOST and not KERNELS.ON_HOST
-
-
 def test_what_both_share_needs_numpy_alone():
     names = "{'numba', 'torch', 'srt3d_ros.core', 'srt3d_ros.errors'}"
     modules = "import sys; from srt3d_ros.kernels import constants, lens, maps"

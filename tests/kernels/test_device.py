@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from srt3d_ros.core.method.pooled import Pooled
-from srt3d_ros.kernels import oracle
+from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.kernels import maps, oracle
 from srt3d_ros.kernels.oracle import windows
 
 from .frames import GATE, ORACLE, make_frame, make_sensor, make_sketch, make_state, make_terms
@@ -17,15 +17,16 @@ from .frames import GATE, ORACLE, make_frame, make_sensor, make_sketch, make_sta
 def test_no_step_of_a_frame_looks_at_a_value_or_has_a_shape_that_depends_on_one(monkeypatch, surfaces, warm):
     """On torch's device `meta`, which has shapes but no values, nor any copies to or from the host."""
     kernels = oracle.on("meta")
-    monkeypatch.setattr("srt3d_ros.core.method.pooled.kernels_for", lambda device: (device, kernels))
+    monkeypatch.setattr("srt3d_ros.core.method.memory.kernels_for", lambda device: (device, kernels))
     sensor = make_sensor(9, 33, seed=0)
     sketch = make_sketch(sensor, 0)
-    reconstructor = Pooled(sensor, sketch.frequencies, surfaces, device="cuda", warm_start=warm)
+    reconstructor = PooledStream(sensor, sketch.frequencies, surfaces, device="cuda", warm_start=warm)
     uneven = sketch.photons.astype(np.float32), np.ones(7, np.complex64), np.ones(sensor.num_bins, np.float32)
     for taken in ((), uneven):
         arrays = map(kernels.array, (sketch.photons, sketch.sums, *taken))
-        left, background, points, number = reconstructor._points(warm, *arrays)
-        assert {each.device.type for each in (left, background, points, number)} == {"meta"}
+        start = kernels.array(np.zeros(maps.state_shape(9, 33, surfaces), np.float32)) if warm else None
+        state, left, background, points, number = reconstructor._pooled._estimate(start, 1.0, *arrays)
+        assert {each.device.type for each in (state, left, background, points, number)} == {"meta"}
         assert background.shape == (9, 33) and points.shape == (11, 9 * 33 * surfaces + 1)
 
 

@@ -57,22 +57,21 @@ def test_pooled_step(backend, shape, surfaces, sigma, radius):
     state = make_state(frame, surfaces, seed=1)
     terms = make_terms(frame, state)
     arguments = frame.padded, state, terms, sigma, radius, GATE
-    _, before, known, *_, after = backend.changed("pooled_step", *arguments, None, np.zeros_like(state))
+    _, before, known, *_ = backend.changed("pooled_step", *arguments)
+    after = backend.pooled_step(*arguments)
     assert np.array_equal(before, state) and np.array_equal(known, terms) and after.dtype == np.float32
     assert_states_agree(after, ORACLE.pooled_step(*arguments), shape)
     assert not after[:, :, maps.INTENSITY][state[:, :, maps.INTENSITY] == 0].any() and np.isfinite(after).all()
 
 
-def test_pooled_step_leaves_margins_as_they_are_and_steps_beside_pixels_without_points(backend):
+def test_pooled_step_leaves_margins_empty_and_steps_beside_pixels_without_points(backend):
     depth = np.full((1, 2, 64), 100.0)
     signal = np.where(np.arange(64) < 40, 20.0, 0) * np.ones((1, 2, 1))
     signal[:, :, 30:35] = 0                                     # dead pixels at the end of the first block
     frame, state = exact_frame(depth, signal, 2), exact_state(depth + 0.5, signal * (np.arange(64) < 30))
-    into = np.where(np.arange(state.shape[3]) < maps.MARGIN, 7, np.nan).astype(np.float32) + 0 * state
-    arguments = frame.padded, state, make_terms(frame, state), 1.0, 1, GATE, None, into
-    found = backend.changed("pooled_step", *arguments)[-1]
+    found = backend.pooled_step(frame.padded, state, make_terms(frame, state), 1.0, 1, GATE)
     view = maps.crop(found, 2, 64)[:, 0]
-    assert (view[:, maps.INTENSITY, 30:] == 0).all() and (found[..., :maps.MARGIN] == 7).all()
+    assert (view[:, maps.INTENSITY, 30:] == 0).all() and not found[..., :maps.MARGIN].any()
     np.testing.assert_allclose(view[:, maps.DEPTH, :30], 100, atol=0.01)
 
 

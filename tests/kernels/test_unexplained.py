@@ -49,17 +49,15 @@ def test_prepare_makes_the_frame_of_the_matcher_and_takes_the_background_out(bac
     if each:        # an equaliser for each pixel
         sensor = sensor.replace(delay_bins=rng.uniform(-9, 9, shape))
     sketch = make_sketch(sensor, seed=2)
-    matcher, scratch = Matcher(sensor, sketch.frequencies), backend.kernels.Scratch()
+    matcher = Matcher(sensor, sketch.frequencies)
     padded = matcher(sketch).padded
-    for name, size in (("matched", padded.matched.shape), ("counts", padded.counts.shape)):
-        scratch.array(name, size)[:] = np.nan
-    matched, counts = backend.prepare(sketch.sums, sketch.photons, matcher.equaliser, matcher.used, scratch)
+    matched, counts = backend.prepare(sketch.sums, sketch.photons, matcher.equaliser, matcher.used)
     np.testing.assert_allclose(matched, padded.matched, atol=1e-5 * np.abs(padded.matched).max())
     np.testing.assert_array_equal(counts, padded.counts)
     taken = (rng.uniform(0, 9, shape) * matcher.used).astype(np.float32)
     size = (*shape, len(sketch.frequencies)) if each else (1, 1, len(sketch.frequencies))
     shown = (rng.normal(size=size) + 1j * rng.normal(size=size)).astype(np.complex64)
-    arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used, None, taken, shown
+    arguments = sketch.sums, sketch.photons, matcher.equaliser, matcher.used, taken, shown
     for matched, counts in (backend.prepare(*arguments), ORACLE.prepare(*arguments)):
         left = maps.crop(matched, *shape).swapaxes(1, 2)
         expected = sketch.sums * matcher.equaliser - taken[..., None] * shown

@@ -21,7 +21,7 @@ from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel, i
 from srt3d_ros.core.baselines.xcorr import correlate
 from srt3d_ros.core.device import kernels_for, on_device
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.pooled import check_options
+from srt3d_ros.core.method.thresholds import check_options
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
 from srt3d_ros.kernels.maps import window_weights
@@ -58,7 +58,7 @@ class Likelihood:
 
 
 class RT3D:
-    """Reconstructs frames of one sensor from their photons; arguments as of `Pooled`, but "auto" is the CPU."""
+    """Reconstructs frames of one sensor from their photons; arguments as of `PooledStream`, but "auto" is the CPU."""
 
     def __init__(self, sensor: SensorModel, surfaces: int = 1, device: str = "auto"):
         check_options(surfaces, None)

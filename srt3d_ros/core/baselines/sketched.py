@@ -18,8 +18,7 @@ from srt3d_ros.core.baselines.weighting import weighted_steps
 from srt3d_ros.core.device import kernels_for
 from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher
-from srt3d_ros.core.method.pooled import check_options
-from srt3d_ros.core.method.thresholds import score_threshold
+from srt3d_ros.core.method.thresholds import check_options, score_threshold
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
 
@@ -32,7 +31,7 @@ class SketchedBaseline:
     """Reconstructs frames of one sensor from their sketches, by the points of a subclass.
 
     Args:
-        sensor, frequencies, surfaces, device: as of `Pooled`, but "auto" is the CPU.
+        sensor, frequencies, surfaces, device: as of `PooledStream`, but "auto" is the CPU.
         precise: whether W of the data term is the inverse covariance of the sketch, else the identity.
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: no such test.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from srt3d_ros.core.baselines.toa import DepthInformation, PixelToa, by_pixel
 from srt3d_ros.core.method.cloud import PointCloud
-from srt3d_ros.core.method.pooled import check_options
+from srt3d_ros.core.method.thresholds import check_options
 from srt3d_ros.core.progress import progress
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonFrame
@@ -29,7 +29,7 @@ class XCORR:
     """Reconstructs frames of one sensor from their photons, on the CPU.
 
     Args:
-        sensor, surfaces: as of `Pooled`.
+        sensor, surfaces: as of `PooledStream`.
         false_alarm_rate: probability that a pixel that sees only background shows a point; None: all points are shown.
         device: "cpu" or "auto".
     """

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.method.pooled import Estimate
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonFrame
@@ -18,7 +19,6 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
 
 BACKGROUNDS = ("auto", "sensor", "flat")
-WINDOW = 7              # pixels along the side of the square over which background photons are averaged
 # Share of the IRF that may be wrong: an unexplained rest as small is no background. Measured IRFs were wrong by 2 to
 # 5 % (four real scenes). Fog leaves more than 25 % where it does harm, up to an SBR of 3; above, surfaces stand out.
 WRONG_IRF = 0.1
@@ -89,7 +89,7 @@ class Background:
         self.belief = self._first
 
     def taken(self, belief: Belief, sketch: Sketch) -> tuple:
-        """What `Pooled` needs to take it out: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; or ()."""
+        """What a frame needs to take it out: photons [rows, cols], β̂ complex64 [m], clutter float32 [T]; or ()."""
         if belief.mean is None:
             return ()
         photons = sketch.photons if belief.photons is None else belief.photons
@@ -116,9 +116,9 @@ class Background:
         upper = np.argsort(self._matcher.frequencies)[len(mean) // 2:]
         return bool((np.abs(mean[upper])**2).sum() > SHARP**2 * self._matcher.energy[upper].sum())
 
-    def learn(self, belief: Belief, found: np.ndarray, photons: np.ndarray) -> Belief:
-        """The belief after a frame: from the one before, what `unexplained` found, and the cloud's background."""
-        m = len(self._omega)
+    def learn(self, belief: Belief, estimate: Estimate) -> Belief:
+        """The belief after a frame: from the one before, and what the estimate leaves."""
+        m, found, photons = len(self._omega), estimate.left, estimate.background
         left, seen = (found[2 * m * k:][:m] + 1j * found[2 * m * k + m:][:m] for k in (0, 1))
         own, taken, noise = np.maximum(found[4 * m:4 * m + 3].astype(np.float64), TINY)
         mean = np.zeros(m) if belief.mean is None else belief.mean

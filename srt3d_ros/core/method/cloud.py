@@ -1,13 +1,19 @@
 """PointCloud: what a reconstruction returns."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Pinhole, Projection
+from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import require
+
+if TYPE_CHECKING:
+    from srt3d_ros.core.method.pooled import Estimate
+
+TINY = 1e-9
 
 # Which point of a pixel comes first: the field that a pixel's points are sorted by, and its sign.
 SURFACE_ORDERS = {"strongest": ("intensity", -1), "nearest": ("depth_bins", 1), "farthest": ("depth_bins", -1)}
@@ -52,6 +58,25 @@ class PointCloud:
         depth = _wrapped(depth, sensor.num_bins)
         return cls(row.astype(np.uint16), col.astype(np.uint16), depth, intensity, np.clip(std, 1e-6, sensor.num_bins),
                    sensor.xyz(row, col, depth), rank.astype(np.uint8), background.astype(np.float32), stamp_ns)
+
+    @classmethod
+    def of(cls, found: "Estimate", sketch: Sketch, moments: np.ndarray) -> "PointCloud":
+        """The cloud of an estimate of a sketch.
+
+        A sketch that was moved has more variance than its photons have, by `added_variance`; that of the photons is
+        in the estimate's standard deviations.
+
+        Args:
+            moments: of the `MatchedFrame`.
+        """
+        depth, intensity, std = found.values[:3]
+        if sketch.added_variance:
+            share = intensity / np.maximum(intensity + found.background[found.row, found.col], TINY)
+            signal, even = moments
+            widening = np.sqrt(1 + sketch.added_variance * even / (share * signal + (1 - share) * even))
+            std = std * widening.astype(np.float32)
+        return cls(found.row, found.col, depth, intensity, std, found.xyz, found.rank, found.background,
+                   sketch.stamp_ns)
 
     def __len__(self) -> int:
         return len(self.row)

@@ -3,7 +3,19 @@
 import math
 from statistics import NormalDist
 
+from srt3d_ros.errors import require
+
+DEFAULT_FALSE_ALARM_RATE = 1e-4
+MAX_SURFACES = 4
 SMALLEST = 1e-300               # probability that floats still tell from 0
+
+
+def check_options(surfaces: int, false_alarm_rate: float | None) -> None:
+    """Raise InvalidInput unless both can be used; a rate of None stands for no test."""
+    require(isinstance(surfaces, int) and 1 <= surfaces <= MAX_SURFACES, "surfaces", surfaces,
+            f"an integer from 1 to {MAX_SURFACES}")
+    require(false_alarm_rate is None or 0 < false_alarm_rate < 1, "false_alarm_rate", false_alarm_rate,
+            "a probability between 0 and 1")
 
 
 def score_threshold(false_alarm_rate: float, highest: int, scale: tuple[float, int] = (0.0, 1)) -> float:

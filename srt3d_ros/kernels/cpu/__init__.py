@@ -8,7 +8,7 @@ depend on its photons, and results do not depend on the number of threads: no su
 from srt3d_ros.kernels.cpu.apss import apss
 from srt3d_ros.kernels.cpu.birth_death import birth_death
 from srt3d_ros.kernels.cpu.blur import blur
-from srt3d_ros.kernels.cpu.device import ON_HOST, Scratch, array, numpy, run_frame
+from srt3d_ros.kernels.cpu.device import ON_HOST, array, numpy, run_frame
 from srt3d_ros.kernels.cpu.expand import expand
 from srt3d_ros.kernels.cpu.finalise import collect, finalise, unpack
 from srt3d_ros.kernels.cpu.gradients import pixelwise, poisson
@@ -30,6 +30,6 @@ from srt3d_ros.kernels.cpu.phase_sums import (
 from srt3d_ros.kernels.cpu.pooled_step import pooled_step
 from srt3d_ros.kernels.cpu.prepare import prepare, residual
 from srt3d_ros.kernels.cpu.rows import fixed_rows
-from srt3d_ros.kernels.cpu.search import drop_weak, search
+from srt3d_ros.kernels.cpu.search import drop_weak, no_surfaces, search
 from srt3d_ros.kernels.cpu.trim import trim
 from srt3d_ros.kernels.cpu.unexplained import unexplained

@@ -274,17 +274,17 @@ def _update(matched, counts, exposure, energy, bin_frequencies, num_bins, max_re
                         info[q, FREE] = 0 if same > ZERO else info[q, FREE]
 
 
-def birth_death(frame, state, terms, max_chi2, scratch=None):
+def birth_death(frame, state, terms, max_chi2):
     """A step of spreading looks only where the last step has changed something: elsewhere it would decide as before."""
     # Depths nearer than the sketch can resolve are one surface's, whatever their standard deviations.
     blur2 = F32(RESOLVED * frame.resolution_bins)**2
-    own = log_likelihood_ratio(frame, state, terms, scratch)
+    own = log_likelihood_ratio(frame, state, terms)
     order = fair_order(state.shape[0] - 2 * MARGIN, get_num_threads())
-    changed, changes = (borrow(scratch, name, frame.counts.shape, True).view(np.int32)
+    changed, changes = (borrow(name, frame.counts.shape, True).view(np.int32)
                         for name in ("changed", "changes"))
     for step in range(1 + SPREAD):
-        after = borrow(scratch, f"proposed {step % 2}", state.shape, scratch is None)
-        own_after = borrow(scratch, f"own {step % 2}", own.shape, scratch is None)
+        after = borrow(f"proposed {step % 2}", state.shape)
+        own_after = borrow(f"own {step % 2}", own.shape)
         _update(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, frame.num_bins,
                 F32(frame.max_response), frame.background_table, frame.intensity_moments, F32(max_chi2), blur2,
                 step > 0, changed, state, own, after, own_after, changes, order)

@@ -86,14 +86,14 @@ def rows_of_pools(wanted, weights, step):
     return needed, np.lib.stride_tricks.sliding_window_view(around, len(weights)).any(axis=1)
 
 
-def pool(matched, counts, exposure, is_open, weights, step, needed, near, scratch):
+def pool(matched, counts, exposure, is_open, weights, step, needed, near):
     """Channels of `blur` of a padded sketch, of counts by squared weights, and of exposure: of open pixels alone.
 
     `needed` and `near` are those of `rows_of_pools`; other rows mean nothing.
     """
     (rows, cols), channels = is_open.shape, matched.shape[1]
     shape = -(-rows // step), channels + 2, -(-cols // step)
-    cells, out = (borrow(scratch, name, shape) for name in ("cells of pools", "pools"))
+    cells, out = (borrow(name, shape) for name in ("cells of pools", "pools"))
     _bin_cells(matched, counts, exposure, is_open, step, near, cells)
     _blur(cells, weights, weights**2, channels, needed, out)
     return out

@@ -1,5 +1,6 @@
 """Arrays on the device, which is this machine's memory, and the threads of a frame."""
 
+import threading
 from collections.abc import Callable
 
 import numba
@@ -11,23 +12,30 @@ ON_HOST = True
 SERIAL_PIXELS = 64 * 64
 
 
-class Scratch(dict):
-    """Arrays by name, kept from frame to frame: to ask the system for memory again costs more than some steps."""
+class _Memory(threading.local):
+    """Of a thread's frames: arrays by name, and whether a frame is being computed."""
 
-    def array(self, name: str, shape: tuple, zero: bool = False) -> np.ndarray:
-        found = self.get(name)
-        if found is None or found.shape != shape:
-            found = self[name] = np.zeros(shape, np.float32)
-        elif zero:
-            found[:] = 0
-        return found
+    def __init__(self):
+        self.arrays: dict[str, np.ndarray] = {}
+        self.in_frame = False
 
 
-def borrow(scratch: Scratch | None, name: str, shape: tuple, zero: bool = False) -> np.ndarray:
-    """The array of this name, or a new one if there is no scratch."""
-    if scratch is not None:
-        return scratch.array(name, shape, zero)
-    return np.zeros(shape, np.float32) if zero else np.empty(shape, np.float32)
+_memory = _Memory()
+
+
+def borrow(name: str, shape: tuple, zero: bool = False) -> np.ndarray:
+    """Within `run_frame` the array that the last frame had by this name, else a new one; new ones are 0.
+
+    To ask the system for memory again would cost more than some steps.
+    """
+    found = _memory.arrays.get(name) if _memory.in_frame else None
+    if found is None or found.shape != shape:
+        found = np.zeros(shape, np.float32)
+        if _memory.in_frame:
+            _memory.arrays[name] = found
+    elif zero:
+        found[:] = 0
+    return found
 
 
 def array(values: np.ndarray) -> np.ndarray:
@@ -41,7 +49,9 @@ def numpy(values: np.ndarray) -> np.ndarray:
 def run_frame(function: Callable, *frame) -> tuple:
     arrays, threads = [array(values) for values in frame], numba.get_num_threads()
     numba.set_num_threads(1 if arrays[0].size <= SERIAL_PIXELS else threads)
+    _memory.in_frame = True
     try:
         return function(*arrays)
     finally:
+        _memory.in_frame = False
         numba.set_num_threads(threads)

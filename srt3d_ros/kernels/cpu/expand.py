@@ -65,9 +65,9 @@ def _expand(matched, counts, exposure, energy, bin_frequencies, state, terms):
                 terms[i, k, EXPOSURE, j] = seen * exposure[i, j]
 
 
-def expand(frame, state, scratch=None):
+def expand(frame, state):
     """Whole rows in vector registers: numba does not vectorise loops that start at a margin."""
     padded_rows, surfaces, _, padded_cols = state.shape
-    terms = borrow(scratch, "terms", (padded_rows, surfaces, TERMS, padded_cols), scratch is None)
+    terms = borrow("terms", (padded_rows, surfaces, TERMS, padded_cols))
     _expand(frame.matched, frame.counts, frame.exposure, frame.energy, frame.bin_frequencies, state, terms)
     return terms

@@ -57,13 +57,13 @@ def _finalise(photons, exposure, clutter, enough, num_bins, state, own, around, 
             background[i, j] = max(F32(photons[i, j]) - seen, ZERO)
 
 
-def finalise(frame, photons, state, terms, enough, scratch=None):
+def finalise(frame, photons, state, terms, enough):
     (rows, cols), surfaces = frame.shape, state.shape[1]
-    own = borrow(scratch, "own", (rows, surfaces, cols))
-    excess = borrow(scratch, "excess", (rows, 2 * surfaces, cols))
+    own = borrow("own", (rows, surfaces, cols))
+    excess = borrow("excess", (rows, 2 * surfaces, cols))
     _excess(frame.counts, frame.exposure, frame.intensity_moments, F32(frame.total_energy), state, terms, own, excess)
     around = blur(excess, SHARE_WEIGHTS)
-    intensity, std = (borrow(scratch, name, (rows, surfaces, cols)) for name in ("intensity", "std"))
+    intensity, std = (borrow(name, (rows, surfaces, cols)) for name in ("intensity", "std"))
     background = np.empty((rows, cols), np.float32)
     clutter = np.full(1, ONE) if frame.clutter is None else frame.clutter
     _finalise(photons, frame.exposure, clutter, F32(enough), frame.num_bins, state, own, around, intensity, std,

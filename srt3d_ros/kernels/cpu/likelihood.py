@@ -64,8 +64,8 @@ def _log_likelihood_ratio(counts, exposure, total, max_response, background_tabl
                                        likeness, total, max_response, background_table, moments)
 
 
-def log_likelihood_ratio(frame, state, terms, scratch=None):
-    out = borrow(scratch, "log_likelihood_ratio", state[:, :, 0].shape)
+def log_likelihood_ratio(frame, state, terms):
+    out = borrow("log_likelihood_ratio", state[:, :, 0].shape)
     _log_likelihood_ratio(frame.counts, frame.exposure, F32(frame.total_energy), F32(frame.max_response),
                           frame.background_table, frame.intensity_moments, state, terms, out)
     return out

@@ -242,12 +242,13 @@ def _coarsen(num_bins, max_chi2, shape, state, terms, cells):
                         cells[into + f * U(padded_cols) + x] = s[V + f * B + x] if seen else ZERO
 
 
-def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
-    out = np.zeros_like(state) if out is None else out
+def pooled_step(frame, state, terms, sigma, radius, max_chi2):
+    out = borrow("stepped", state.shape)
+    out = borrow("stepped again", state.shape) if out is state else out
     weights = np.exp(-np.arange(radius + 1)**2 / (2 * sigma**2)).astype(np.float32)
     cells, flat = terms, (state.reshape(-1), terms.reshape(-1))
     if radius > FINE:
-        cells = borrow(scratch, "cells", terms.shape, scratch is None)
+        cells = borrow("cells", terms.shape)
         _coarsen(frame.num_bins, F32(max_chi2), state.shape, *flat, cells.reshape(-1))
     _pooled_step(frame.energy, frame.bin_frequencies, frame.num_bins, frame.moments, F32(max_chi2), radius, weights,
                  state.shape, *flat, cells.reshape(-1), out.reshape(-1))

@@ -30,11 +30,11 @@ def _prepare(sums, photons, equaliser, used, taken, shown, matched, counts):
                 matched[i + MARGIN, m + l, j + MARGIN] = re * d + im * c - less * shown[e, f, 2 * l + 1]
 
 
-def prepare(sums, photons, equaliser, used, scratch=None, taken=None, shown=None):
+def prepare(sums, photons, equaliser, used, taken=None, shown=None):
     rows, cols, m = sums.shape
     padded_rows, padded_cols = maps.padded_shape(rows, cols)
-    matched = borrow(scratch, "matched", (padded_rows, 2 * m, padded_cols), True)
-    counts = borrow(scratch, "counts", (padded_rows, padded_cols), True)
+    matched = borrow("matched", (padded_rows, 2 * m, padded_cols))
+    counts = borrow("counts", (padded_rows, padded_cols))
     if taken is None:
         taken, shown = np.empty((0, 0), np.float32), np.zeros((1, 1, m), np.complex64)
     _prepare(np.ascontiguousarray(sums).view(np.float32), np.ascontiguousarray(photons), equaliser.view(np.float32),
@@ -60,7 +60,7 @@ def _residual(matched, energy, bin_frequencies, state, terms, layer, rest):
                         rest[i, m + l, j] -= signal * energy[l] * sine
 
 
-def residual(frame, state, terms, layer, scratch=None):
-    rest = borrow(scratch, "residual", frame.matched.shape)
+def residual(frame, state, terms, layer):
+    rest = borrow("residual", frame.matched.shape)
     _residual(frame.matched, frame.energy, frame.bin_frequencies, state, terms, layer, rest)
     return rest

@@ -3,7 +3,8 @@
 import numpy as np
 from numba import prange
 
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
+from srt3d_ros.kernels import maps
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, SLANTS, STAY, SURE_SLANTED
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool, rows_of_pools
 from srt3d_ros.kernels.cpu.compiling import line, parallel
@@ -48,12 +49,12 @@ def _shear(matched, cos_col, sin_col, cos_row, sin_row, near, step, out):
                 out[i, m + l, j] = im * c - re * s
 
 
-def _sheared(matched, bin_frequencies, slope, near, step, scratch):
+def _sheared(matched, bin_frequencies, slope, near, step):
     """The map with a plane of this slope turned to depth 0, in rows of cells that are `near`."""
     turns = 2 * np.pi * bin_frequencies.astype(np.float64)[:, None]
     col, row = (turns * (rise * (np.arange(pixels) - MARGIN)) for rise, pixels in
                 zip(slope, (matched.shape[2], matched.shape[0])))
-    out = borrow(scratch, "sheared", matched.shape)
+    out = borrow("sheared", matched.shape)
     _shear(matched, *(f(phase).astype(np.float32) for phase in (col, row) for f in (np.cos, np.sin)), near,
            step, out)
     return out
@@ -168,27 +169,41 @@ def drop_weak(state, weak):
     state[:, :, INTENSITY] *= state[:, :, SCORE] >= F32(weak)
 
 
-def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
-           slope=(0.0, 0.0), before=None):
+def no_surfaces(frame, surfaces):
+    return borrow("state", maps.state_shape(*frame.shape, surfaces), True)
+
+
+def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
+    before = state
+    if slanted:
+        before = borrow("before", state.shape)
+        before[:] = state
+    _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, (0.0, 0.0), before)
+    for slope in SLANTS if slanted else ():
+        along = tuple(part * frame.resolution_bins / sigma for part in slope)
+        _search_along(frame, matched, state, layer, sigma, step, SURE_SLANTED, None, 0.0, along, before)
+
+
+def _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slope, before):
     """The cells of a row that may be sure are matched together, BLOCK at a time."""
     rows, cols = frame.shape
     carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
-    is_open, wanted = (borrow(scratch, name, (rows, cols)) for name in ("open", "wanted"))
-    _find_open(frame.exposure, state if before is None else before, state, layer, is_open, wanted)
+    is_open, wanted = (borrow(name, (rows, cols)) for name in ("open", "wanted"))
+    _find_open(frame.exposure, before, state, layer, is_open, wanted)
     if not wanted.any():
         return
-    maps, channels = (matched, frame.counts[:, None], frame.exposure[:, None]), (0, 0)
+    pools, channels = (matched, frame.counts[:, None], frame.exposure[:, None]), (0, 0)
     top, share = MARGIN, ONE
     if sigma > 0:
         weights = window_weights(sigma / step)
         needed, near = rows_of_pools(wanted, weights, step)
         if slope != (0.0, 0.0):
-            matched = _sheared(matched, frame.bin_frequencies, slope, near, step, scratch)
-        pools = pool(matched, frame.counts, frame.exposure, is_open, weights, step, needed, near, scratch)
-        maps, channels = (pools, pools, pools), (matched.shape[1], matched.shape[1] + 1)
+            matched = _sheared(matched, frame.bin_frequencies, slope, near, step)
+        pools = (pool(matched, frame.counts, frame.exposure, is_open, weights, step, needed, near),) * 3
+        channels = matched.shape[1], matched.shape[1] + 1
         top, share = 0, HALF
     clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
-    _search(*maps, *channels, top, step, share, F32(enough), frame.energy, F32(frame.curvature),
+    _search(*pools, *channels, top, step, share, F32(enough), frame.energy, F32(frame.curvature),
             F32(frame.max_response), frame.background_table, frame.moments, clutter, frame.bin_frequencies,
             *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, wanted, layer, carried, F32(confirmed),
             (F32(slope[0]), F32(slope[1])), state)

@@ -88,9 +88,8 @@ def _drop(rim, clutter, total, max_response, background_table, moments, enough, 
                     state[i, k, INTENSITY, j], dropped[i] = ZERO, True
 
 
-def trim(frame, state, terms, enough, scratch=None):
-    # 0 in the margins, which are not written
-    rim = borrow(scratch, "rim", (len(state), 3, state.shape[3]), scratch is None)
+def trim(frame, state, terms, enough):
+    rim = borrow("rim", (len(state), 3, state.shape[3]))
     dropped = np.zeros(len(state), np.bool_)
     clutter = np.full(1, ONE) if frame.clutter is None else frame.clutter
     for _ in range(SPREAD):

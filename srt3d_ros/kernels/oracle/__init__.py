@@ -27,8 +27,8 @@ Notation:
 
 A frame is a `MatchedFrame` of `core.method.matched_frame`, padded unless said otherwise; that of `poisson` a
 `Likelihood` of `core.baselines.rt3d`. Maps of complex numbers are float32 [rows, 2m, cols], real parts before imaginary
-ones. Maps with rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`). `scratch` is
-memory for results that last until the next call with it, which `cpu` uses. Types are those of `cpu`. Arrays lie on the
+ones. Maps with rows', cols' are padded, and states are float32 [rows', K, FIELDS, cols'] (`kernels.maps`).
+What a kernel returns within `run_frame` lasts until the next frame. Types are those of `cpu`. Arrays lie on the
 kernels' device unless said to be NumPy's: ON_HOST says whether they are.
 """
 
@@ -42,11 +42,11 @@ from srt3d_ros.kernels.oracle.device import Kernels
 from srt3d_ros.kernels.oracle.finalise import collect, finalise, unexplained, unpack
 from srt3d_ros.kernels.oracle.likelihood import expand, log_likelihood_ratio, trim
 from srt3d_ros.kernels.oracle.pooled_step import pooled_step
-from srt3d_ros.kernels.oracle.search import drop_weak, match, prepare, residual, search
+from srt3d_ros.kernels.oracle.search import drop_weak, match, no_surfaces, prepare, residual, search
 
 FUNCTIONS = {function.__name__: function for function in (
-    apss, birth_death, blur, collect, drop_weak, expand, finalise, log_likelihood_ratio, match, pixelwise, poisson,
-    pooled_step, prepare, residual, search, trim, unexplained, unpack)}
+    apss, birth_death, blur, collect, drop_weak, expand, finalise, log_likelihood_ratio, match, no_surfaces, pixelwise,
+    poisson, pooled_step, prepare, residual, search, trim, unexplained, unpack)}
 
 
 def on(device: str, dtype: torch.dtype = torch.float32) -> Kernels:

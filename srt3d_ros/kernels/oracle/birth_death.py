@@ -23,7 +23,7 @@ SIDE = 2 * VOTE_RADIUS + 1
 AROUND = np.ones(SIDE, np.float32)
 
 
-def birth_death(frame, state, terms, max_chi2, scratch=None):
+def birth_death(frame, state, terms, max_chi2):
     """Birth/death update: each pixel takes the neighbouring surfaces with the highest log-likelihood, or none.
 
     Candidates are the surfaces q of the neighbourhood (VOTE_RADIUS), carried along their planes: t_q − slopes ·

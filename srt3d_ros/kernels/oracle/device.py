@@ -1,7 +1,6 @@
 """Where the oracle computes, and in which type: `Kernels` has its functions, and takes arrays there and back."""
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import torch
@@ -23,7 +22,6 @@ class Kernels:
     def __init__(self, functions: dict[str, Callable], device: str, dtype: torch.dtype):
         vars(self).update(functions)
         self.device, self.dtype = device, dtype
-        self.Scratch = partial(Scratch, device, dtype)
 
     def array(self, values):
         """The values of a NumPy array on the device, contiguous; may be the same array."""
@@ -42,7 +40,8 @@ class Kernels:
         Products of matrices are exact to the type: no TF32.
 
         Args:
-            function: of the arrays on the device; returns a tuple of arrays that ends with the points of `collect`.
+            function: of the arrays on the device; returns an array that stays there, others, and the points of
+                `collect`.
             frame: NumPy arrays, the first [rows, cols].
 
         Returns:
@@ -51,24 +50,7 @@ class Kernels:
         precision = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision("highest")
         try:
-            *arrays, points, number = function(*map(self.array, frame))
+            kept, *arrays, points, number = function(*map(self.array, frame))
         finally:
             torch.set_float32_matmul_precision(precision)
-        return *map(self.numpy, arrays), *unpack((points, number))
-
-
-class Scratch:
-    """Memory that a reconstruction keeps from frame to frame."""
-
-    def __init__(self, device: str, dtype: torch.dtype):
-        self._device, self._dtype, self._tensors = device, dtype, {}
-
-    def array(self, name: str, shape: tuple, zero: bool = False) -> torch.Tensor:
-        """The array of this name and shape: as it was left, or 0 if `zero` is set or it is new."""
-        found = self._tensors.get((name, *shape))
-        if found is None:
-            found = torch.zeros(tuple(shape), dtype=self._dtype, device=self._device)
-            self._tensors[name, *shape] = found
-        elif zero:
-            found.zero_()
-        return found
+        return kept, *map(self.numpy, arrays), *unpack((points, number))

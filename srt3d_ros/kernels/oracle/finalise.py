@@ -13,7 +13,7 @@ from srt3d_ros.kernels.oracle.arithmetic import EPSILON, TINY, as_complex, noise
 from srt3d_ros.kernels.oracle.blur import blur
 
 
-def finalise(frame, photons, state, terms, enough, scratch=None):
+def finalise(frame, photons, state, terms, enough):
     """Points with score / c(t) > `enough`: r + (own − r) (1 − v / s²)₊, √(std² + residual²), and (n − g Σ_k r_k)₊.
 
     own = R(z, t) / (g E) is the intensity by the point's own pixel, r that of its pool. v = (g r I₁ + (n − g r)₊

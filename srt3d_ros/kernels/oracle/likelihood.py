@@ -15,7 +15,7 @@ NUMBERS = 16           # that `expand` holds for each frequency of a point, abou
 NEAREST, AROUND = np.ones(3, np.float32), np.ones(2 * VOTE_RADIUS + 1, np.float32)      # of `trim`
 
 
-def expand(frame, state, scratch=None):
+def expand(frame, state):
     """The data term of every point to second order, f(t + d) ≈ v + s d − b d² / 2, at the depth t that it shows.
 
     With z'_l = (z_l − g Σ_{o ≠ k} r_o |ĥ_l|² exp(i ω_l t_o)) exp(−i ω_l t_k), what other surfaces leave of a pixel:
@@ -65,7 +65,7 @@ def llr(response, photons, expected, likeness, frame):
     return torch.where(photons <= 0, ratio.clamp(min=DEAD_PIXEL), ratio)
 
 
-def log_likelihood_ratio(frame, state, terms, scratch=None):
+def log_likelihood_ratio(frame, state, terms):
     """Of each point's own photons, against "background alone": p ρ(v / p)² / 2 − D μ I₁ / (μ I₁ + (p − μ)₊ I₀).
 
     v ≥ 0 is the response of `expand`. p is n less the photons of the pixel's other surfaces, at least 1/2.
@@ -85,7 +85,7 @@ def log_likelihood_ratio(frame, state, terms, scratch=None):
     return ratio.masked_fill(gives <= 0, 0)
 
 
-def trim(frame, state, terms, enough, scratch=None):
+def trim(frame, state, terms, enough):
     """r = 0 for the points of rims that the photons of the rim do not pay for; in place.
 
     A pixel with a surface is at the rim if RIM of the 8 around are used (g > 0) and have none. What the pixels of

@@ -25,7 +25,7 @@ from srt3d_ros.kernels.oracle.windows import by_rows, images, inner, neighbours,
 PAIRS = 20              # numbers that a block holds for each pair of a point and a neighbour's surface, about
 
 
-def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=None):
+def pooled_step(frame, state, terms, sigma, radius, max_chi2):
     """Gauss-Newton step of every point on Σ_q w_q f_q, the data terms of the window moved along its tangent plane.
 
     w = exp(−distance² / 2σ²) · (1 − e² / max_chi2 (std² + std_q²))₊² is the weight of a surface q at distance e
@@ -50,9 +50,8 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2, scratch=None, out=
     Args:
         sigma, radius: of the window, pixels; radius at most MARGIN.
         max_chi2: as of `birth_death`.
-        out: where the next state, which is returned, goes: not to `state`. Its margins are left as they are.
     """
-    out = torch.zeros_like(state) if out is None else out
+    out = torch.zeros_like(state)
     near, far, cells = window(radius, -1, FINE, 1, state.dtype, state.device), None, terms
     if radius // CELL * CELL > FINE:            # else no cell's centre is in the window
         far = window(radius, FINE, MARGIN, CELL, state.dtype, state.device)

@@ -5,8 +5,19 @@ from functools import partial
 
 import torch
 
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, STAY
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, VALUE, crop, window_weights
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, SLANTS, STAY, SURE_SLANTED
+from srt3d_ros.kernels.maps import (
+    DEPTH,
+    INTENSITY,
+    RESIDUAL,
+    SCORE,
+    SLOPE_COL,
+    SLOPE_ROW,
+    VALUE,
+    crop,
+    state_shape,
+    window_weights,
+)
 from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
 from srt3d_ros.kernels.oracle.blur import blur_cells
 from srt3d_ros.kernels.oracle.likelihood import surprise
@@ -16,7 +27,7 @@ RESPONSES = 3           # arrays of responses to the matched filter that are hel
 NUMBERS = 16            # that `residual` holds for each frequency of a point, about
 
 
-def prepare(sums, photons, equaliser, used, scratch=None, taken=None, shown=None):
+def prepare(sums, photons, equaliser, used, taken=None, shown=None):
     """z_l = equaliser_l · sums_l − taken · shown_l, and used · n: a frame's `matched` and `counts`, padded with 0.
 
     Args:
@@ -71,7 +82,7 @@ def _highest(filters, matched):
     return (top + shift)[:, 0], (peak - (before - after) / 4 * shift)[:, 0]
 
 
-def residual(frame, state, terms, layer, scratch=None):
+def residual(frame, state, terms, layer):
     """z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k): each surface as strong as its own pixel shows it.
 
     With the intensities of pools too much would be taken from some pixels, and the filter would respond half a
@@ -88,8 +99,13 @@ def _residual(layer, frame, state, terms):
     return (frame.matched - as_map(frame.energy[:, None] * shown),)
 
 
-def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carried=None, confirmed=0.0,
-           slope=(0.0, 0.0), before=None):
+def no_surfaces(frame, surfaces):
+    """A state without any surface, for a frame's iterations."""
+    shape = state_shape(*frame.shape, surfaces)
+    return torch.zeros(shape, dtype=frame.matched.dtype, device=frame.matched.device)
+
+
+def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
     """Give open pixels the surface that one scale shows: score = √(p / q) · ρ(S E / p) / c(t) > `enough`.
 
     Open is a used pixel without surface `layer`, but with the one before. Of the open pixels around each cell
@@ -97,10 +113,10 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
     grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
     a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
-    With a slope, z_l exp(−i ω_l slope · position) are pooled instead, which adds up a plane of this slope as a flat
-    window adds up one of slope 0, and slope · position is added to t, of each pixel. So slopes are tried one after
-    the other, with pixels that are open `before` the first of them: a surface found since is replaced by one with
-    a higher score, while its own is below DOUBTFUL.
+    If `slanted`, the slopes SLANTS · δ / σ are tried after the flat window, for first surfaces: with a slope, z_l
+    exp(−i ω_l slope · position) are pooled, which adds up a plane of this slope as a flat window adds up one of slope
+    0, and slope · position is added to t, of each pixel. `enough` is SURE_SLANTED then. Open are the pixels that were
+    so at first: a surface found since is replaced by one with a higher score, while its own is below DOUBTFUL.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
     √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,
@@ -116,11 +132,19 @@ def search(frame, matched, state, layer, sigma, step, enough, scratch=None, carr
         carried: the state of the frame before. Its depth and slopes stay, measured anew at that depth, where the
             score there is above `confirmed`, and the new one is not better by STAY: (score² − score_old²) / 2.
         confirmed: standard deviations.
-        slope: of the window's plane, bins per pixel to the right and downwards; 0 if sigma is.
-        before: the state that tells which pixels are open; None: `state`.
+        slanted: for a sigma above 0.
     """
+    before = state.clone()
+    _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, (0.0, 0.0), before)
+    for slope in SLANTS if slanted else ():
+        along = tuple(part * frame.resolution_bins / sigma for part in slope)
+        _search_along(frame, matched, state, layer, sigma, step, SURE_SLANTED, None, 0.0, along, before)
+
+
+def _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slope, before):
+    """`search` for a plane of one slope."""
     rows, cols = frame.shape
-    view, seen = (crop(values, rows, cols) for values in (state, state if before is None else before))
+    view, seen = crop(state, rows, cols), crop(before, rows, cols)
     counts, exposure = (crop(values, rows, cols)[:, None] for values in (frame.counts, frame.exposure))
     is_open = (exposure[:, 0] > 0) & (seen[:, layer, INTENSITY] == 0)
     if layer > 0:

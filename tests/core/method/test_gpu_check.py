@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from srt3d_ros.core.method import gpu_check, pooled
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method import gpu_check, memory
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.kernels import cpu, oracle
@@ -24,10 +24,10 @@ def auto(monkeypatch, caplog):
             monkeypatch.setattr(kernels, name, value)
         monkeypatch.setattr(gpu_check, "missing_for_cuda", lambda: "")
         monkeypatch.setattr(gpu_check.time, "perf_counter", lambda: next(now))
-        monkeypatch.setattr(pooled, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
+        monkeypatch.setattr(memory, "kernels_for", lambda name: (name, {"cpu": cpu, "cuda": kernels}[name]))
         with caplog.at_level(logging.INFO):
-            chosen = Pooled(sensor, choose("auto", sensor, 7), surfaces, device="auto")
-        return chosen.device, chosen.kernels is kernels, caplog.messages
+            chosen = PooledStream(sensor, choose("auto", sensor, 7), surfaces, device="auto")
+        return chosen.device, chosen._kernels is kernels, caplog.messages
     return take
 
 
@@ -64,5 +64,5 @@ def test_one_that_fails_is_not(auto):
 
 def test_the_frame_that_is_tried_shows_its_walls():
     frame = gpu_check._frame(SENSOR, choose("auto", SENSOR, 7))
-    cloud = Pooled(SENSOR, frame.frequencies, device="cpu")(frame)
+    cloud = PooledStream(SENSOR, frame.frequencies, device="cpu")(frame)
     assert len(cloud) > 0.98 * SENSOR.pixels and gpu_check._alike(cloud, cloud, SENSOR.num_bins) == 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import exponnorm, norm
 
-from srt3d_ros.core.method.pooled import Pooled
+from srt3d_ros.core.method.memory import PooledStream
 from srt3d_ros.core.method.thresholds import continuation_threshold, score_threshold
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import choose
@@ -52,7 +52,7 @@ def test_background_alone_shows_few_points(m, rate, ppp):
 def test_noise_that_rounding_adds_raises_the_threshold_and_the_standard_deviations():
     """Rounded to 2 σ a third of the variance is added: unknown, more than twice as many points as allowed appear."""
     sensor, rate, frequencies = make_sensor(64, 64), 1e-2, choose("auto", make_sensor(64, 64), 10)
-    told, untold = (Pooled(sensor, frequencies, false_alarm_rate=rate) for _ in range(2))
+    told, untold = (PooledStream(sensor, frequencies, false_alarm_rate=rate) for _ in range(2))
     points = np.zeros(2)
     for seed in range(10):
         sketch = sketch_photons(background_alone(sensor, 100, seed), sensor, frequencies)
@@ -105,7 +105,7 @@ def best_depth(toa: np.ndarray, irf: np.ndarray, ref: int, frequencies, num_bins
 def test_the_mean_depth_of_a_flat_surface_is_that_of_all_its_photons_together(irf):
     sensor = SensorModel(32, 32, 300, 1e-10, irf)
     frequencies = choose("auto", sensor, 10)
-    method, off, true_off = Pooled(sensor, frequencies, device="cpu"), [], []
+    method, off, true_off = PooledStream(sensor, frequencies, device="cpu"), [], []
     for k, depth in enumerate(150 + np.arange(8) / 8):
         frame = simulate(np.full((32, 32), depth), np.inf, 50, sensor, seed=k)
         cloud = method(sketch_photons(frame, sensor, frequencies))

@@ -1,0 +1,106 @@
+"""A stream of frames by the default method: what `pooled` needs from the frames before."""
+
+from copy import deepcopy
+
+import numpy as np
+
+from srt3d_ros.core.device import kernels_for
+from srt3d_ros.core.method.background import PASSES, Background, Belief
+from srt3d_ros.core.method.cloud import PointCloud
+from srt3d_ros.core.method.gpu_check import device_for
+from srt3d_ros.core.method.matched_frame import Matcher
+from srt3d_ros.core.method.pooled import Estimate, Pooled
+from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, check_options
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.sketch import Sketch, noise_sketch
+
+
+class PooledStream:
+    """Reconstructs frames of one sensor, one after the other; keeps their background and, for a warm start, surfaces.
+
+    Args:
+        sensor: geometry, IRF and calibration.
+        frequencies: the integers k_l of the sketches.
+        surfaces: K, the most surfaces in a pixel, 1 … 4.
+        false_alarm_rate: probability that a pixel that sees only background shows a point, before its neighbours vote.
+        device: "cpu", "cuda", or "auto": a GPU that has passed `gpu_check`, else the CPU.
+        background: how it spreads over the bins: as the "sensor" says, "flat", or "auto": what the last cloud leaves
+            unexplained, if that is significant.
+        warm_start: begin with the last frame's surfaces where this one's photons still support them, and search for
+            the others: less depth error while the scene goes on. For frames that follow each other.
+
+    Raises:
+        InvalidInput: for a parameter that cannot be used.
+    """
+
+    def __init__(self, sensor: SensorModel, frequencies, surfaces: int = 1,
+                 false_alarm_rate: float = DEFAULT_FALSE_ALARM_RATE, device: str = "auto",
+                 background: str = "auto", warm_start: bool = False):
+        check_options(surfaces, false_alarm_rate)
+        self._matcher = Matcher(sensor, frequencies)
+        if device == "auto":
+            device = device_for(sensor, self._matcher.frequencies, lambda name: PooledStream(
+                sensor, frequencies, surfaces, false_alarm_rate, name, background, warm_start))
+        self.device, self._kernels = kernels_for(device)
+        self.sensor, self.surfaces, self.false_alarm_rate = sensor, surfaces, false_alarm_rate
+        self._background = Background(self._matcher, background)
+        self._pooled = Pooled(self._matcher, surfaces, false_alarm_rate, self._kernels, not self._background.is_even)
+        self._warm_start, self._surfaces, self._is_first = warm_start, None, True
+
+    def __call__(self, sketch: Sketch) -> PointCloud:
+        """The point cloud of one frame's sketch.
+
+        A first frame is reconstructed as often as its background takes to settle, at most PASSES times. Each frame
+        takes a step towards its background, for the next ones; one that begins to take an uneven background out is
+        reconstructed from two starts, and the better is kept.
+        """
+        self._matcher.check(sketch)
+        passes, start = PASSES if self._is_first else 1, self._surfaces
+        self._is_first = False
+        found = self._pass(sketch, start)
+        while passes > 1 and not self._background.belief.settled:
+            passes -= 1
+            found = self._pass(sketch)
+            if self._background.belief.mean is None:        # no start is a background
+                break
+        return PointCloud.of(found, sketch, self._matcher.moments)
+
+    def _pass(self, sketch: Sketch, start: np.ndarray | None = None) -> Estimate:
+        """An estimate with the background in force, which learns from it."""
+        starts = self._background.starts(sketch)
+        if not starts:
+            return self._estimate(sketch, self._background.belief, start)
+        if self.surfaces > 1:           # further surfaces would take the background for themselves
+            single = PooledStream(self.sensor, self._matcher.frequencies, 1, self.false_alarm_rate, self.device)
+            single(sketch)
+            starts = starts[:1] if single.uneven_background == 0 else (single._background.belief,)
+        tried = []
+        for belief in starts:
+            found = self._estimate(sketch, belief)
+            tried.append((found, self._background.belief, self._surfaces))
+        found, self._background.belief, self._surfaces = min(tried, key=lambda one: one[0].misfit)
+        return found
+
+    def _estimate(self, sketch: Sketch, belief: Belief, start: np.ndarray | None = None) -> Estimate:
+        """The estimate with a background, which becomes the one in force after it has learned."""
+        found = self._pooled(sketch, start, self._background.taken(belief, sketch))
+        self._surfaces = deepcopy(found.state) if self._warm_start else None
+        self._background.belief = belief if self._background.is_even else self._background.learn(belief, found)
+        return found
+
+    @property
+    def uneven_background(self) -> float:
+        """Mean |β̂_l| of the background that is taken out of the next frame; 0 while it is even."""
+        mean = self._background.belief.mean
+        return 0.0 if mean is None else float(np.abs(mean).mean())
+
+    def forget(self) -> None:
+        """Begin the next frame as if it were the first."""
+        self._surfaces, self._is_first = None, True
+        self._background.forget()
+
+    def warm_up(self) -> None:
+        """Compile the kernels, or load them from the disk: on a CPU for frames of any size, on a GPU for this one."""
+        sensor = self.sensor.cropped(slice(8), slice(8)) if self._kernels.ON_HOST else self.sensor
+        PooledStream(sensor, self._matcher.frequencies, self.surfaces, device=self.device)(
+            noise_sketch(sensor, self._matcher.frequencies))
