@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.cpu.arithmetic import F32, HALF, ONE, ZERO
+from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, ZERO
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
@@ -23,6 +23,14 @@ def surprise(mean_response, background_table):
 
 
 @inline
+def evidence(response, photons, squares, max_response, background_table):
+    """The score of a response Σ w R of photons, Σ w n and Σ w² n: against "background alone", standard deviations."""
+    photons = max(photons, EPSILON)
+    mean = response / (photons * max_response)
+    return photons / np.sqrt(max(squares, EPSILON)) * surprise(mean, background_table)
+
+
+@inline
 def left(photons, explained):
     """The photons of a pixel without those that are explained, at least 1/2; 0 if it has seen none at all."""
     return max(photons - explained, HALF) if photons > ZERO else ZERO
@@ -38,12 +46,12 @@ def llr(response, photons, expected, likeness, total, max_response, background_t
         expected: signal photons that the surface should give, to within the factor `likeness`.
     """
     dead, response, photons = photons <= ZERO, max(response, ZERO), max(photons, HALF)
-    rare = surprise(response / (photons * max_response), background_table)
+    score = evidence(response, photons, photons, max_response, background_table)
     seen = response / total
     likely = min(max(seen, expected / likeness), expected * likeness)
     deviance = likely - seen + (seen * np.log(seen / likely) if seen > ZERO else ZERO)
     signal, background = likely * moments[0], max(photons - likely, ZERO) * moments[1]
-    ratio = HALF * photons * rare * rare - deviance * signal / (signal + background)
+    ratio = HALF * score * score - deviance * signal / (signal + background)
     return max(ratio, DEAD_PIXEL) if dead else ratio
 
 

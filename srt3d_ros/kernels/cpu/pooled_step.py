@@ -38,6 +38,7 @@ from srt3d_ros.kernels.cpu.arithmetic import (
 )
 from srt3d_ros.kernels.cpu.compiling import inline, line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
+from srt3d_ros.kernels.cpu.likelihood import evidence
 from srt3d_ros.kernels.maps import BLOCK, FIELDS, MARGIN
 
 # Offsets into the scratch array: points; neighbour; sums for the pool, the first six as in the terms; for the plane;
@@ -170,7 +171,8 @@ def _fit_plane(s, steepness):
 
 
 @inline
-def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvature, period):
+def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvature, max_response, background_table,
+            period):
     """Step to the top of the pooled data term and write the next state."""
     widest = np.sqrt(total / curvature)
     for x in range(B):
@@ -188,16 +190,19 @@ def _finish(s, state, point, out, padded_cols, moments, max_chi2, total, curvatu
         out[point + SLOPE_ROW * padded_cols + x] = s[SR + x]
         out[point + INTENSITY * padded_cols + x] = max(strength / max(s[X + x], TINY), TINY) if seen else ZERO
         out[point + STD * padded_cols + x] = std if signal > ZERO else period
-        out[point + SCORE * padded_cols + x] = value / np.sqrt(HALF * s[S2 + x] * total + TINY) if seen else ZERO
         # The distances were measured before the step, and show noise that it takes away.
         gone = max(s[TOLERANCE + x] / max_chi2 - std * std, ZERO)
         spread = s[SPREAD + x] / max(s[C + x], least + TINY) - gone
         out[point + RESIDUAL * padded_cols + x] = np.sqrt(max(spread, ZERO))
+        s[V + x] = value if seen else ZERO
+    for x in range(B):                  # apart: no vector register looks up a table
+        score = evidence(s[V + x], s[S1 + x], s[S2 + x], max_response, background_table)
+        out[point + SCORE * padded_cols + x] = score
 
 
 @parallel
-def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, weights, shape, state, terms, cells,
-                 out):
+def _pooled_step(energy, bin_frequencies, num_bins, moments, max_response, background_table, max_chi2, radius, weights,
+                 shape, state, terms, cells, out):
     padded_rows, surfaces, fields, padded_cols = shape
     period, total, most = F32(num_bins), total_of(energy), radius * (radius + 1)
     curvature = ZERO
@@ -218,7 +223,8 @@ def _pooled_step(energy, bin_frequencies, num_bins, moments, max_chi2, radius, w
                     _add_grid(s, state, cells, i, j, padded_cols, surfaces, radius // CELL * CELL, CELL, FINE, most,
                               weights, True, max_chi2, period)
                 _fit_plane(s, curvature / total)
-                _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, period)
+                _finish(s, state, point, out, U(padded_cols), moments, max_chi2, total, curvature, max_response,
+                        background_table, period)
 
 
 @parallel
@@ -250,6 +256,7 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2):
     if radius > FINE:
         cells = borrow("cells", terms.shape)
         _coarsen(frame.num_bins, F32(max_chi2), state.shape, *flat, cells.reshape(-1))
-    _pooled_step(frame.energy, frame.bin_frequencies, frame.num_bins, frame.moments, F32(max_chi2), radius, weights,
-                 state.shape, *flat, cells.reshape(-1), out.reshape(-1))
+    _pooled_step(frame.energy, frame.bin_frequencies, frame.num_bins, frame.moments, F32(frame.max_response),
+                 frame.background_table, F32(max_chi2), radius, weights, state.shape, *flat, cells.reshape(-1),
+                 out.reshape(-1))
     return out

@@ -9,7 +9,7 @@ from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO,
 from srt3d_ros.kernels.cpu.blur import pool, rows_of_pools
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.likelihood import surprise
+from srt3d_ros.kernels.cpu.likelihood import evidence
 from srt3d_ros.kernels.cpu.match import peaks, peaks_scratch, response_at, steering
 from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE_COL, SLOPE_ROW, STD, window_weights
 
@@ -61,13 +61,6 @@ def _sheared(matched, bin_frequencies, slope, near, step):
 
 
 @line
-def _score(response, counts, share, max_response, background_table):
-    """Evidence of a response Σ w R of Σ w² n counts against "background alone", in σ; share is Σ w² / Σ w."""
-    photons = max(counts / share, EPSILON)
-    return np.sqrt(photons / share) * surprise(response / (photons * max_response), background_table)
-
-
-@line
 def _std(signal, counts, share, moments, curvature, period):
     """Standard deviation of a depth found in a window, bins; signal Σ w r."""
     signal = max(signal, EPSILON)
@@ -97,7 +90,8 @@ def _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, enou
             re, im = matched[top + i, l, top + j], matched[top + i, m + l, top + j]
             bound[j] += np.sqrt(re * re + im * im)
     for j in range(cells):
-        if _score(bound[j], counts[top + i, counts_at, top + j], share, max_response, background_table) > enough:
+        photons = counts[top + i, counts_at, top + j]
+        if evidence(bound[j], photons / share, photons, max_response, background_table) > enough:
             for a in range(i * step, min((i + 1) * step, wanted.shape[0])):
                 for b in range(j * step, min((j + 1) * step, wanted.shape[1])):
                     if wanted[a, b] > ZERO and (found == 0 or listed[found - 1] != j):
@@ -133,7 +127,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                 light = max(exposure[top + i, exposure_at, top + j], EPSILON)
                 depth = place[x] + F32(step) * (slope[0] * F32(j) + slope[1] * F32(i))
                 depth -= period * np.floor(depth / period)
-                score = _score(height[x], photons, share, max_response, background_table)
+                score = evidence(height[x], photons / share, photons, max_response, background_table)
                 score /= clutter[int(np.rint(depth)) % len(clutter)]
                 signal = height[x] / total
                 for a in range(i * step + MARGIN, min((i + 1) * step, rows) + MARGIN):
@@ -143,7 +137,8 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                         if warm and carried[a, layer, INTENSITY, b] > ZERO:
                             old = carried[a, layer, DEPTH, b]
                             response = response_at(z, x, BLOCK, bin_frequencies, old)
-                            known = _score(response, photons, share, max_response, background_table)
+                            known = evidence(response, photons / share, photons, max_response,
+                                             background_table)
                             known /= clutter[int(np.rint(old)) % len(clutter)]
                             if known > confirmed and score * score - known * known < TWO * F32(STAY):
                                 for f in (DEPTH, SLOPE_COL, SLOPE_ROW):

@@ -19,7 +19,7 @@ from srt3d_ros.kernels.cpu.arithmetic import (
 )
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
-from srt3d_ros.kernels.cpu.likelihood import llr, surprise
+from srt3d_ros.kernels.cpu.likelihood import evidence, llr
 from srt3d_ros.kernels.maps import MARGIN, MAX_STD
 
 
@@ -80,7 +80,7 @@ def _drop(rim, clutter, total, max_response, background_table, moments, enough, 
                 photons += rows[1, b]
                 expected += rows[2, b]
             some = max(photons, HALF)
-            score = np.sqrt(some) * surprise(max(response, ZERO) / (some * max_response), background_table)
+            score = evidence(response, some, some, max_response, background_table)
             ratio = llr(response, photons, expected, ONE, total, max_response, background_table, moments)
             for k in range(surfaces):
                 noise = clutter[int(np.rint(state[i, k, DEPTH, j])) % len(clutter)]

@@ -7,7 +7,7 @@ import torch
 
 from srt3d_ros.kernels.constants import DEAD_PIXEL, LIKENESS, RIM, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.maps import COUNTS, DEPTH, EXPOSURE, INTENSITY, VALUE, crop
-from srt3d_ros.kernels.oracle.arithmetic import as_complex, has_depth, noise_ratio, waves
+from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, has_depth, noise_ratio, waves
 from srt3d_ros.kernels.oracle.blur import blur
 from srt3d_ros.kernels.oracle.windows import by_rows
 
@@ -39,12 +39,16 @@ def _expand(frame, state):
     return (torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0),)
 
 
-def surprise(response, photons, frame):
-    """ρ(response / photons): what it is worth as evidence against "background alone", per √photon."""
-    table, steps = frame.background_table, len(frame.background_table) - 1
+def evidence(response, photons, squares, frame):
+    """The score of a response V = Σ w R of photons, p = Σ w n, N = Σ w² n: p / √N · ρ(V₊ / p), standard deviations.
+
+    exp(−score² / 2) bounds the probability that background alone responds so; N = p for photons that count as one.
+    """
+    photons, table, steps = photons.clamp(min=EPSILON), frame.background_table, len(frame.background_table) - 1
     at = (response / (photons * frame.max_response)).clamp(0, 1) * steps
     low = at.long().clamp(max=steps - 1)
-    return table[low] + (at - low) * (table[low + 1] - table[low])
+    rare = table[low] + (at - low) * (table[low + 1] - table[low])
+    return photons / squares.clamp(min=EPSILON).sqrt() * rare
 
 
 def llr(response, photons, expected, likeness, frame):
@@ -61,7 +65,7 @@ def llr(response, photons, expected, likeness, frame):
     deviance = likely - seen + torch.xlogy(seen, seen / likely)
     by_signal = likely * frame.intensity_moments[0]
     by_background = (n - likely).clamp(min=0) * frame.intensity_moments[1]
-    ratio = n * surprise(value, n, frame)**2 / 2 - deviance * by_signal / (by_signal + by_background)
+    ratio = evidence(value, n, n, frame)**2 / 2 - deviance * by_signal / (by_signal + by_background)
     return torch.where(photons <= 0, ratio.clamp(min=DEAD_PIXEL), ratio)
 
 
@@ -108,7 +112,7 @@ def trim(frame, state, terms, enough):
         own = (own * (rim[:, None] & (intensity > 0))[:, None]).sum(dim=2)
         response, photons, expected = blur(own, AROUND).unbind(dim=1)
         some = photons.clamp(min=0.5)
-        score = some.sqrt() * surprise(response.clamp(min=0), some, frame)
+        score = evidence(response, some, some, frame)
         unpaid = rim & (llr(response, photons, expected, 1, frame) < 0)
         weak = score[:, None] <= enough * noise_ratio(frame, view[:, :, DEPTH])
         intensity.masked_fill_(unpaid[:, None] & weak, 0)

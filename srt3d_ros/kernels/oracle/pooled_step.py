@@ -20,6 +20,7 @@ from srt3d_ros.kernels.maps import (
     STD,
 )
 from srt3d_ros.kernels.oracle.arithmetic import TINY, agreement, wrap
+from srt3d_ros.kernels.oracle.likelihood import evidence
 from srt3d_ros.kernels.oracle.windows import by_rows, images, inner, neighbours, square, window
 
 PAIRS = 20              # numbers that a block holds for each pair of a point and a neighbour's surface, about
@@ -43,7 +44,7 @@ def pooled_step(frame, state, terms, sigma, radius, max_chi2):
     R = V + d S − d² B / 2.
 
     With S' = min(R₊ / E, p) the point gets intensity R₊ / (E G), standard deviation
-    √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score R / √(N E / 2), and residual
+    √((S' M₁ + (p − S') M₀) N / p) / (S' C), at most T, score p / √N · ρ(R₊ / p), and residual
     √(Σ w b e² / B − (std_before² − std²)₊)₊: how far the surface leaves the plane, by about which the
     depth may be wrong, less noise that the step takes away.
 
@@ -154,7 +155,7 @@ def _stepped(frame, own, pooled, off_plane):
     after[:, DEPTH] = (own[:, DEPTH] + d) % period
     after[:, INTENSITY] = (strength / exposure.clamp(min=TINY)).clamp(min=TINY)
     after[:, STD] = std.clamp(max=period).where(signal > 0, period)
-    after[:, SCORE] = value / (squares * total / 2 + TINY).sqrt()
+    after[:, SCORE] = evidence(value, photons, squares, frame)
     gone = (own[:, STD]**2 - after[:, STD]**2).clamp(min=0)
     after[:, RESIDUAL] = (off_plane / bend - gone).clamp(min=0).sqrt()
     return after

@@ -20,7 +20,7 @@ from srt3d_ros.kernels.maps import (
 )
 from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
 from srt3d_ros.kernels.oracle.blur import blur_cells
-from srt3d_ros.kernels.oracle.likelihood import surprise
+from srt3d_ros.kernels.oracle.likelihood import evidence
 from srt3d_ros.kernels.oracle.windows import by_rows
 
 RESPONSES = 3           # arrays of responses to the matched filter that are held at once, about
@@ -106,7 +106,7 @@ def no_surfaces(frame, surfaces):
 
 
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
-    """Give open pixels the surface that one scale shows: score = √(p / q) · ρ(S E / p) / c(t) > `enough`.
+    """Give open pixels the surface that one scale shows: score = p / √N · ρ(S E / p) / c(t) > `enough`.
 
     Open is a used pixel without surface `layer`, but with the one before. Of the open pixels around each cell
     z̄ = Σ w z, N = Σ w² n and G = Σ w g are pooled, as by `blur_cells` with σ / step; with other pixels, surfaces would
@@ -177,7 +177,7 @@ def _search_along(frame, matched, state, layer, sigma, step, enough, carried, co
 
     def measured(t, at, slopes, signal):
         """The fields up to SCORE of surfaces at depths t with this signal in the pixels' cells, by the noise `at`."""
-        score = _score(frame, signal, photons, share) / noise_ratio(frame, at)
+        score = evidence(signal * frame.total_energy, photons / share, photons, frame) / noise_ratio(frame, at)
         return torch.stack([t, *slopes, signal / light, _std(frame, signal, photons, share), score], dim=1)
 
     there = (corner + slope[0] * (col % step) + slope[1] * (row % step)[:, None]) % frame.num_bins
@@ -198,12 +198,6 @@ def _search_along(frame, matched, state, layer, sigma, step, enough, carried, co
             new[:, SCORE]**2 - kept[:, SCORE]**2 < 2 * STAY)
         new, better = torch.where(stays[:, None], kept, new), better | stays
     point[:, :RESIDUAL] = torch.where(better[:, None], new, point[:, :RESIDUAL])
-
-
-def _score(frame, signal, counts, share):
-    """Evidence of a pool's response against "background alone", in standard deviations; share is Σ w² / Σ w."""
-    photons = (counts / share).clamp(min=EPSILON)
-    return torch.sqrt(photons / share) * surprise(signal * frame.total_energy, photons, frame)
 
 
 def _std(frame, signal, counts, share):
