@@ -11,7 +11,7 @@ MAX_PHOTONS = 2**32 - 1     # of a pixel; one that saw more counts as so many wi
 # ---- Start: windows of the matched filter (`search`)
 
 SURE_SCALES = ((0.0, 1), (1.0, 1), (2.0, 2))    # σ and size of the cells, pixels: a pixel takes the first that is sure
-REST_SCALES = ((3.0, 2), (6.0, 3))              # and those for what is still open after the first iteration
+WIDE = (6.0, 3)         # and that for what is still open after the first iteration
 SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
 DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may pass SURE
 SURE_SLANTED = 7.5      # score of a slanted window that is enough: it has more ways to fit noise
@@ -19,7 +19,6 @@ SLANTED = (2.0, 2)      # the scale that tries them: narrower ones take noise fo
 SLANTS = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))     # to the right, downwards; widths of a peak per σ
 WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
 APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
-FAINTEST = 0.05         # of a pixel's first surface that a further one must give: less may be a wrong IRF's
 
 # ---- Iterations: the pool (`pooled_step`)
 
@@ -31,7 +30,7 @@ SAME_SURFACE = 4.1      # standard deviations within which depths may be one sur
 
 PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count
 MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
-VOTE_SIGMA = 1.2        # σ of a vote's weight by distance, pixels
+NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
 VOTE_RADIUS = 2         # of the neighbourhood that votes, pixels
 DEAD_PIXEL = -1.0       # log-likelihood ratio of a pixel without photons, at least: it may be dead
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
@@ -46,7 +45,6 @@ SPREAD = 4              # pixels by which surfaces may grow into empty ones in e
 
 RIM = 3                 # of the 8 pixels around that see no surface: enough to make a point one of the rim
 
-SHARE_WINDOW = 2.0      # σ of the neighbourhood that tells how far pixels' intensities differ, pixels
 LEAST_SHARE = 0.01      # of its pool's intensity that a point has at least: own photons may say less than none
 
 # ---- Warm start

@@ -50,7 +50,7 @@ def test_on_simulated_photons_and_errors_are_as_large_as_is_said(sbr, ppp):
     true, false, error_mm = SIMULATED[sbr, ppp]
     assert found.true_detections >= true and found.false_detections <= false
     assert found.dae_bins * sensor.bin_width_m * 1e3 <= error_mm
-    assert 0.60 <= found.within_1_std <= 0.76 and 0.88 <= found.within_2_std <= 0.98, found     # false ones count too
+    assert 0.60 <= found.within_1_std <= 0.76 and 0.87 <= found.within_2_std <= 0.98, found     # false ones count too
 
 
 def test_two_surfaces_are_kept_where_there_are_two_and_edges_show_no_double_points(shared_data):

@@ -15,7 +15,8 @@ def test_outlines_swell_by_less_than_a_pixel_and_windows_stay_open(scene, sbr, p
     case, = simulated(scene, [sbr], [ppp])
     observation = case.observe()
     frequencies = design_for(observation.frame, case.sensor).frequencies
-    cloud = PooledStream(case.sensor, frequencies, device="cpu")(sketch_photons(observation.frame, case.sensor, frequencies))
+    sketch = sketch_photons(observation.frame, case.sensor, frequencies)
+    cloud = PooledStream(case.sensor, frequencies, device="cpu")(sketch)
     judged = judge(cloud, case, observation)
     assert 0 < judged["swelling_px"] < 0.7 and judged["true_detections_percent"] > 98
     shown = np.isfinite(cloud.image("depth_bins"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import BIRTH, FEWER_PENALTY, LIKENESS, MAX_VOTE, VOTE_SIGMA
+from srt3d_ros.kernels.constants import BIRTH, FEWER_PENALTY, LIKENESS, MAX_VOTE, NEAR_SIGMA
 
 from .frames import (
     CPU,
@@ -82,7 +82,7 @@ def test_each_neighbour_with_fewer_surfaces_speaks_once_against_a_third_one():
     depth = np.concatenate([50 * ALL, 150 * ALL, 250 * ALL])
     near = [(i, j) for i in (2, 3, 4) for j in (3, 4, 5) if (i, j) != (3, 4)]
     i, j = np.mgrid[1:6, 2:7]
-    weight = np.exp(-((i - 3)**2 + (j - 4)**2) / (2 * VOTE_SIGMA**2))
+    weight = np.exp(-((i - 3)**2 + (j - 4)**2) / (2 * NEAR_SIGMA**2))
     shown = []
     for with_three in range(9):
         intensity = np.concatenate([2 * ALL, 2 * ALL, 0 * ALL])

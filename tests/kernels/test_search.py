@@ -9,7 +9,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, choose, irf_spectrum
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import DOUBTFUL, REST_SCALES, SURE_SCALES
+from srt3d_ros.kernels.constants import DOUBTFUL, SURE_SCALES, WIDE
 
 from .frames import (
     DEPTH_TOLERANCE,
@@ -26,7 +26,7 @@ from .frames import (
     with_clutter,
 )
 
-SCALES = [*SURE_SCALES, *REST_SCALES]
+SCALES = [*SURE_SCALES, (3.0, 2), WIDE]
 
 
 @pytest.mark.parametrize("shape", [SHAPES[1], (1, 1), (1, 9), (9, 1), (5, 7)])

@@ -20,12 +20,12 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import (
     FIRST_STEPS,
-    REST_SCALES,
     SAME_SURFACE,
     SLANTED,
     SURE,
     SURE_SCALES,
     WEAK,
+    WIDE,
     WINDOWS,
 )
 
@@ -75,7 +75,7 @@ class Pooled:
         sensor, array = matcher.sensor, kernels.array
         self._sensor, self._surfaces, self._kernels = sensor, surfaces, kernels
         self._matched = matcher.padded_on(kernels)
-        self._found = score_threshold(false_alarm_rate, max(matcher.frequencies), REST_SCALES[-1])
+        self._found = score_threshold(false_alarm_rate, max(matcher.frequencies), WIDE)
         self._continued, self._explains = continuation_threshold(false_alarm_rate), explains
         self._equaliser, self._passed, self._used, self._rays = map(array, (
             matcher.equaliser, matcher.passed, matcher.used, sensor.rays))
@@ -104,7 +104,7 @@ class Pooled:
         self._search(frame, state, SURE_SCALES, SURE, start, continued)
         state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
         kernels.drop_weak(state, WEAK)
-        self._search(frame, state, REST_SCALES, found)
+        self._search(frame, state, (WIDE,), found)
 
         # Iterate over wider windows.
         for sigma, radius in WINDOWS[1:]:

@@ -4,7 +4,7 @@ import numpy as np
 from numba import get_num_threads, prange
 
 from srt3d_ros.kernels import constants
-from srt3d_ros.kernels.constants import RESOLVED, SPREAD, VOTE_RADIUS, VOTE_SIGMA
+from srt3d_ros.kernels.constants import NEAR_SIGMA, RESOLVED, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import (
     DEPTH,
     F32,
@@ -37,7 +37,7 @@ BIRTH, EMPTY_PENALTY, FEWER_PENALTY, JUDGED, MAX_VOTE, PRIOR_VOTE = (F32(getattr
     "BIRTH", "EMPTY_PENALTY", "FEWER_PENALTY", "JUDGED", "MAX_VOTE", "PRIOR_VOTE"))
 NEVER = F32(-1e30)
 # A vote's weight by distance².
-BY_DISTANCE = tuple(F32(np.exp(-d / (2 * VOTE_SIGMA**2))) for d in range(2 * VOTE_RADIUS**2 + 1))
+BY_DISTANCE = tuple(F32(np.exp(-d / (2 * NEAR_SIGMA**2))) for d in range(2 * VOTE_RADIUS**2 + 1))
 
 # Offsets into the scratch of `_find_undecided`, for numbers of BLOCK pixels.
 OWN, FOUND, OPEN, NUMBER, THERE, KNOWN, PLACE, LIMIT = (U(k * BLOCK) for k in range(8))

@@ -4,14 +4,14 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import FAINTEST, LEAST_SHARE, SHARE_WINDOW
+from srt3d_ros.kernels.constants import LEAST_SHARE, NEAR_SIGMA
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, ONE, TINY, ZERO
 from srt3d_ros.kernels.cpu.blur import blur
 from srt3d_ros.kernels.cpu.compiling import parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.maps import DEPTH, INTENSITY, MARGIN, RESIDUAL, SCORE, SLOPE_COL, SLOPE_ROW, STD, VALUE
 
-SHARE_WEIGHTS = maps.window_weights(SHARE_WINDOW)
+SHARE_WEIGHTS = maps.window_weights(NEAR_SIGMA)
 
 
 @parallel
@@ -39,7 +39,7 @@ def _finalise(photons, exposure, clutter, enough, num_bins, state, own, around, 
         a = i + MARGIN
         for j in range(cols):
             b = j + MARGIN
-            first, seen = ZERO, ZERO
+            seen = ZERO
             for k in range(surfaces):
                 pooled, here = state[a, k, INTENSITY, b], int(np.rint(state[a, k, DEPTH, b])) % len(clutter)
                 # Not a quotient of squares: fast mathematics would multiply by one before it divides by the other.
@@ -47,13 +47,9 @@ def _finalise(photons, exposure, clutter, enough, num_bins, state, own, around, 
                 value = max(pooled + (own[i, k, j] - pooled) * differ, F32(LEAST_SHARE) * pooled)
                 kept = state[a, k, SCORE, b] / clutter[here] > enough and pooled > ZERO
                 intensity[i, k, j] = value if kept else ZERO
-                first = max(first, intensity[i, k, j])
+                seen += intensity[i, k, j] * exposure[a, b]
                 noise, bent = state[a, k, STD, b], state[a, k, RESIDUAL, b]
                 std[i, k, j] = min(max(np.sqrt(noise * noise + bent * bent), EPSILON), F32(num_bins))
-            for k in range(surfaces):
-                if intensity[i, k, j] < F32(FAINTEST) * first:
-                    intensity[i, k, j] = ZERO
-                seen += intensity[i, k, j] * exposure[a, b]
             background[i, j] = max(F32(photons[i, j]) - seen, ZERO)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, SLANTS, STAY, SURE_SLANTED
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, SLANTS, STAY, SURE_SLANTED
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
 from srt3d_ros.kernels.cpu.blur import pool, rows_of_pools
 from srt3d_ros.kernels.cpu.compiling import line, parallel
@@ -70,9 +70,9 @@ def _std(signal, counts, share, moments, curvature, period):
 
 
 @line
-def _is_new(state, a, layer, b, depth, intensity, apart, period):
-    """Whether a surface stands beside those that pixel (a, b) already has: resolved from them, and not too faint."""
-    new = layer == 0 or intensity > FAINTEST * state[a, 0, INTENSITY, b]
+def _is_new(state, a, layer, b, depth, apart, period):
+    """Whether a surface is resolved from those that pixel (a, b) already has."""
+    new = True
     for k in range(layer):
         near = abs(wrap(state[a, k, DEPTH, b] - depth, period)) <= apart
         new = new and not (near and state[a, k, INTENSITY, b] > ZERO)
@@ -150,7 +150,7 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
                                 continue
                         rival = state[a, layer, SCORE, b] if state[a, layer, INTENSITY, b] > ZERO else enough
                         new = score > max(enough, rival)
-                        if new and _is_new(state, a, layer, b, depth, signal / light, apart, period):
+                        if new and _is_new(state, a, layer, b, depth, apart, period):
                             right, down = F32(b - MARGIN - j * step), F32(a - MARGIN - i * step)
                             t = depth + slope[0] * right + slope[1] * down
                             state[a, layer, DEPTH, b] = t - period * np.floor(t / period)

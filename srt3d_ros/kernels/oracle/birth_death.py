@@ -95,7 +95,7 @@ def _around(frame, state, own, max_chi2) -> SimpleNamespace:
     places = square(VOTE_RADIUS, state.dtype, state.device)
     dy, dx, centre = places.dy, places.dx, len(places.dy) // 2
     record = neighbours(state, places)                                          # [N, K, FIELDS, rows, cols]
-    weight = torch.exp(-(dy**2 + dx**2) / (2 * constants.VOTE_SIGMA**2))
+    weight = torch.exp(-(dy**2 + dx**2) / (2 * constants.NEAR_SIGMA**2))
     there = has_depth(record.movedim(2, 0), period)
     count = there.sum(1)
     vote = (constants.PRIOR_VOTE + neighbours(own, places)).clamp(0, constants.MAX_VOTE) * weight[:, None]

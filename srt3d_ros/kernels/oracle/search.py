@@ -5,7 +5,7 @@ from functools import partial
 
 import torch
 
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, FAINTEST, SLANTS, STAY, SURE_SLANTED
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, SLANTS, STAY, SURE_SLANTED
 from srt3d_ros.kernels.maps import (
     DEPTH,
     INTENSITY,
@@ -119,8 +119,8 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     so at first: a surface found since is replaced by one with a higher score, while its own is below DOUBTFUL.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
-    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the others,
-    and brighter than FAINTEST of the first.
+    √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the
+    others.
 
     Args:
         matched: float32 [rows', 2m, cols'], z: of the frame, or of `residual`.
@@ -187,8 +187,7 @@ def _search_along(frame, matched, state, layer, sigma, step, enough, carried, co
     if layer > 0:
         known = view[:, :layer]
         apart = wrap(known[:, :, DEPTH] - corner[:, None], frame.num_bins).abs() > APART * frame.resolution_bins
-        better &= (apart | (known[:, :, INTENSITY] == 0)).all(dim=1) & (new[:, INTENSITY] > FAINTEST * known[
-            :, 0, INTENSITY])
+        better &= (apart | (known[:, :, INTENSITY] == 0)).all(dim=1)
     if carried is not None:
         old = crop(carried, rows, cols)[:, layer]
         along = z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, DEPTH]).conj()
