@@ -14,6 +14,7 @@ from srt3d_ros.versions import machine
 PURPOSES = {
     "ablation": "quality and time with each constant of the method halved, doubled and off",
     "deskew": "time to move the parts of a frame to one instant",
+    "false_alarms": "points where there is only background, beside the rate that was asked for",
     "figure1": "time of a frame against its photons, by method: Figure 1 of the paper",
     "motion": "depth error of a sensor that moves: at rest, and with photons added as they are, and moved first",
     "ros": "latency and losses of frames through ROS 2 nodes, by rate",

@@ -3,6 +3,8 @@
 docs/algorithm.md has a table of what each constant of the method does: `python -m benchmarks ablation` makes it.
 """
 
+from math import ceil
+
 # ---- Limits
 
 MAX_SKETCH_SIZE = 64        # m: frequencies of a sketch
@@ -15,14 +17,15 @@ WIDE = (6.0, 3)         # and that for what is still open after the first iterat
 SURE = 7.0              # score that leaves no doubt: a wrong start beside a right one survives the iterations
 DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may pass SURE
 SURE_SLANTED = 7.5      # score of a slanted window that is enough: it has more ways to fit noise
-SLANTED = (2.0, 2)      # the scale that tries them: narrower ones take noise for a slope, wider ones bridge edges
+SLANTED = SURE_SCALES[-1]       # the scale that tries them: narrower ones find slopes in noise, wider ones bridge edges
 SLANTS = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))     # to the right, downwards; widths of a peak per σ
 WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
 APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
 
 # ---- Iterations: the pool (`pooled_step`)
 
-WINDOWS = ((2.0, 3), (4.5, 7), (9.0, 14))       # σ and radius, pixels, of each iteration: wide where depths are known
+REACH = 1.5             # σ of a window up to which pixels are in it
+WINDOWS = 2.0, 4.5, 9.0         # σ of each iteration's, pixels: wide where depths are known
 FIRST_STEPS = 2         # steps of the first iteration: the start lies on a grid, up to a peak's width from the top
 SAME_SURFACE = 4.1      # standard deviations within which depths may be one surface's: less shares fewer photons
 
@@ -31,7 +34,7 @@ SAME_SURFACE = 4.1      # standard deviations within which depths may be one sur
 PRIOR_VOTE = 0.45       # log-likelihood ratio that a neighbour's surface adds before its own photons count
 MAX_VOTE = 0.7          # and at most: a bright neighbour is still one neighbour
 NEAR_SIGMA = 1.2        # σ of the neighbourhood that votes, and that tells how far pixels' intensities differ, pixels
-VOTE_RADIUS = 2         # of the neighbourhood that votes, pixels
+VOTE_RADIUS = ceil(REACH * NEAR_SIGMA)
 DEAD_PIXEL = -1.0       # log-likelihood ratio of a pixel without photons, at least: it may be dead
 LIKENESS = 2.0          # factor by which neighbours' intensities may differ; its square where surfaces share pixels
 EMPTY_PENALTY = 0.2     # log-likelihood ratio by which a neighbour without a surface speaks against a new one, at most

@@ -34,7 +34,6 @@ EVERYTHING = 1.05
 # Of a surface's signal at the upper half of the frequencies: what has more there is surfaces that many pixels share,
 # not background. Measured 0.0 to 0.25 in fog, and 0.47 to 0.69 for two walls of which one may be shown.
 SHARP = 0.33
-ENOUGH = 2**14          # pixels that say what the mean of all photons is
 PASSES = 8              # over a first frame, at most
 HOT = 10.0              # times the median of the pixels: a dark frame's pixels above it are not counted
 TINY = 1e-6
@@ -103,11 +102,9 @@ class Background:
         """
         if self.belief.doubt is None:
             return ()
-        some = slice(None, None, max(round(sketch.photons.size / ENOUGH), 1))
-        passed, equaliser = (np.broadcast_to(values, sketch.sums.shape)[some] for values in (
-            self._matcher.passed, self._matcher.equaliser))
-        adds = (np.conj(passed) * equaliser * sketch.sums[some]).sum(axis=(0, 1))
-        weights = (np.abs(passed)**2 * (sketch.photons * self._matcher.used)[some, :, None]).sum(axis=(0, 1))
+        passed, used = self._matcher.passed, sketch.photons * self._matcher.used
+        adds = (np.conj(passed) * self._matcher.equaliser * sketch.sums).sum(axis=(0, 1))
+        weights = (np.abs(passed)**2 * used[..., None]).sum(axis=(0, 1))
         everything = adds / np.maximum(weights, TINY)
         starts = Belief(self.belief.doubt, self.belief.photons), Belief(EVERYTHING * everything)
         return tuple(start for start, mean in zip(starts, (self.belief.doubt, everything)) if not self._is_sharp(mean))

@@ -10,6 +10,7 @@ depths. `core.baselines.sketched.SRT3D` is the paper's own, step by step.
 """
 
 from functools import partial
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import (
     FIRST_STEPS,
+    REACH,
     SAME_SURFACE,
     SLANTED,
     SURE,
@@ -102,13 +104,13 @@ class Pooled:
         # Start with surfaces that are sure, let them spread, and search the pixels that are still open more widely.
         state = kernels.no_surfaces(frame, self._surfaces)
         self._search(frame, state, SURE_SCALES, SURE, start, continued)
-        state = self._iterate(frame, state, *WINDOWS[0], FIRST_STEPS)
+        state = self._iterate(frame, state, WINDOWS[0], FIRST_STEPS)
         kernels.drop_weak(state, WEAK)
         self._search(frame, state, (WIDE,), found)
 
         # Iterate over wider windows.
-        for sigma, radius in WINDOWS[1:]:
-            state = self._iterate(frame, state, sigma, radius)
+        for sigma in WINDOWS[1:]:
+            state = self._iterate(frame, state, sigma)
 
         # Finish: outlines, threshold, intensities, standard deviations, points.
         terms = kernels.expand(frame, state)
@@ -135,9 +137,9 @@ class Pooled:
                 slanted = scale == SLANTED and layer == 0 and start is None
                 kernels.search(frame, matched, state, layer, *scale, least, start, confirmed, slanted)
 
-    def _iterate(self, frame: MatchedFrame, state, sigma: float, radius: int, steps: int = 1):
+    def _iterate(self, frame: MatchedFrame, state, sigma: float, steps: int = 1):
         """Birth and death of points, then Gauss-Newton steps on the data terms pooled over the window."""
-        kernels = self._kernels
+        kernels, radius = self._kernels, ceil(REACH * sigma)
         state = kernels.birth_death(frame, state, kernels.expand(frame, state), SAME_SURFACE**2)
         for _ in range(steps):
             state = kernels.pooled_step(frame, state, kernels.expand(frame, state), sigma, radius, SAME_SURFACE**2)

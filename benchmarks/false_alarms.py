@@ -1,0 +1,62 @@
+"""How often `pooled` shows a point where there is only background, beside the `false_alarm_rate` that was asked for.
+
+    python -m benchmarks false_alarms           # a quarter of an hour on two cores
+
+Frames of 141 × 141 pixels see background alone, until PATCHES patches of false points have appeared. `share` is that of
+the pixels that show a point, `over_rate` that share over the rate that was asked for.
+"""
+
+import argparse
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+from tqdm import tqdm
+
+from srt3d_ros.core.method.memory import PooledStream
+from srt3d_ros.core.sensor.model import SensorModel
+from srt3d_ros.core.sketching.frequencies import choose
+from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sketching.sketcher import sketch_photons
+from srt3d_ros.datasets import irf
+
+SIDE, SKETCH_SIZE = 141, 10
+# T, and the width of a bin, s, with an IRF of 0.3 ns.
+PERIODS = {586: 16e-12, 1024: 50e-12, 4613: 16e-12}
+PATCHES = 30            # that a rate is measured from, at least,
+FRAMES = 400            # unless so many frames show fewer
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rates", type=float, nargs="+", default=[1e-2, 1e-3], help="false_alarm_rate")
+    parser.add_argument("--ppp", type=float, nargs="+", default=[1, 10, 100], help="photons a pixel")
+    parser.add_argument("--surfaces", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--periods", type=int, nargs="+", default=list(PERIODS), help="T: bins")
+
+
+def run(args: argparse.Namespace) -> Iterator[dict]:
+    for num_bins, ppp, surfaces, rate in tqdm(list(product(args.periods, args.ppp, args.surfaces, args.rates))):
+        yield measured(num_bins, ppp, surfaces, rate)
+
+
+def measured(num_bins: int, ppp: float, surfaces: int, rate: float) -> dict:
+    width_s = PERIODS[num_bins]
+    sensor = SensorModel(SIDE, SIDE, num_bins, width_s, irf.spad(width_s, fwhm_s=300e-12, tail_s=100e-12))
+    frequencies = choose("auto", sensor, SKETCH_SIZE)
+    pooled = PooledStream(sensor, frequencies, surfaces, rate, background="flat")
+    rng, points, patches, frames = np.random.default_rng(0), 0, 0, 0
+    while patches < PATCHES and frames < FRAMES:
+        pixel = np.repeat(np.arange(SIDE**2, dtype=np.uint32), rng.poisson(ppp, SIDE**2))
+        toa = rng.integers(0, num_bins, len(pixel)).astype(np.uint16)
+        cloud = pooled(sketch_photons(PhotonEvents(pixel, toa), sensor, frequencies))
+        shown = np.isfinite(cloud.image("depth_bins"))
+        points, patches, frames = points + int(shown.sum()), patches + number_of_patches(shown), frames + 1
+    share = points / (frames * SIDE**2)
+    return {"num_bins": num_bins, "ppp": ppp, "surfaces": surfaces, "false_alarm_rate": rate, "frames": frames,
+            "patches": patches, "share": float(f"{share:.3g}"), "over_rate": round(share / rate, 2)}
+
+
+def number_of_patches(shown: np.ndarray) -> int:
+    from scipy.ndimage import label
+
+    return label(shown)[1]
