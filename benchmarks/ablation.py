@@ -49,7 +49,7 @@ NET, MOTION = "net, SBR 1, 10 ppp", "room from a moving sensor, 3 ppp"
 FIXED = ("MAX_*", "FINE", "CELL", "RIDGE", "INTENSITY_RATE", "APSS_*", "STAY")     # limits, rounding, other methods
 OFF = {"FAINTEST": 0, "APART": -1, "WEAK": 0, "LEAST_SHARE": 0, "DEAD_PIXEL": -1e6, "LIKENESS": 1e6,
        "NEAR_SIGMA": 1e6, "PRIOR_VOTE": 0, "MAX_VOTE": 1e6, "EMPTY_PENALTY": 0, "FEWER_PENALTY": 0, "BIRTH": 0,
-       "JUDGED": 1, "RESOLVED": 0, "SPREAD": 0, "SLANTS": (), "SHARE_WINDOW": None}
+       "JUDGED": 1, "RESOLVED": 0, "SPREAD": 0, "SHARE_WINDOW": None}
 
 
 class Draw(NamedTuple):

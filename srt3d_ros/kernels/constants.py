@@ -18,7 +18,6 @@ SURE = 7.0              # score that leaves no doubt: a wrong start beside a rig
 DOUBTFUL = 8.0          # score of a flat window below which slanted ones are tried: a smeared slope may pass SURE
 SURE_SLANTED = 7.5      # score of a slanted window that is enough: it has more ways to fit noise
 SLANTED = SURE_SCALES[-1]       # the scale that tries them: narrower ones find slopes in noise, wider ones bridge edges
-SLANTS = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))     # to the right, downwards; widths of a peak per σ
 WEAK = 5.0              # score after the first iteration under which a point is searched for anew, in wider windows
 APART = 4.0             # widths of the matched filter's peak beyond which a pixel's surfaces are two
 

@@ -86,14 +86,77 @@ def rows_of_pools(wanted, weights, step):
     return needed, np.lib.stride_tricks.sliding_window_view(around, len(weights)).any(axis=1)
 
 
-def pool(matched, counts, exposure, is_open, weights, step, needed, near):
-    """Channels of `blur` of a padded sketch, of counts by squared weights, and of exposure: of open pixels alone.
+def pool(matched, counts, exposure, is_open, weights, step, wanted):
+    """Cells, and windows of them, of a padded sketch, of counts (windows by squared weights) and of exposure.
 
-    `needed` and `near` are those of `rows_of_pools`; other rows mean nothing.
+    Of open pixels alone; rows whose windows have no wanted pixel mean nothing.
+
+    Returns:
+        float32 [cells, 2m + 2, cells], twice.
     """
     (rows, cols), channels = is_open.shape, matched.shape[1]
     shape = -(-rows // step), channels + 2, -(-cols // step)
     cells, out = (borrow(name, shape) for name in ("cells of pools", "pools"))
+    needed, near = rows_of_pools(wanted, weights, step)
     _bin_cells(matched, counts, exposure, is_open, step, near, cells)
     _blur(cells, weights, weights**2, channels, needed, out)
+    return cells, out
+
+
+@parallel
+def _blur_slanted(cells, weights, cosines, sines, needed, out):
+    """Windows of cells along planes that rise to the right, to the left, down and up."""
+    _, rows, twice, cols = out.shape
+    m, radius = twice // 2, len(weights) // 2
+    for i in prange(rows):
+        if not needed[i]:
+            continue
+        flat, turned = np.empty((2, cols + 2 * radius), np.float32), np.empty((4, cols + 2 * radius), np.float32)
+        for l in range(m):
+            flat[:], turned[:] = ZERO, ZERO
+            for tap in range(len(weights)):
+                a = i + tap - radius
+                if 0 <= a < rows:
+                    _add_turned(cells[a, l], cells[a, m + l], weights[tap], cosines[l, tap], sines[l, tap], radius,
+                                flat, turned)
+            out[:, i, l], out[:, i, m + l] = ZERO, ZERO
+            for tap in range(len(weights)):
+                w, c, s = weights[tap], cosines[l, tap], sines[l, tap]
+                for j in range(cols):
+                    re, im = flat[0, j + tap], flat[1, j + tap]
+                    out[0, i, l, j] += c * re + s * im
+                    out[1, i, l, j] += c * re - s * im
+                    out[0, i, m + l, j] += c * im - s * re
+                    out[1, i, m + l, j] += c * im + s * re
+                for j in range(cols):
+                    out[2, i, l, j] += w * (turned[0, j + tap] + turned[1, j + tap])
+                    out[3, i, l, j] += w * (turned[0, j + tap] - turned[1, j + tap])
+                    out[2, i, m + l, j] += w * (turned[2, j + tap] - turned[3, j + tap])
+                    out[3, i, m + l, j] += w * (turned[2, j + tap] + turned[3, j + tap])
+
+
+@line
+def _add_turned(real, imaginary, weight, cosine, sine, radius, flat, turned):
+    """Add a row of cells: by its weight, and by its weight times cosine and sine of how far a plane has turned it."""
+    for j in range(len(real)):
+        flat[0, radius + j] += weight * real[j]
+        flat[1, radius + j] += weight * imaginary[j]
+        turned[0, radius + j] += cosine * real[j]
+        turned[1, radius + j] += sine * imaginary[j]
+        turned[2, radius + j] += cosine * imaginary[j]
+        turned[3, radius + j] += sine * real[j]
+
+
+def pool_slanted(cells, weights, turns, step, wanted):
+    """The sketches of `pool` by planes that rise to the right, to the left, down and up; float32 [4, cells, 2m, cells].
+
+    The phase of a cell is that of its middle; `turns`, float32 [m], are by how many turns a plane changes it from a
+    cell to the next.
+    """
+    tap = np.arange(len(weights)) - len(weights) // 2
+    phase = 2 * np.pi * turns.astype(np.float64)[:, None] * tap
+    cosines, sines = ((weights * f(phase)).astype(np.float32) for f in (np.cos, np.sin))
+    out = borrow("slanted pools", (4, len(cells), 2 * len(turns), cells.shape[2]))
+    needed, _ = rows_of_pools(wanted, weights, step)
+    _blur_slanted(cells, weights, cosines, sines, needed, out)
     return out

@@ -4,9 +4,9 @@ import numpy as np
 from numba import prange
 
 from srt3d_ros.kernels import maps
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, SLANTS, STAY, SURE_SLANTED
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE_SLANTED
 from srt3d_ros.kernels.cpu.arithmetic import EPSILON, F32, HALF, ONE, TWO, ZERO, aligned, total_of, wrap
-from srt3d_ros.kernels.cpu.blur import pool, rows_of_pools
+from srt3d_ros.kernels.cpu.blur import pool, pool_slanted
 from srt3d_ros.kernels.cpu.compiling import line, parallel
 from srt3d_ros.kernels.cpu.device import borrow
 from srt3d_ros.kernels.cpu.likelihood import evidence
@@ -15,49 +15,29 @@ from srt3d_ros.kernels.maps import BLOCK, DEPTH, INTENSITY, MARGIN, SCORE, SLOPE
 
 
 @parallel
-def _find_open(exposure, before, state, layer, is_open, wanted):
-    """Write 1 for the pixels that were open before, and for those of them that want a surface, or a better one."""
+def _find_open(exposure, state, layer, is_open, wanted):
+    """Write 1 for the pixels that want a surface: twice, for these are pooled even when they have found one."""
     rows, cols = is_open.shape
     for i in prange(rows):
         a = i + MARGIN
         for j in range(cols):
             b = j + MARGIN
-            found = exposure[a, b] > ZERO and before[a, layer, INTENSITY, b] == ZERO
+            found = exposure[a, b] > ZERO and state[a, layer, INTENSITY, b] == ZERO
             if layer > 0:
-                found = found and before[a, layer - 1, INTENSITY, b] > ZERO
-            sure = state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(DOUBTFUL)
-            is_open[i, j] = ONE if found else ZERO
-            wanted[i, j] = ONE if found and not sure else ZERO
+                found = found and state[a, layer - 1, INTENSITY, b] > ZERO
+            is_open[i, j] = wanted[i, j] = ONE if found else ZERO
 
 
 @parallel
-def _shear(matched, cos_col, sin_col, cos_row, sin_row, near, step, out):
-    """z exp(−i (φ_col + φ_row)), in rows of cells that are `near`."""
-    padded_rows, channels, cols = matched.shape
-    m = channels // 2
-    for row in prange(padded_rows - 2 * MARGIN):
-        if not near[row // step]:
-            continue
-        i = row + MARGIN
-        for l in range(m):
-            cosine, sine = cos_row[l, i], sin_row[l, i]
-            for j in range(cols):
-                c = cosine * cos_col[l, j] - sine * sin_col[l, j]
-                s = cosine * sin_col[l, j] + sine * cos_col[l, j]
-                re, im = matched[i, l, j], matched[i, m + l, j]
-                out[i, l, j] = re * c + im * s
-                out[i, m + l, j] = im * c - re * s
-
-
-def _sheared(matched, bin_frequencies, slope, near, step):
-    """The map with a plane of this slope turned to depth 0, in rows of cells that are `near`."""
-    turns = 2 * np.pi * bin_frequencies.astype(np.float64)[:, None]
-    col, row = (turns * (rise * (np.arange(pixels) - MARGIN)) for rise, pixels in
-                zip(slope, (matched.shape[2], matched.shape[0])))
-    out = borrow("sheared", matched.shape)
-    _shear(matched, *(f(phase).astype(np.float32) for phase in (col, row) for f in (np.cos, np.sin)), near,
-           step, out)
-    return out
+def _doubt(state, layer, wanted):
+    """Write 0 for the pixels that have found a surface which is beyond doubt."""
+    rows, cols = wanted.shape
+    for i in prange(rows):
+        a = i + MARGIN
+        for j in range(cols):
+            b = j + MARGIN
+            if state[a, layer, INTENSITY, b] > ZERO and state[a, layer, SCORE, b] >= F32(DOUBTFUL):
+                wanted[i, j] = ZERO
 
 
 @line
@@ -100,10 +80,30 @@ def _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, enou
     return found
 
 
+@line
+def _stays(z, x, a, b, layer, score, photons, share, light, confirmed, carried, energy, curvature, max_response,
+           background_table, moments, clutter, bin_frequencies, period, state):
+    """Keep the last frame's surface of pixel (a, b) if the cell's photons confirm it, and its rival is not better."""
+    if carried[a, layer, INTENSITY, b] == ZERO:
+        return False
+    old, total = carried[a, layer, DEPTH, b], total_of(energy)
+    response = response_at(z, x, BLOCK, bin_frequencies, old)
+    known = evidence(response, photons / share, photons, max_response, background_table)
+    known /= clutter[int(np.rint(old)) % len(clutter)]
+    if known <= confirmed or score * score - known * known >= TWO * F32(STAY):
+        return False
+    for f in (DEPTH, SLOPE_COL, SLOPE_ROW):
+        state[a, layer, f, b] = carried[a, layer, f, b]
+    state[a, layer, INTENSITY, b] = response / total / light
+    state[a, layer, STD, b] = _std(response / total, photons, share, moments, curvature, period)
+    state[a, layer, SCORE, b] = known
+    return True
+
+
 @parallel
 def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share, enough, energy, curvature,
             max_response, background_table, moments, clutter, bin_frequencies, cos, sin, odd, cells, num_bins, wanted,
-            layer, carried, confirmed, slope, state):
+            layer, carried, confirmed, slopes, state):
     rows, cols = wanted.shape
     m, total, period = len(energy), total_of(energy), F32(num_bins)
     apart, warm = APART * np.sqrt(total / curvature), carried.shape[0] > 0
@@ -113,51 +113,41 @@ def _search(matched, counts, exposure, counts_at, exposure_at, top, step, share,
         place, height = aligned(BLOCK), aligned(BLOCK)
         width = -(-cols // step)
         bound, listed = np.empty(width, np.float32), np.empty(width, np.int64)
-        found = _list_cells(i, m, top, step, matched, counts, counts_at, wanted, share, least, max_response,
-                            background_table, bound, listed)
-        for first in range(0, found, BLOCK):
-            block = min(BLOCK, found - first)
-            for c in range(2 * m):
-                for x in range(BLOCK):
-                    z[c * BLOCK + x] = matched[top + i, c, top + listed[first + x]] if x < block else ZERO
-            peaks(z, cos, sin, odd, cells, period, scratch, place, height)
-            for x in range(block):
-                j = listed[first + x]
-                photons = counts[top + i, counts_at, top + j]
-                light = max(exposure[top + i, exposure_at, top + j], EPSILON)
-                depth = place[x] + F32(step) * (slope[0] * F32(j) + slope[1] * F32(i))
-                depth -= period * np.floor(depth / period)
-                score = evidence(height[x], photons / share, photons, max_response, background_table)
-                score /= clutter[int(np.rint(depth)) % len(clutter)]
-                signal = height[x] / total
-                for a in range(i * step + MARGIN, min((i + 1) * step, rows) + MARGIN):
-                    for b in range(j * step + MARGIN, min((j + 1) * step, cols) + MARGIN):
-                        if wanted[a - MARGIN, b - MARGIN] == ZERO:
-                            continue
-                        if warm and carried[a, layer, INTENSITY, b] > ZERO:
-                            old = carried[a, layer, DEPTH, b]
-                            response = response_at(z, x, BLOCK, bin_frequencies, old)
-                            known = evidence(response, photons / share, photons, max_response,
-                                             background_table)
-                            known /= clutter[int(np.rint(old)) % len(clutter)]
-                            if known > confirmed and score * score - known * known < TWO * F32(STAY):
-                                for f in (DEPTH, SLOPE_COL, SLOPE_ROW):
-                                    state[a, layer, f, b] = carried[a, layer, f, b]
-                                state[a, layer, INTENSITY, b] = response / total / light
-                                state[a, layer, STD, b] = _std(response / total, photons, share, moments, curvature,
-                                                               period)
-                                state[a, layer, SCORE, b] = known
+        for k in range(len(slopes)):
+            found = _list_cells(i, m, top, step, matched[k], counts, counts_at, wanted, share, least, max_response,
+                                background_table, bound, listed)
+            for first in range(0, found, BLOCK):
+                block = min(BLOCK, found - first)
+                for c in range(2 * m):
+                    for x in range(BLOCK):
+                        z[c * BLOCK + x] = matched[k, top + i, c, top + listed[first + x]] if x < block else ZERO
+                peaks(z, cos, sin, odd, cells, period, scratch, place, height)
+                for x in range(block):
+                    j = listed[first + x]
+                    photons = counts[top + i, counts_at, top + j]
+                    light = max(exposure[top + i, exposure_at, top + j], EPSILON)
+                    depth = place[x] - period * np.floor(place[x] / period)
+                    score = evidence(height[x], photons / share, photons, max_response, background_table)
+                    score /= clutter[int(np.rint(depth)) % len(clutter)]
+                    for a in range(i * step + MARGIN, min((i + 1) * step, rows) + MARGIN):
+                        for b in range(j * step + MARGIN, min((j + 1) * step, cols) + MARGIN):
+                            if wanted[a - MARGIN, b - MARGIN] == ZERO:
                                 continue
-                        rival = state[a, layer, SCORE, b] if state[a, layer, INTENSITY, b] > ZERO else enough
-                        new = score > max(enough, rival)
-                        if new and _is_new(state, a, layer, b, depth, apart, period):
-                            right, down = F32(b - MARGIN - j * step), F32(a - MARGIN - i * step)
-                            t = depth + slope[0] * right + slope[1] * down
-                            state[a, layer, DEPTH, b] = t - period * np.floor(t / period)
-                            state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = slope
-                            state[a, layer, INTENSITY, b] = signal / light
-                            state[a, layer, STD, b] = _std(signal, photons, share, moments, curvature, period)
-                            state[a, layer, SCORE, b] = score
+                            if warm and _stays(z, x, a, b, layer, score, photons, share, light, confirmed, carried,
+                                               energy, curvature, max_response, background_table, moments, clutter,
+                                               bin_frequencies, period, state):
+                                continue
+                            rival = state[a, layer, SCORE, b] if state[a, layer, INTENSITY, b] > ZERO else enough
+                            if score > max(enough, rival) and _is_new(state, a, layer, b, depth, apart, period):
+                                right = F32(b - MARGIN - j * step) - HALF * F32(step - 1)
+                                down = F32(a - MARGIN - i * step) - HALF * F32(step - 1)
+                                t = depth + slopes[k, 0] * right + slopes[k, 1] * down
+                                state[a, layer, DEPTH, b] = t - period * np.floor(t / period)
+                                state[a, layer, SLOPE_COL, b], state[a, layer, SLOPE_ROW, b] = slopes[k]
+                                signal = height[x] / total
+                                state[a, layer, INTENSITY, b] = signal / light
+                                state[a, layer, STD, b] = _std(signal, photons, share, moments, curvature, period)
+                                state[a, layer, SCORE, b] = score
 
 
 def drop_weak(state, weak):
@@ -169,36 +159,31 @@ def no_surfaces(frame, surfaces):
 
 
 def search(frame, matched, state, layer, sigma, step, enough, carried=None, confirmed=0.0, slanted=False):
-    before = state
-    if slanted:
-        before = borrow("before", state.shape)
-        before[:] = state
-    _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, (0.0, 0.0), before)
-    for slope in SLANTS if slanted else ():
-        along = tuple(part * frame.resolution_bins / sigma for part in slope)
-        _search_along(frame, matched, state, layer, sigma, step, SURE_SLANTED, None, 0.0, along, before)
-
-
-def _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slope, before):
     """The cells of a row that may be sure are matched together, BLOCK at a time."""
-    rows, cols = frame.shape
-    carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
-    is_open, wanted = (borrow(name, (rows, cols)) for name in ("open", "wanted"))
-    _find_open(frame.exposure, before, state, layer, is_open, wanted)
+    is_open, wanted = (borrow(name, frame.shape) for name in ("open", "wanted"))
+    _find_open(frame.exposure, state, layer, is_open, wanted)
     if not wanted.any():
         return
-    pools, channels = (matched, frame.counts[:, None], frame.exposure[:, None]), (0, 0)
-    top, share = MARGIN, ONE
-    if sigma > 0:
-        weights = window_weights(sigma / step)
-        needed, near = rows_of_pools(wanted, weights, step)
-        if slope != (0.0, 0.0):
-            matched = _sheared(matched, frame.bin_frequencies, slope, near, step)
-        pools = (pool(matched, frame.counts, frame.exposure, is_open, weights, step, needed, near),) * 3
-        channels = matched.shape[1], matched.shape[1] + 1
-        top, share = 0, HALF
+    carried = np.empty((0, 0, 0, 0), np.float32) if carried is None else carried
     clutter = np.ones(1, np.float32) if frame.clutter is None else frame.clutter
-    _search(*pools, *channels, top, step, share, F32(enough), frame.energy, F32(frame.curvature),
-            F32(frame.max_response), frame.background_table, frame.moments, clutter, frame.bin_frequencies,
-            *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, wanted, layer, carried, F32(confirmed),
-            (F32(slope[0]), F32(slope[1])), state)
+    flat = np.zeros((1, 2), np.float32)
+
+    def along(slopes, matched, counts, exposure, at, top, share, enough):
+        _search(matched, counts, exposure, *at, top, step, share, F32(enough), frame.energy, F32(frame.curvature),
+                F32(frame.max_response), frame.background_table, frame.moments, clutter, frame.bin_frequencies,
+                *steering(frame.bin_frequencies, frame.num_bins), frame.num_bins, wanted, layer, carried,
+                F32(confirmed), slopes, state)
+
+    if sigma == 0:
+        along(flat, matched[None], frame.counts[:, None], frame.exposure[:, None], (0, 0), MARGIN, ONE, enough)
+        return
+    weights, channels = window_weights(sigma / step), matched.shape[1]
+    cells, pools = pool(matched, frame.counts, frame.exposure, is_open, weights, step, wanted)
+    of_pools = pools, pools, (channels, channels + 1), 0, HALF
+    along(flat, pools[None], *of_pools, enough)
+    if slanted:
+        rise = frame.resolution_bins / sigma
+        _doubt(state, layer, wanted)
+        slopes = np.array([(rise, 0), (-rise, 0), (0, rise), (0, -rise)], np.float32)
+        along(slopes, pool_slanted(cells, weights, frame.bin_frequencies * (step * rise), step, wanted), *of_pools,
+              SURE_SLANTED)

@@ -2,10 +2,12 @@
 
 import math
 from functools import partial
+from types import SimpleNamespace
 
+import numpy as np
 import torch
 
-from srt3d_ros.kernels.constants import APART, DOUBTFUL, SLANTS, STAY, SURE_SLANTED
+from srt3d_ros.kernels.constants import APART, DOUBTFUL, STAY, SURE_SLANTED
 from srt3d_ros.kernels.maps import (
     DEPTH,
     INTENSITY,
@@ -19,7 +21,7 @@ from srt3d_ros.kernels.maps import (
     window_weights,
 )
 from srt3d_ros.kernels.oracle.arithmetic import EPSILON, as_complex, as_map, noise_ratio, pad, waves, wrap
-from srt3d_ros.kernels.oracle.blur import blur_cells
+from srt3d_ros.kernels.oracle.blur import blur, blur_cells
 from srt3d_ros.kernels.oracle.likelihood import evidence
 from srt3d_ros.kernels.oracle.windows import by_rows
 
@@ -113,10 +115,10 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
     grow over those that see background alone. t and S are `match` of z̄. q = Σ w² / Σ w is 1 for one pixel, 1/2 for
     a Gaussian; p = N / q. Since S E ≤ Σ_l |z̄_l|, most cells that are not sure need no filter.
 
-    If `slanted`, the slopes SLANTS · δ / σ are tried after the flat window, for first surfaces: with a slope, z_l
-    exp(−i ω_l slope · position) are pooled, which adds up a plane of this slope as a flat window adds up one of slope
-    0, and slope · position is added to t, of each pixel. `enough` is SURE_SLANTED then. Open are the pixels that were
-    so at first: a surface found since is replaced by one with a higher score, while its own is below DOUBTFUL.
+    If `slanted`, windows along planes follow that rise by δ / σ to the right, to the left, down and up: the sums of
+    cells times exp(−i ω_l slope · position) are pooled, which adds up such a plane as a flat window adds up one of
+    slope 0, and slope · position is added to t. `enough` is SURE_SLANTED then. The same pixels are pooled; one that
+    has found a surface below DOUBTFUL takes another with a higher score.
 
     The cell's open pixels get depth t, the slopes, intensity S / G and standard deviation
     √(q (S M₁ + (p − S)₊ M₀)) / (S C), at most T. A further surface must be farther than APART · δ from the
@@ -134,63 +136,69 @@ def search(frame, matched, state, layer, sigma, step, enough, carried=None, conf
         confirmed: standard deviations.
         slanted: for a sigma above 0.
     """
-    before = state.clone()
-    _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, (0.0, 0.0), before)
-    for slope in SLANTS if slanted else ():
-        along = tuple(part * frame.resolution_bins / sigma for part in slope)
-        _search_along(frame, matched, state, layer, sigma, step, SURE_SLANTED, None, 0.0, along, before)
+    is_open = _open(frame, state, layer)
+    pools = (frame, is_open, sigma, step)
+    _take(frame, state, layer, step, is_open, _pooled(matched, (0.0, 0.0), *pools), enough, carried, confirmed)
+    rise = frame.resolution_bins / sigma if slanted else 0.0
+    point = crop(state, *frame.shape)[:, layer]
+    doubtful = is_open & ((point[:, INTENSITY] == 0) | (point[:, SCORE] < DOUBTFUL))
+    for slope in ((rise, 0.0), (-rise, 0.0), (0.0, rise), (0.0, -rise)) if slanted else ():
+        _take(frame, state, layer, step, doubtful, _pooled(matched, slope, *pools), SURE_SLANTED)
 
 
-def _search_along(frame, matched, state, layer, sigma, step, enough, carried, confirmed, slope, before):
-    """`search` for a plane of one slope."""
+def _open(frame, state, layer):
+    """Which pixels want a surface; bool [rows, cols]."""
+    view, exposure = crop(state, *frame.shape), crop(frame.exposure, *frame.shape)
+    is_open = (exposure > 0) & (view[:, layer, INTENSITY] == 0)
+    return is_open & (view[:, layer - 1, INTENSITY] > 0) if layer > 0 else is_open
+
+
+def _pooled(matched, slope, frame, is_open, sigma, step) -> SimpleNamespace:
+    """What the cells' windows add up to along planes of this slope, and what matches that best."""
     rows, cols = frame.shape
-    view, seen = crop(state, rows, cols), crop(before, rows, cols)
     counts, exposure = (crop(values, rows, cols)[:, None] for values in (frame.counts, frame.exposure))
-    is_open = (exposure[:, 0] > 0) & (seen[:, layer, INTENSITY] == 0)
-    if layer > 0:
-        is_open &= seen[:, layer - 1, INTENSITY] > 0
-    point = view[:, layer]
-    rival = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf)
-    wanted = is_open & (rival < DOUBTFUL)
-
-    # Pool cells of open pixels, and match them.
-    row, col = (torch.arange(pixels, device=state.device) for pixels in (rows, cols))
-    matched = crop(matched, rows, cols)
-    if slope != (0.0, 0.0):
-        along = slope[0] * col + slope[1] * row[:, None]
-        matched = as_map(as_complex(matched) * waves(frame, along).conj())
-    share, pools = 1.0, (matched, counts, exposure)
+    pools, share = [crop(matched, rows, cols), counts, exposure], 1.0
     if sigma > 0:
-        weights, share = window_weights(sigma / step), 0.5
-        pools = [blur_cells(values * is_open[:, None], w, step) for values, w in
-                 zip(pools, (weights, weights**2, weights))]
+        weights, one, share = window_weights(sigma / step), np.ones(1, np.float32), 0.5
+        pools = [blur_cells(values * is_open[:, None], one, step) for values in pools]
+        row, col = (torch.arange(size, device=matched.device) for size in (len(pools[0]), pools[0].shape[2]))
+        along = step * (slope[0] * col + slope[1] * row[:, None])
+        turned = as_map(as_complex(pools[0]) * waves(frame, along).conj())
+        pools = [blur(turned, weights), blur(pools[1], weights**2), blur(pools[2], weights)]
     z = as_complex(pools[0])
     depth, signal = _peak(z, frame)
-    signal = signal / frame.total_energy
-    cells = [torch.arange(size, device=state.device) for size in depth.shape]
-    depth = (depth + step * (slope[0] * cells[1] + slope[1] * cells[0][:, None])) % frame.num_bins
+    depth = depth if sigma == 0 else depth + along
+    return SimpleNamespace(z=z, depth=depth % frame.num_bins, signal=signal / frame.total_energy, share=share,
+                           slope=slope, counts=pools[1][:, 0], exposure=pools[2][:, 0])
 
-    # What the cell of each pixel shows.
+
+def _take(frame, state, layer, step, wanted, pools, enough, carried=None, confirmed=0.0) -> None:
+    """Write what the pools show into the wanted pixels of their cells."""
+    rows, cols = frame.shape
+    view = crop(state, rows, cols)
+    point = view[:, layer]
+    row, col = (torch.arange(pixels, device=state.device) for pixels in (rows, cols))
     cell = row[:, None] // step, col // step
-    corner, signal, photons, light = (values[cell] for values in (depth, signal, pools[1][:, 0], pools[2][:, 0]))
-    light = light.clamp(min=EPSILON)
+    middle, signal, photons = (values[cell] for values in (pools.depth, pools.signal, pools.counts))
+    light = pools.exposure[cell].clamp(min=EPSILON)
 
     def measured(t, at, slopes, signal):
         """The fields up to SCORE of surfaces at depths t with this signal in the pixels' cells, by the noise `at`."""
-        score = evidence(signal * frame.total_energy, photons / share, photons, frame) / noise_ratio(frame, at)
-        return torch.stack([t, *slopes, signal / light, _std(frame, signal, photons, share), score], dim=1)
+        score = evidence(signal * frame.total_energy, photons / pools.share, photons, frame) / noise_ratio(frame, at)
+        return torch.stack([t, *slopes, signal / light, _std(frame, signal, photons, pools.share), score], dim=1)
 
-    there = (corner + slope[0] * (col % step) + slope[1] * (row % step)[:, None]) % frame.num_bins
-    new = measured(there, corner, [torch.full_like(corner, part) for part in slope], signal)
-    least = rival.clamp(min=enough)
+    right, down = (place % step - (step - 1) / 2 for place in (col, row[:, None]))
+    there = (middle + pools.slope[0] * right + pools.slope[1] * down) % frame.num_bins
+    new = measured(there, middle, [torch.full_like(middle, part) for part in pools.slope], signal)
+    least = torch.where(point[:, INTENSITY] > 0, point[:, SCORE], -math.inf).clamp(min=enough)
     better = wanted & (new[:, SCORE] > least)
     if layer > 0:
         known = view[:, :layer]
-        apart = wrap(known[:, :, DEPTH] - corner[:, None], frame.num_bins).abs() > APART * frame.resolution_bins
+        apart = wrap(known[:, :, DEPTH] - middle[:, None], frame.num_bins).abs() > APART * frame.resolution_bins
         better &= (apart | (known[:, :, INTENSITY] == 0)).all(dim=1)
     if carried is not None:
         old = crop(carried, rows, cols)[:, layer]
-        along = z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, DEPTH]).conj()
+        along = pools.z[cell[0][:, 0]][:, :, cell[1]] * waves(frame, old[:, DEPTH]).conj()
         kept = measured(old[:, DEPTH], old[:, DEPTH], (old[:, SLOPE_COL], old[:, SLOPE_ROW]),
                         along.real.sum(dim=1) / frame.total_energy)
         stays = wanted & (old[:, INTENSITY] > 0) & (kept[:, SCORE] > confirmed) & (
