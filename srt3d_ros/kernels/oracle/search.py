@@ -162,12 +162,11 @@ def _pooled(matched, slope, frame, is_open, sigma, step) -> SimpleNamespace:
         weights, one, share = window_weights(sigma / step), np.ones(1, np.float32), 0.5
         pools = [blur_cells(values * is_open[:, None], one, step) for values in pools]
         row, col = (torch.arange(size, device=matched.device) for size in (len(pools[0]), pools[0].shape[2]))
-        along = step * (slope[0] * col + slope[1] * row[:, None])
-        turned = as_map(as_complex(pools[0]) * waves(frame, along).conj())
-        pools = [blur(turned, weights), blur(pools[1], weights**2), blur(pools[2], weights)]
+        plane = waves(frame, step * (slope[0] * col + slope[1] * row[:, None]))
+        flattened = blur(as_map(as_complex(pools[0]) * plane.conj()), weights)
+        pools = [as_map(as_complex(flattened) * plane), blur(pools[1], weights**2), blur(pools[2], weights)]
     z = as_complex(pools[0])
     depth, signal = _peak(z, frame)
-    depth = depth if sigma == 0 else depth + along
     return SimpleNamespace(z=z, depth=depth % frame.num_bins, signal=signal / frame.total_energy, share=share,
                            slope=slope, counts=pools[1][:, 0], exposure=pools[2][:, 0])
 
