@@ -19,6 +19,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
+from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonFrame
@@ -33,7 +34,6 @@ from srt3d_ros.messages import cdr, photon_frames
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.nodes import topics
 
-SIMULATOR = "simulator"
 NS_PER_S = 1_000_000_000
 
 
