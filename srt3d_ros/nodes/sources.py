@@ -19,10 +19,10 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from srt3d_ros import datasets
-from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonFrame
+from srt3d_ros.datasets import SIMULATOR
 from srt3d_ros.datasets.bags.bag import Bag, is_bag
 from srt3d_ros.datasets.bags.frames import find_photons
 from srt3d_ros.datasets.simulation.motion_profiles import MOTIONS, OPTICAL, Measured, measured
