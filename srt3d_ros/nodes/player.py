@@ -12,8 +12,8 @@ from srt3d_ros.messages.photon_frames import CODECS
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
+from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
-from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.sources import PACKETS, SIMULATOR, MovingSource, open_source
 from srt3d_ros.nodes.topics import NodeSpec
 
@@ -123,7 +123,7 @@ class PlayerNode(PipelineNode):
                 self._others[item.topic].publish(data)
                 continue
             if not sent:
-                self.diagnostics.show(first_stamp_ns=stamp_ns)
+                self.get_logger().info(f"the first frame's stamp is {stamp_ns}")
             self.diagnostics.count(frames_in=1)
             self.publish_frame(self._publisher, data, stamp_ns, frames_sent=1,
                                **({} if item.photons is None else {"photons_sent": item.photons}))

@@ -109,7 +109,7 @@ def format_summary(summary: dict) -> str:
 
 def align(lines: list[tuple[str, str]]) -> str:
     """(name, text) in two columns."""
-    return "\n".join(f"  {name:<24}{text}" for name, text in lines)
+    return "\n".join(f"  {name:<26}{text}" for name, text in lines)
 
 
 def rows(summary: dict) -> list[tuple[str, str]]:

@@ -198,7 +198,6 @@ def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_fil
 
     published = dict(points_message.decode_cdr(raw) for raw in clouds)
     published = {header.stamp_ns: columns for header, columns in published.items()}
-    assert str(min(published)) == graph.report("player")["first_stamp_ns"]
     recorded = list(reader.clouds())
     assert len(recorded) == frames
     for cloud in recorded:
