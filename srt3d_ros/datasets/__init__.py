@@ -11,7 +11,7 @@ from srt3d_ros.datasets.files import naming_file, read_text, readable, require_f
 from srt3d_ros.datasets.options import SensorOptions, gathered
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.simulation.simulator import Simulator
-from srt3d_ros.errors import InvalidInput, quoted, require
+from srt3d_ros.errors import quoted, require
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.results import Sketch
 
@@ -53,11 +53,10 @@ def read(path: str | Path, frame: int = 0, photons_topic: str = "", *, sensor: S
             require(is_bag(path), "photon file", str(path), f"a file that ends in {suffixes}, or a bag")
             with BagFrames(path, photons_topic) as frames:
                 return frames.read(frames.place(frame), options)
+        require(not photons_topic, "photons_topic", quoted(photons_topic), "nothing: only bags have topics")
         require_file(path, "photon file")
         if path.suffix.lower() == ".npz" and sketch_file.is_sketch(path):
-            for name, value in options.items():
-                raise InvalidInput(name, value, "nothing: a sketch has been made without it")
-            return Sketch.load(path)
+            return sketch_file.with_options(Sketch.load(path), options)
         return readers.read(path, frame, options, guess_irf)
 
 

@@ -80,7 +80,7 @@ def read(source: str | Path | np.ndarray | list, folder: Path | None = None) -> 
         raise InvalidInput("irf", source, "numbers") from None
     irf = irf.squeeze() if irf.ndim == 2 and 1 in irf.shape else irf
     require(irf.ndim in (1, 2) and 0 < irf.shape[-1] <= MAX_LENGTH, "irf shape", irf.shape,
-            f"[L] or [pixels, L], L from 1 to {MAX_LENGTH}")
+            f"[L] or [pixels, L], L from 1 to {MAX_LENGTH}; irf_sigma_bins makes a Gaussian")
     return irf
 
 

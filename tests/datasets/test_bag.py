@@ -218,12 +218,13 @@ def test_histograms_are_read_as_they_are(tmp_path):
         read(bag, gate=(10, 39))
 
 
-def test_a_bag_of_sketches_gives_sketches_made_without_options(tmp_path):
+def test_a_bag_of_sketches_gives_sketches_seen_by_another_sensor_if_it_is_given(tmp_path):
     bag = write_bag(tmp_path / "bag", [("/sketch", CLOUD, CODED), ("/sketch/sensor", TEXT, described(SENSOR))])
     sketch = read(bag)
     assert sketch.sensor.same_as(SENSOR) and sketch.frequencies == (1,) and sketch.photons[0, 0] == 3
-    with pytest.raises(InvalidInput, match="^fov_deg is 20: expected nothing: the bag has sketches, made without it"):
-        read(bag, fov_deg=20)
+    assert read(bag, fov_deg=20).notes == ("as given, not as in the file: projection",)
+    with pytest.raises(InvalidInput, match="^num_bins is 40: expected 50, as in the file"):
+        read(bag, num_bins=40)
     with BagFrames(bag) as frames:
         assert frames.are_sketches and len(frames) == 1
 

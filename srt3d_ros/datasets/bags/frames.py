@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.photons import PhotonGates
+from srt3d_ros.datasets import sketch_file
 from srt3d_ros.datasets.bags.bag import Bag, BagTopic, Message
 from srt3d_ros.datasets.bags.in_order import InOrder
 from srt3d_ros.datasets.options import ASSUMED_FOV
@@ -156,15 +157,13 @@ class BagFrames:
         return self.topics.output == "sketch"
 
     def read(self, place: FramePlace, options: dict) -> Photons | Sketch:
-        """A frame: its sketch, or its photons with options (options.gathered) in place of what the bag says.
+        """A frame, its sketch or its photons, with options (options.gathered) in place of what the bag says.
 
         Raises:
             InvalidInput: it cannot be read; an option that cannot be used.
         """
         if self.are_sketches:
-            for name, value in options.items():
-                raise InvalidInput(name, value, "nothing: the bag has sketches, made without it")
-            return self._sketch(place)
+            return sketch_file.with_options(self._sketch(place), options)
         sensor, notes = self._sensor_at(place.sensor)
         frame = CODECS[self.topics.output].decode_cdr(self._frame(place), sensor)[1]
         photons = Photons(sensor, frame.to_events(sensor) if isinstance(frame, PhotonGates) else frame, None,

@@ -9,6 +9,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
+from srt3d_ros.datasets.options import ASSUMED_WIDTH, BIN_OF_ONE_METRE_S, few_bins_note
 from srt3d_ros.datasets.recording import Counts, Recording
 from srt3d_ros.datasets.values import number, positive_integer
 from srt3d_ros.errors import require
@@ -41,7 +42,8 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
     bins = shape[-1]
     require(bins <= MAX_BINS or "gate" in options, f"{field} bins", bins, f"at most {MAX_BINS}; or give a gate")
     width = (given | options).get("bin_width_s")
-    require(width is not None, f"{path.name} bin_width_s", "missing", "seconds, by the option or in a sidecar")
+    notes += (ASSUMED_WIDTH,) * (width is None)
+    width_s = BIN_OF_ONE_METRE_S if width is None else number("bin_width_s", width, "seconds")
     row_bytes = cols * bins * dtype.itemsize
     require(row_bytes <= MAX_ROW_BYTES, f"{field} row", f"{row_bytes} bytes", f"at most {MAX_ROW_BYTES}")
     at_once = max(CHUNK_BYTES // row_bytes, 1)
@@ -55,8 +57,7 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
                 require(possible, "counts", f"beyond {MAX_COUNT} or not finite in places", "photons in a bin")
                 yield Counts(first, counts, (first + len(counts)) / (rows * cols))
                 first += len(counts)
-    return Recording(rows, cols, bins, number("bin_width_s", width, "seconds"), chunks, path.stem, notes, given,
-                     reference)
+    return Recording(rows, cols, bins, width_s, chunks, path.stem, notes, given, reference)
 
 
 def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
@@ -67,7 +68,7 @@ def parts_of(counts: np.ndarray) -> Callable[[int], Iterator[np.ndarray]]:
 def read(path: Path, options: dict) -> Recording:
     """An .npy file of counts."""
     counts = map_npy(path, f"{path.name} counts", MAX_CUBE_BYTES)
-    return cube(path, counts.shape, counts.dtype, parts_of(counts), options)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, notes=few_bins_note(counts.shape))
 
 
 def read_npz(path: Path, options: dict) -> Recording:
@@ -86,7 +87,7 @@ def read_npz(path: Path, options: dict) -> Recording:
                 part = min(rows, shape[0] - first), *shape[1:]
                 raw = stream.read(math.prod(part) * dtype.itemsize)
                 yield np.frombuffer(raw, dtype).reshape(part)
-    return cube(path, shape, dtype, read_rows, options, given_by(read_npz_arrays(path, GIVEN)))
+    return cube(path, shape, dtype, read_rows, options, given_by(read_npz_arrays(path, GIVEN)), few_bins_note(shape))
 
 
 def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:

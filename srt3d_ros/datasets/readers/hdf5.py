@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from srt3d_ros.datasets.files import naming_file
+from srt3d_ros.datasets.options import few_bins_note
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, the_cube
 from srt3d_ros.datasets.recording import Events, Recording
 from srt3d_ros.datasets.values import positive_integer
@@ -69,7 +70,7 @@ def _cube(path: Path, file, options: dict) -> Recording:
             for first in range(0, shape[0], rows):
                 part = np.s_[first:first + rows]
                 yield np.ascontiguousarray(counts[..., part].T) if turned else counts[part]
-    return cube(path, shape, dtype, read, options, given_by(known))
+    return cube(path, shape, dtype, read, options, given_by(known), few_bins_note(shape))
 
 
 def _photons(path: Path, file, options: dict) -> Recording:

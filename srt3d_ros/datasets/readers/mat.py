@@ -7,7 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_PIXELS
 from srt3d_ros.datasets.files import naming_file
-from srt3d_ros.datasets.options import refuse_channel
+from srt3d_ros.datasets.options import few_bins_note, refuse_channel
 from srt3d_ros.datasets.readers import hdf5, mat_child
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, parts_of
 from srt3d_ros.datasets.readers.mat_layouts import CELLS, COUNTS, LAYOUTS, SPARSE, WANTED, Layout
@@ -40,7 +40,7 @@ def _counts(path: Path, found: dict[str, np.ndarray], options: dict) -> Recordin
     require(len(cubes) == 1, "variables", listed, f"one of {WANTED}")
     counts = found[cubes[0]]
     given = given_by({name: values for name, values in found.items() if name in GIVEN})
-    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, few_bins_note(counts.shape))
 
 
 def _published(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Recording:

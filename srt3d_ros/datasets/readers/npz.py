@@ -17,7 +17,7 @@ from srt3d_ros.datasets.photon_file import FIRST_REFERENCES, INTENSITY, KNOWN, O
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import cubes
 from srt3d_ros.datasets.recording import Recording
-from srt3d_ros.datasets.values import MAX_PHOTONS, check_within
+from srt3d_ros.datasets.values import MAX_PHOTONS, check_unit, check_within
 from srt3d_ros.errors import require
 from srt3d_ros.messages.sensor import PROJECTIONS
 
@@ -85,6 +85,7 @@ def _events(values: dict, sensor: SensorModel) -> PhotonEvents:
     require(pixel.dtype.kind in "iu", "pixel dtype", str(pixel.dtype), "an integer type, best uint32")
     check_within("pixel", pixel, sensor.pixels)         # before a conversion could wrap around
     check_within("toa", toa, sensor.num_bins)
+    check_unit(toa)
     toa = toa.astype(np.float32 if toa.dtype.kind == "f" else np.uint16, copy=False)
     events = PhotonEvents(pixel.astype(np.uint32, copy=False), toa, int(values.get("stamp_ns", 0)))
     events.check(sensor)        # what a float32 is rounded to
