@@ -63,6 +63,7 @@ def change(message, what: str, value) -> None:
     ("gates", "data.begin", b"\x6e\x00", "gates word"),
     ("histograms_16UC5", "encoding", "rgb8", "encoding"),
     ("histograms_16UC5", "encoding", "16UC6", "encoding"),
+    ("histograms_16UC5", "encoding", "8UC5", "encoding"),
     ("histograms_16UC5", "width", 5, "width"),
     ("histograms_16UC5", "step", 2**32 - 1, "data"),
     ("histograms_16UC5", "data.end", 1, "data"),
