@@ -8,6 +8,7 @@ from typing import Any, Self, Unpack
 import numpy as np
 
 from srt3d_ros.core.methods import DEFAULT_METHOD, find
+from srt3d_ros.core.progress import compiling
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import OFF, Gate
@@ -149,11 +150,12 @@ class Photons:
         """
         require(sketch_size is None or isinstance(sketch_size, int | np.integer), "sketch_size", quoted(sketch_size),
                 "an integer")
-        found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
-        stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(used), packets_per_frame=0))
-        for packet in self.packets():
-            stream.push(packet)
-        made, = stream.flush()
+        with compiling():
+            found, used, _ = design_for(*self.sample, gate, _written(frequencies), sketch_size)
+            stream = SketchStream(self.sensor, StreamOptions(str(found or OFF), _written(used), packets_per_frame=0))
+            for packet in self.packets():
+                stream.push(packet)
+            made, = stream.flush()
         outside = stream.counts.photons_dropped["gate"]
         notes = outside_note(outside, round(self.photons), found.first, found.last) if found else ()
         return Sketch(**vars(made), notes=self.notes + notes)
