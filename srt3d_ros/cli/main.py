@@ -18,9 +18,9 @@ COMMANDS = ("reconstruct", "info", "convert", "evaluate", "benchmark", "up", "pl
 MODULES = {"play": "node", "bag-record": "node"}      # those that are not called as their command
 
 # Optional packages: how to get what a command turns out to need.
-EXTRAS = {"rclpy": "ros", "rerun": "record", "matplotlib": "review", "PIL": "review", "jinja2": "review",
-          "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab",
-          "h5py": "lab", "distributed": "dask"}
+EXTRAS = {"rclpy": "ros", "rerun": "record", "rerun_cli": "record", "matplotlib": "review", "PIL": "review",
+          "jinja2": "review", "rosbags": "bags", "torch": "gpu", "ptufile": "lab", "sdtfile": "lab", "h5py": "lab",
+          "distributed": "dask"}
 DRAWING = ("demo", "review")        # commands that need all of `review`, which includes `record`
 
 COMPUTING = ("reconstruct", "evaluate", "benchmark")    # commands that run kernels in this process

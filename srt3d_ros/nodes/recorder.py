@@ -25,9 +25,8 @@ from srt3d_ros.nodes.parameters import Parameter, Parameters
 from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import NodeSpec
 from srt3d_ros.nodes.worker import Dropped, Refused
-from srt3d_ros.recording import live, schema
+from srt3d_ros.recording import schema
 from srt3d_ros.recording.frame_index import FrameIndex, RecordedFrame
-from srt3d_ros.recording.frame_log import COLOUR_BY
 from srt3d_ros.recording.writer import RecordingWriter
 from srt3d_ros.versions import versions
 
@@ -39,13 +38,8 @@ PARAMETERS = (
               "is replaced: where there is one, and for further recordings and parts, NAME_2.rrd, NAME_3.rrd, ….",
               form="a path that ends with .rrd"),
     Parameter("record", True, "true: record as soon as the node is active. false: from `~/start_recording` on."),
-    Parameter("colour_by", COLOUR_BY[0], "What the colours of the points show. depth_std needs the reconstructor's "
-              "`fields:=full`; without it, intensity is used. Height is along the sensor's up direction.",
-              choices=COLOUR_BY),
     Parameter("images", ALL_IMAGES, "Images to record.", form=WHICH_IMAGES),
     Parameter("split_size_mb", 0.0, "Start a new file at this size; 0 = one file.", "MB", low=0.0),
-    Parameter("live_port", 0, "Port on the loopback interface for viewers (`srt3d view --connect`); 0 = none.", low=0,
-              high=65535),
 )
 
 
@@ -54,9 +48,8 @@ class Settings:
 
     def __init__(self, values: Parameters):
         self.path = _checked_path(values["path"])
-        self.colour_by = values["colour_by"]
         self.images = _checked_images(values["images"])
-        self.split_size_mb, self.live_port = values["split_size_mb"], values["live_port"]
+        self.split_size_mb = values["split_size_mb"]
 
 
 def _checked_path(text: str) -> Path:
@@ -106,8 +99,6 @@ class RecorderNode(PipelineNode):
     def configure(self) -> None:
         """Check the parameters and collect the facts that every recording has."""
         self._settings = Settings(self.parameters)
-        if self._settings.live_port:
-            live.check_free(self._settings.live_port)
         self._versions = versions() | {"rmw": rclpy.get_rmw_implementation_identifier()}
         self.serve("start_recording", self._start)
         self.serve("stop_recording", self._stop)
@@ -172,9 +163,8 @@ class RecorderNode(PipelineNode):
                      "cpus": os.cpu_count()}
         properties = {schema.RUN: run_facts, schema.VERSIONS: self._versions}
         return RecordingWriter(
-            self._path, self._sensor, properties, images=self._settings.images, colour_by=self._settings.colour_by,
-            split_size_mb=self._settings.split_size_mb, live_port=self._settings.live_port,
-            queue_mb=QUEUE_MB, on_error=self._on_writer_error)
+            self._path, self._sensor, properties, images=self._settings.images,
+            split_size_mb=self._settings.split_size_mb, queue_mb=QUEUE_MB, on_error=self._on_writer_error)
 
     def _on_writer_error(self, text: str) -> None:
         self.get_logger().error(text)

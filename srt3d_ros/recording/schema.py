@@ -1,7 +1,6 @@
 """What a recording holds: names of entities and components, and how values become rerun archetypes and back."""
 
 from collections.abc import Mapping
-from dataclasses import astuple, is_dataclass
 
 import numpy as np
 import pyarrow as pa
@@ -9,9 +8,8 @@ import rerun as rr
 
 from srt3d_ros.colours import BACKGROUND as BLACK
 from srt3d_ros.colours import PHOTON_MAP, RANGE_MAP
-from srt3d_ros.core.sensor.distortion import PlumbBob
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
+from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.viewpoint import sensor_axes
 
 APPLICATION_ID = "srt3d_ros"
@@ -27,9 +25,6 @@ PROPERTIES = "/__properties"                        # rerun's entity path of pro
 _DARK = 45 / 210        # dark colours that colours.range_table leaves out, over those that it has
 _LEAST_SPAN = 1e-6
 _FRUSTUM = (110, 120, 140)
-_SENSOR_FACTS = {"rows": int, "cols": int, "num_bins": int, "bin_width_s": float, "irf_ref": int,
-                 "toa_offset_bins": float, "range_offset_m": float, "frame_id": str, "toa_reference": str}
-_PROJECTIONS = {kind.kind: kind for kind in (Pinhole, AngularScan)}
 
 
 def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: float) -> list:
@@ -108,25 +103,3 @@ def log_properties(stream: rr.RecordingStream, name: str, facts: Mapping) -> Non
               if value is not None and np.size(value)}
     if values:
         stream.send_property(name, rr.AnyValues(**values))
-
-
-def sensor_properties(sensor: SensorModel) -> dict:
-    """The facts of the property `sensor`; an IRF per pixel is left out."""
-    facts = {name: getattr(sensor, name) for name in _SENSOR_FACTS} | {"projection": sensor.projection.kind}
-    facts |= {name: list(astuple(value)) if is_dataclass(value) else float(value)
-              for name, value in vars(sensor.projection).items()}
-    return facts | ({"irf": sensor.irf} if sensor.irf.ndim == 1 else {})
-
-
-def sensor_of(facts: Mapping) -> SensorModel | None:
-    """The sensor of the property `sensor`, all pixels alike; None if its facts do not suffice."""
-    try:
-        kind = _PROJECTIONS[facts["projection"]]
-        values = {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
-        if "distortion" in values:
-            values["distortion"] = PlumbBob(*np.atleast_1d(values["distortion"]).tolist())
-        irf = np.atleast_1d(facts["irf"]) if "irf" in facts else np.ones(int(facts["irf_ref"]) + 1)
-        known = {name: of_type(facts[name]) for name, of_type in _SENSOR_FACTS.items() if name in facts}
-        return SensorModel(irf=irf, projection=kind(**values), **known)
-    except (KeyError, TypeError, ValueError):
-        return None

@@ -15,8 +15,8 @@ import rerun as rr
 
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.new_files import free
-from srt3d_ros.recording import live, rerun_streams, schema
-from srt3d_ros.recording.frame_log import COLOUR_BY, FrameLog
+from srt3d_ros.recording import rerun_streams, schema
+from srt3d_ros.recording.frame_log import FrameLog
 from srt3d_ros.recording.write_queue import Write, WriteQueue
 
 FLUSH_PERIOD_S = 0.4        # without a flush, large clouds keep small scalars from being written at all
@@ -42,25 +42,20 @@ class RecordingWriter:
         sensor: sets the axes and the size of the points.
         properties: of the recording, {"run": {…}, …}: numbers, strings, lists of them.
         images: entity paths of the images that will be logged, for the blueprint.
-        colour_by: what the colours of the points show, one of frame_log.COLOUR_BY.
         split_size_mb: size of a file (10⁶ bytes) after which the next begins; 0 = never.
-        live_port: for viewers, 0 = none; InvalidInput if it is taken.
         queue_mb: of clouds and images that may wait.
         on_error: called with the line in `error`, from the writing thread, or from here if the file does not open.
     """
 
     def __init__(self, path, sensor: SensorModel | None, properties: Mapping[str, Mapping] | None = None, *,
-                 images: tuple[str, ...] = (schema.DEPTH,), colour_by: str = COLOUR_BY[0], split_size_mb: float = 0.0,
-                 live_port: int = 0, queue_mb: float = 32.0, on_error: Callable[[str], None] = lambda line: None):
+                 images: tuple[str, ...] = (schema.DEPTH,), split_size_mb: float = 0.0, queue_mb: float = 32.0,
+                 on_error: Callable[[str], None] = lambda line: None):
         self.error: str | None = None
         self.parts = 0                      # files begun
         self.path = self._first_path = Path(path)       # `path` is that of the newest file
         self._on_error, self._split_bytes = on_error, split_size_mb * 1e6
-        ids = schema.APPLICATION_ID, str(uuid.uuid4())
-        self._streams = [live.serve(live_port, *ids)] if live_port else []
-        self._file = rr.RecordingStream(ids[0], recording_id=ids[1])
-        self._streams.append(self._file)
-        self._log = FrameLog(self._streams, sensor, properties or {}, images, colour_by)
+        self._stream = rr.RecordingStream(schema.APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        self._log = FrameLog(self._stream, sensor, properties or {}, images)
         self._queue = WriteQueue(round(queue_mb * 1e6))
         try:
             self._create_file()
@@ -145,7 +140,7 @@ class RecordingWriter:
     def _run(self) -> None:
         try:
             if self.error is None:
-                self._begin_logs()
+                self._direct_to_file()
             flushed_s = time.monotonic()
             while not self._queue.at_end:
                 write = self._queue.take(FLUSH_PERIOD_S) or _NO_WRITE
@@ -158,13 +153,11 @@ class RecordingWriter:
                         self._direct_to_file()
             if self.error is None:
                 self._log.end()
-                self._file.flush(timeout_sec=FLUSH_TIMEOUT_S)
+                self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except Exception as error:      # the caller must go on without a recording, whatever failed
             self._fail(error)
-        for stream in self._streams:
-            stream.disconnect()         # the file gets its footer
-        self._streams.clear()
-        self._file = None
+        self._stream.disconnect()       # the file gets its footer
+        self._stream = self._log = None
         rerun_streams.free_ended()
 
     def _create_file(self) -> None:
@@ -174,21 +167,16 @@ class RecordingWriter:
         with self.path.open("xb") as file:
             file.write(b"R")
 
-    def _begin_logs(self) -> None:
-        for stream in self._streams[:-1]:       # live
-            self._log.begin(stream)
-        self._direct_to_file()
-
     def _direct_to_file(self) -> None:
         """Direct the stream to the file that was created; rerun finishes the one before."""
-        self._file.save(self.path)
+        self._stream.save(self.path)
         self.parts += 1
         self._log.set_properties(schema.RUN, {"part": self.parts})
-        self._log.begin(self._file)
+        self._log.begin()
 
     def _flush(self) -> None:
         """Put everything logged so far into the file, and see whether the disk has room for more."""
-        self._file.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._check_disk()
 
     def _check_disk(self) -> None:

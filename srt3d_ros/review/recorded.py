@@ -10,6 +10,7 @@ import numpy as np
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import Projection
 from srt3d_ros.errors import require
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.recording import schema
 from srt3d_ros.recording.reader import CloudIndex, LogLine, RecordingReader, Series
 
@@ -69,8 +70,9 @@ class Recorded:
 
     @cached_property
     def sensor(self) -> SensorModel | None:
-        """The sensor from the recording's properties, all pixels alike; None if they do not suffice."""
-        return schema.sensor_of(self.properties.get(schema.SENSOR, {}))
+        """The sensor from the recording's properties, all pixels with the same IRF; None if it was recorded without."""
+        text = self.properties.get(schema.SENSOR, {}).get("description")
+        return None if text is None else sensor_message.from_json(text)
 
     @property
     def projection(self) -> Projection | None:

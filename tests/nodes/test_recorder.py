@@ -110,7 +110,8 @@ def test_another_sensor_begins_another_recording(graph, speaker, sensor, tmp_pat
     assert recorder.end(signal.SIGINT) == 0, recorder.text
     paths = [tmp_path / "a.rrd", tmp_path / "a_2.rrd"]
     assert [frames_of(path) for path in paths] == [stamps[:3], stamps[3:]]
-    assert [RecordingReader(path).properties()["sensor"]["range_offset_m"] for path in paths] == [0, 1]
+    recorded = [RecordingReader(path).properties()["sensor"]["description"] for path in paths]
+    assert [sensor_message.from_json(text).range_offset_m for text in recorded] == [0, 1]
 
 
 # The node after a line of Python, as a program of its own.
@@ -181,7 +182,7 @@ def test_a_killed_recorder_leaves_a_file_with_all_but_the_end(graph, speaker, tm
 def test_a_recording_has_all_that_the_nodes_published_and_said(graph, photon_file, tmp_path):
     path, frames = tmp_path / "a.rrd", 10
     clouds = graph.collect(PointCloud2, "points", raw=True)
-    recorder = graph.start("recorder", path=path, colour_by="depth_std").ready()
+    recorder = graph.start("recorder", path=path).ready()
     graph.start("reconstructor", fields="full").ready()
     graph.start("sketcher", sketch_size=7).ready()
     of_another = graph.node.create_publisher(Log, "/rosout", LATCHED)

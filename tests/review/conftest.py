@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 
+from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.recording import schema
 from srt3d_ros.review.recorded import Recorded
 
@@ -58,7 +59,7 @@ def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, m
     """Write with rerun alone what docs/recording.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
-    schema.log_properties(stream, "sensor", schema.sensor_properties(sensor))
+    schema.log_properties(stream, "sensor", {"description": sensor_message.to_json(sensor)})
     stream.send_property("run", rr.AnyValues(frequencies=[1, 2, 5], machine="x86_64 <&>"))
     stream.send_property("versions", rr.AnyValues(srt3d_ros="0.1.0", git_revision="0123456789abcdef"))
     frame = 0
