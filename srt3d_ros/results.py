@@ -60,7 +60,7 @@ class Cloud(PointCloud):
         return replace(super().cropped(rows, cols), sensor=sensor)
 
     def save(self, path: str | Path) -> None:
-        """Write the cloud by the suffix: .npz (everything), .ply, .pcd, .rrd (opens in rerun); or draw it: .png, .jpg.
+        """Write the cloud by the suffix: .npz (everything), .ply, .pcd; or draw it: .png, .jpg.
 
         Raises:
             InvalidInput: another suffix, a path that cannot be written, or an .npz file there that is no cloud.

@@ -1,4 +1,4 @@
-"""Save a point cloud: .npz with everything, .ply and .pcd for other programs, .rrd for the rerun viewer; or draw it."""
+"""Save a point cloud: .npz with everything, .ply and .pcd for other programs; or draw it."""
 
 import json
 from collections.abc import Callable
@@ -33,7 +33,7 @@ def save(cloud: PointCloud, path: str | Path, *, frequencies: tuple[int, ...], s
     photons), stamp_ns, frequencies; of the sensor num_bins, bin_width_s, irf_ref, toa_offset_bins, range_offset_m,
     toa_reference, and all of it as JSON (sensor), as are facts and notes, which `load` takes.
     .ply: binary, x y z intensity, and the range's colour as red green blue. .pcd: 0.7, binary, x y z intensity.
-    .rrd: a recording of one frame (needs rerun-sdk). .png, .jpg: a picture (needs matplotlib).
+    .png, .jpg: a picture (needs matplotlib).
 
     Raises:
         InvalidInput: if the suffix is another or the file cannot be written there.
@@ -63,8 +63,8 @@ def check(path: str | Path) -> Path:
     require(isinstance(path, str | Path), "output", type(path).__name__, "a path")
     path = Path(path)
     require(path.suffix.lower() in _WRITERS, "output", str(path), f"a file name that ends in {', '.join(_WRITERS)}")
-    package, extra = _NEEDS.get(path.suffix.lower(), ("numpy", ""))
-    require(find_spec(package) is not None, "output", path.suffix, f"pip install 'srt3d_ros[{extra}]' to have been run")
+    require(path.suffix.lower() not in PICTURES or find_spec("matplotlib") is not None, "output", path.suffix,
+            "pip install 'srt3d_ros[review]' to have been run")
     check_place(path)
     check_replaceable(path, "xyz")
     return path
@@ -100,12 +100,6 @@ def _save_pcd(cloud: PointCloud, path: Path, *_) -> None:
     _write(path, header, points)
 
 
-def _save_rrd(cloud: PointCloud, path: Path, frequencies: tuple[int, ...], sensor: SensorModel) -> None:
-    from srt3d_ros.recording.frame_log import save_cloud  # here: rerun is imported for this suffix only
-
-    save_cloud(cloud, path, sensor, {"frequencies": list(frequencies)})
-
-
 def _save_picture(cloud: PointCloud, path: Path, _, sensor: SensorModel) -> None:
     from srt3d_ros.pictures.annotations import draw_cloud
 
@@ -126,6 +120,5 @@ def _write(path: Path, header: list[str], points: np.ndarray) -> None:
 
 
 _WRITERS: dict[str, Callable[[PointCloud, Path, tuple[int, ...], SensorModel], None]] = {
-    ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd, ".rrd": _save_rrd,
+    ".npz": _save_npz, ".ply": _save_ply, ".pcd": _save_pcd,
 } | dict.fromkeys(PICTURES, _save_picture)
-_NEEDS = {".rrd": ("rerun", "record")} | dict.fromkeys(PICTURES, ("matplotlib", "review"))     # package and extra

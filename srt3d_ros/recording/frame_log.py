@@ -1,24 +1,19 @@
 """FrameLog: log clouds, images, scalars and log lines to a stream of rerun. Not thread-safe."""
 
-import uuid
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from srt3d_ros.colours import AdaptiveRange, levels, packed, range_table
-from srt3d_ros.core.method.cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.viewpoint import Viewpoint, look_at, point_radius_m
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.recording import rerun_streams, schema
-from srt3d_ros.recording.blueprint import film_blueprint, plot_styles, still_blueprint
+from srt3d_ros.recording.blueprint import film_blueprint, plot_styles
 
 _RADIUS_SAMPLES = 4096
 _VIEWER_FOV_DEG, _VIEW_ASPECT = 55, 1.2     # of the viewer's 3D view, on a wide screen
-_CLOUD_APPLICATION_ID = "srt3d_ros_cloud"   # the viewer keeps one blueprint for each application
 
 
 class FrameLog:
@@ -29,12 +24,11 @@ class FrameLog:
         sensor: sets the axes and the size of the points.
         properties: of the recording: {"run": {…}, …}.
         images: entity paths of the images that will be logged, for the blueprint.
-        blueprint: makes it, from eye, sensor and `images`.
     """
 
     def __init__(self, stream: rr.RecordingStream, sensor: SensorModel | None, properties: Mapping[str, Mapping],
-                 images: tuple[str, ...], blueprint: Callable[..., rrb.Blueprint] = film_blueprint):
-        self._stream, self._sensor, self._images, self._blueprint = stream, sensor, images, blueprint
+                 images: tuple[str, ...]):
+        self._stream, self._sensor, self._images = stream, sensor, images
         self._properties = {name: dict(facts) for name, facts in properties.items()}
         if sensor is not None:      # an IRF per pixel would take hundreds of megabytes
             self._properties[schema.SENSOR] = {"description": sensor_message.to_json(
@@ -109,20 +103,4 @@ class FrameLog:
     def _send_view(self) -> None:
         if self._field_of_view:
             self._stream.log(schema.SENSOR_PATH, *self._field_of_view, static=True)
-        rerun_streams.send_blueprint(self._stream, self._blueprint(self._eye, self._sensor, self._images))
-
-
-def save_cloud(cloud: PointCloud, path: Path, sensor: SensorModel, properties: dict) -> None:
-    """Write a cloud and its depth image to an .rrd file; OSError if it cannot be written."""
-    stream = rr.RecordingStream(_CLOUD_APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    log = FrameLog(stream, sensor, {schema.RUN: properties}, (schema.DEPTH,), blueprint=still_blueprint)
-    data = stream.binary_stream()       # not to the file: where that cannot be written, rerun waits for ever
-    log.begin()
-    columns = {"xyz": cloud.xyz, "intensity": cloud.intensity, "row": cloud.row, "col": cloud.col,
-               "surface": cloud.surface, "depth_std": cloud.depth_std_bins * sensor.bin_width_m}
-    log.cloud(cloud.stamp_ns, 0, columns)
-    log.depth(cloud.stamp_ns, 0, cloud.depth_image(sensor.projection))
-    log.end()
-    path.write_bytes(data.read())
-    stream.disconnect()
-    rerun_streams.free_ended()
+        rerun_streams.send_blueprint(self._stream, film_blueprint(self._eye, self._sensor, self._images))

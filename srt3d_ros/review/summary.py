@@ -37,7 +37,7 @@ def summarise(recorded: Recorded) -> dict:
         "gaps": gaps[:_MOST_GAPS], "gap_count": len(gaps), "missing_frames": sum(gap["missing"] for gap in gaps),
         "clouds_not_recorded": _clouds_not_recorded(recorded),
         "latency_ms": {stage: latency(series.values) for stage, series in recorded.latencies().items()},
-        "points": spread(recorded.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
+        "points": spread(index.points), "photons": _spread(recorded, "photons"), "ppp": _spread(recorded, "ppp"),
         "bytes": size, "bytes_per_point": _rounded(size / max(int(index.points.sum()), 1)),
         "log": dict(Counter(line.level or "?" for line in recorded.log)),
         "typical_frame": int(index.frame_index[typical]), "fewest_points_frame": int(index.frame_index[fewest]),
@@ -64,7 +64,7 @@ def notable_frames(recorded: Recorded) -> tuple[int, int, int]:
 
     The typical cloud has the number of points nearest to the median; of several, it is nearest to the middle.
     """
-    points = recorded.points
+    points = recorded.index.points
     off_middle = np.abs(np.arange(len(points)) - (len(points) - 1) / 2) / len(points)
     off_median = np.abs(points - np.median(points)) / max(np.median(points), 1)
     return (int(np.argmin(np.round(off_median, 3) + 1e-3 * off_middle)), int(np.argmin(points)),
