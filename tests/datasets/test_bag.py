@@ -1,35 +1,28 @@
 """Bags as they are written and read: what is in them, what the stock tools find in them, and bags that are broken."""
 
-import sqlite3
-import struct
 import subprocess
 import sys
-import tracemalloc
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
-import lz4.frame
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from srt3d_ros import zstd
 from srt3d_ros.core.sensor.model import GateWords, SensorModel
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates, PhotonHistograms
 from srt3d_ros.core.sketching.sketcher import sketch_photons
 from srt3d_ros.datasets import read
-from srt3d_ros.datasets.bags import bag as bags
 from srt3d_ros.datasets.bags.bag import Bag
 from srt3d_ros.datasets.bags.frames import BagFrames, find_photons
-from srt3d_ros.datasets.bags.writer import STORAGES, BagWriter, Offer
+from srt3d_ros.datasets.bags.writer import STORAGES, BagWriter
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, gates, histograms, json_text, photons
 from srt3d_ros.messages import sensor as sensor_message
 from srt3d_ros.messages import sketch as sketches
 from srt3d_ros.messages.sensor import digest
-from tests.bags import CLOUD, IMAGE, LATCHED, START_NS, TEXT, write_bag
+from tests.bags import CLOUD, IMAGE, START_NS, TEXT, write_bag
 
 SENSOR = SensorModel(rows=2, cols=3, num_bins=50, bin_width_s=1e-10, irf=[1, 2, 1], gates=GateWords(), frame_id="spad")
 OTHER = SENSOR.replace(num_bins=40)
@@ -131,55 +124,9 @@ COMPRESSED = [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"), ("m
 
 
 @pytest.mark.parametrize("storage, mode", COMPRESSED)
-def test_compressed_bags_are_read_unless_they_unpack_to_far_too_much(tmp_path, monkeypatch, storage, mode):
+def test_compressed_bags_are_read(tmp_path, storage, mode):
     whole = write_compressed(tmp_path / "whole", storage, mode, RECORDED[:2])
     assert read(whole).frame.toa.tolist() == [0, 7, 9]
-    monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
-    zeros = write_compressed(tmp_path / "zeros", storage, mode, [("/sensor", TEXT, bytes(2**26))])
-    assert peak_of_refusal(zeros, "unpacked") < 2**24
-
-
-@pytest.mark.parametrize("packed", [
-    lz4.frame.compress(bytes(2**24)), struct.pack("<II", 0x184D2A50, 2000) + bytes(2000) + zstd.compress(
-        bytes(2**24)), 28 * b"a" + struct.pack("<I", 3) + b"lz4" + bytes(8) + lz4.frame.compress(bytes(2**24)),
-], ids=["lz4", "zstd after a frame to skip", "record of a chunk"])
-def test_no_read_gives_rosbags_what_unpacks_to_far_too_much(tmp_path, monkeypatch, packed):
-    monkeypatch.setattr(bags, "MAX_BYTES", 2**22)
-    (tmp_path / "a.mcap").write_bytes(packed)
-    with bags._BoundedPath(tmp_path / "a.mcap").open("rb") as file, pytest.raises(ValueError, match="unpacked"):
-        file.read()
-
-
-ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT "
-COMPUTED = {
-    "endless messages": ["ALTER TABLE messages RENAME TO m",
-                         f"CREATE VIEW messages AS {ENDLESS} i AS id, 1 AS topic_id, i AS timestamp, 0 AS data FROM n"],
-    "endless topics": ["ALTER TABLE topics RENAME TO t", "CREATE VIEW topics AS SELECT t.* FROM t, "
-                       f"({ENDLESS} i FROM n)"],
-    "a column of 1 GB": ["ALTER TABLE messages ADD COLUMN more BLOB GENERATED ALWAYS AS (zeroblob(1000000000))"],
-}
-
-
-@pytest.mark.parametrize("statements", COMPUTED.values(), ids=COMPUTED)
-def test_a_database_that_computes_its_rows_is_refused(tmp_path, statements):
-    bag = write_bag(tmp_path / "bag", RECORDED, "sqlite3")
-    with closing(sqlite3.connect(storage_file(bag))) as database:
-        for statement in statements:
-            database.execute(statement)
-        database.commit()
-    with pytest.raises(InvalidInput, match="is computed, not stored"):
-        read(bag)
-
-
-def peak_of_refusal(bag: Path, why: str) -> int:
-    """The most memory that was taken until the bag was refused, bytes."""
-    tracemalloc.start()
-    with pytest.raises(InvalidInput, match=why):
-        with Bag(bag) as opened:
-            list(opened.messages(opened.topics))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return peak
 
 
 def test_open_photons_gives_the_frame_that_is_asked_for(bag):
@@ -255,8 +202,8 @@ def test_sketches_are_read_with_the_descriptions_that_they_name(tmp_path):
 def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
     """Two descriptions, the first of which comes late, and messages that were recorded at the same time."""
     writer = BagWriter(tmp_path / "bag", kind if kind in STORAGES else "mcap")
-    writer.add_topic("/sensor", TEXT, [LATCHED])
-    writer.add_topic("/photons", CLOUD, [Offer()])
+    writer.add_topic("/sensor", TEXT, latched=True)
+    writer.add_topic("/photons", CLOUD)
     steps = [(1, 0), (1, 1), (1, SENSOR), (2, 2), (2, OTHER), (2, 3), (3, 4)]
     for time, what in steps:
         is_frame = isinstance(what, int)
@@ -265,8 +212,6 @@ def test_frames_are_found_again_by_their_place_in_any_order(tmp_path, kind):
     if kind == "without index":
         whole = (file := storage_file(tmp_path / "bag")).read_bytes()
         file.write_bytes(whole[:-28] + bytes(16) + whole[-12:])        # where the summary begins
-    with Bag(tmp_path / "bag") as bag:
-        assert bag.has_index == (kind in STORAGES)
     with BagFrames(tmp_path / "bag") as frames:
         places = list(frames.places())
         assert [place.number for place in places] == list(range(5)) and list(frames.places(3)) == places[3:]

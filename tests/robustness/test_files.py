@@ -15,7 +15,7 @@ from srt3d_ros.core.sketching.photons import PhotonEvents
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.datasets import open_sensor, photon_file, sketch_file
 from srt3d_ros.datasets.bags.bag import Bag
-from srt3d_ros.datasets.bags.writer import BagWriter, Offer
+from srt3d_ros.datasets.bags.writer import BagWriter
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import cdr, photons, sensor
 from srt3d_ros.recording.writer import RecordingWriter
@@ -122,8 +122,8 @@ def test_a_damaged_array_in_a_photon_file_is_read_or_refused_in_one_line(rounds,
 @pytest.mark.parametrize(("storage", "pattern"), [("mcap", "*.mcap"), ("sqlite3", "*.db3"), ("mcap", "metadata.yaml")])
 def test_a_damaged_bag_is_read_or_refused_in_one_line(storage, pattern, rounds, tmp_path):
     writer = BagWriter(tmp_path / "bag", storage)
-    writer.add_topic("/sensor", "std_msgs/msg/String", [Offer(durability="transient_local", depth=1)])
-    writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2", [Offer()])
+    writer.add_topic("/sensor", "std_msgs/msg/String", latched=True)
+    writer.add_topic("/photons", "sensor_msgs/msg/PointCloud2")
     writer.write("/sensor", STAMP_NS, cdr.write_text(sensor.to_json(SENSOR)))
     writer.write("/photons", STAMP_NS + 1, photons.encode_cdr(EVENTS, SENSOR, "spad"))
     writer.close()
