@@ -87,20 +87,6 @@ def test_sdt_images(tmp_path):
         read(path, irf=IRF, channel=2)
 
 
-def test_photon_hdf5_detectors_are_pixels(tmp_path):
-    h5py = pytest.importorskip("h5py")
-    pixel, toa = np.nonzero(CUBE.reshape(48, 120))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        for spot in range(2):
-            here = pixel // 24 == spot
-            group = file.create_group(f"photon_data{spot}")
-            group["nanotimes"], group["detectors"] = toa[here].astype(np.uint16), pixel[here].astype(np.uint8) % 24 + 5
-            group["nanotimes_specs/tcspc_num_bins"], group["nanotimes_specs/tcspc_unit"] = 120, 1e-10
-    photons = read(tmp_path / "a.h5", irf=IRF, rows=6, cols=8)
-    assert np.array_equal(counts_of(photons), CUBE > 0) and photons.sensor.bin_width_s == 1e-10
-    assert "48 detectors" in photons.notes[0]
-
-
 def test_hdf5_and_matlab_cubes(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
