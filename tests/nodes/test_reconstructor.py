@@ -12,8 +12,9 @@ from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.core.sketching.frequencies import choose
 from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets.simulation.scene import NetScene, StaticScene, net_sensor
+from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
+from srt3d_ros.evaluation.scenes import NetScene, net_sensor
 from srt3d_ros.messages import images as image_message
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
