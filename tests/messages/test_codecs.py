@@ -116,16 +116,10 @@ def test_header_that_ros_cannot_carry_is_refused(stamp_ns, frame_id, field):
         Header(stamp_ns, frame_id)
 
 
-@pytest.mark.parametrize("text", ["", "a", "{\"irf\": [1, 2]}", "ωₗ"])
-def test_texts_are_written_and_read_as_rclpy_does(text):
-    assert deserialize_message(cdr.write_text(text), String).data == text
-    assert cdr.read_text(serialize_message(String(data=text))) == text
-
-
-@pytest.mark.parametrize("raw", [b"", b"\0\1\0\0\x08\0\0\0abc\0", b"\0\1\0\0\2\0\0\0\xff\0", b"\0\1\0\0\2\0\0\0ab"])
-def test_what_is_no_text_is_refused(raw):
-    with pytest.raises(InvalidInput):
-        cdr.read_text(raw)
+def test_texts_are_written_and_read_as_rclpy_does():
+    for text in ("", "a", "{\"irf\": [1, 2]}", "ωₗ"):
+        assert deserialize_message(cdr.write_text(text), String).data == text
+        assert cdr.read_text(serialize_message(String(data=text))) == text
 
 
 def test_stamps_are_in_the_byte_order_of_their_message():
