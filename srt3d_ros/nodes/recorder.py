@@ -226,10 +226,7 @@ class RecorderNode(PipelineNode):
             frame.counts = None
 
     def _log_image(self, path: str, frame: RecordedFrame, image: np.ndarray) -> None:
-        if path == schema.DEPTH:
-            self._writer.log_depth(frame.stamp_ns, frame.number, image)
-        else:
-            self._writer.log_image(path, frame.stamp_ns, frame.number, image)
+        self._writer.log_image(path, frame.stamp_ns, frame.number, image)
 
     def _frame(self, stamp_ns: int) -> RecordedFrame:
         """The frame with this stamp."""

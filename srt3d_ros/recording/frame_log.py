@@ -69,16 +69,9 @@ class FrameLog:
         colours = packed(range_table())[levels(range_m, *self._range(schema.POINTS, range_m))]
         self.log(stamp_ns, frame_index, {schema.POINTS: schema.points(columns, colours, radius_m)})
 
-    def depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
-        """Log a depth image, float32, in an array that no longer changes."""
-        low, high = self._range(schema.DEPTH, depth_m)
-        self.log(stamp_ns, frame_index, {schema.DEPTH: [schema.depth_image(depth_m, low, high)],
-                                         schema.NO_DEPTH: [schema.no_depth(depth_m)]})
-
-    def image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
-        """Log one of schema.IMAGES: integers, or float32 with NaN = none, in an array that no longer changes."""
-        low, high = self._range(path, photons)
-        self.log(stamp_ns, frame_index, {path: [schema.photon_image(photons, low, high)]})
+    def image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
+        """Log an image: integers, or float32 with NaN = none, in an array that no longer changes."""
+        self.log(stamp_ns, frame_index, schema.image(path, image, *self._range(path, image)))
 
     def log(self, stamp_ns: int, frame_index: int | None, archetypes: Mapping[str, list]) -> None:
         """Log archetypes by entity path."""

@@ -41,29 +41,24 @@ def points(columns: Mapping[str, np.ndarray], colour: np.ndarray, radius_m: floa
     return [rr.Points3D(columns["xyz"], colors=colour, radii=radius), rr.AnyValues(**values)]
 
 
-def photon_image(photons: np.ndarray, low: float, high: float) -> rr.DepthImage:
-    """An image [rows, cols] in photons, NaN = none, coloured from `low` to `high`; integers in the fewest bytes.
+def image(path: str, values: np.ndarray, low: float, high: float) -> dict[str, list]:
+    """The archetypes, by entity path, of an image [rows, cols], NaN = none, coloured from `low` to `high`.
 
-    A DepthImage, because rerun colours only these by a map and shows their values.
+    DEPTH in metres, in the colours of ranges, with a mask over it that makes pixels without depth black: its map has a
+    colour for any value. Others in photons, integers in the fewest bytes; as DepthImage, too, because rerun colours
+    only these by a map and shows their values.
     """
-    if photons.dtype.kind == "u":
-        photons = photons.astype(np.min_scalar_type(photons.max(initial=0)))
-    return rr.DepthImage(photons, colormap=PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))
-
-
-def depth_image(depth_m: np.ndarray, low: float, high: float) -> rr.DepthImage:
-    """A depth image [rows, cols] in metres, NaN = none, in the colours of ranges from `low` to `high` metres."""
-    ends = high + _DARK * (high - low), low     # the far end first: rerun then turns the map round
-    return rr.DepthImage(depth_m, meter=1, colormap=RANGE_MAP, depth_range=ends)
-
-
-def no_depth(depth_m: np.ndarray) -> rr.SegmentationImage:
-    """What makes pixels without depth black, drawn over the depth image, whose map has a colour for any value."""
-    return rr.SegmentationImage((~np.isfinite(depth_m)).astype(np.uint8), opacity=1, draw_order=1)
+    if path == DEPTH:
+        ends = high + _DARK * (high - low), low     # the far end first: rerun then turns the map round
+        mask = rr.SegmentationImage((~np.isfinite(values)).astype(np.uint8), opacity=1, draw_order=1)
+        return {DEPTH: [rr.DepthImage(values, meter=1, colormap=RANGE_MAP, depth_range=ends)], NO_DEPTH: [mask]}
+    if values.dtype.kind == "u":
+        values = values.astype(np.min_scalar_type(values.max(initial=0)))
+    return {path: [rr.DepthImage(values, colormap=PHOTON_MAP, depth_range=(low, max(high, low + _LEAST_SPAN)))]}
 
 
 def no_depth_colour() -> rr.AnnotationContext:
-    """The static colours of `no_depth`."""
+    """The static colours of the mask NO_DEPTH."""
     return rr.AnnotationContext([(0, None, (0, 0, 0, 0)), (1, "no point", (*BLACK, 255))])
 
 

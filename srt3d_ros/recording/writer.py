@@ -78,16 +78,11 @@ class RecordingWriter:
                    for name, values in {"xyz": xyz, "intensity": intensity, **more}.items()}
         self._put(lambda: self._log.cloud(stamp_ns, frame_index, columns), *columns.values())
 
-    def log_depth(self, stamp_ns: int, frame_index: int, depth_m: np.ndarray) -> None:
-        """Log a depth image [rows, cols] in metres, NaN = none."""
-        depth_m = np.array(depth_m, np.float32, order="C")
-        self._put(lambda: self._log.depth(stamp_ns, frame_index, depth_m), depth_m)
-
-    def log_image(self, path: str, stamp_ns: int, frame_index: int, photons: np.ndarray) -> None:
-        """Log an image [rows, cols] in photons, integers, or NaN = none; `path` is one of schema.IMAGES."""
-        whole = np.asarray(photons).dtype.kind in "iu"
-        photons = np.array(photons, np.uint32 if whole else np.float32, order="C")
-        self._put(lambda: self._log.image(path, stamp_ns, frame_index, photons), photons)
+    def log_image(self, path: str, stamp_ns: int, frame_index: int, image: np.ndarray) -> None:
+        """Log an image [rows, cols], NaN = none: schema.DEPTH in metres, or one of schema.IMAGES in photons."""
+        whole = np.asarray(image).dtype.kind in "iu"
+        image = np.array(image, np.uint32 if whole else np.float32, order="C")
+        self._put(lambda: self._log.image(path, stamp_ns, frame_index, image), image)
 
     def log_scalars(self, stamp_ns: int, values: Mapping[str, float], frame_index: int | None = None) -> None:
         """Log one value for each of several time series: {"latency_ms": 35.1, "points": 19_871}."""

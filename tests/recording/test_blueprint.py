@@ -28,7 +28,7 @@ def record(path, cloud, sensor, images=(schema.DEPTH, *schema.IMAGES)):
     with RecordingWriter(path, sensor, images=images) as writer:
         for k in range(3):
             writer.log_cloud(k * 10**8, k, cloud.xyz, cloud.intensity)
-            writer.log_depth(k * 10**8, k, cloud.range_image())
+            writer.log_image(schema.DEPTH, k * 10**8, k, cloud.range_image())
             for path in schema.IMAGES:
                 writer.log_image(path, k * 10**8, k, cloud.image("intensity"))
             writer.log_line(k * 10**8, "sketcher: ready", 20, k)

@@ -65,7 +65,7 @@ def test_images_are_kept_as_they_are(tmp_path):
     image[3, 4] = np.nan
     counts = [rng.poisson(9, (30, 40)), np.full((30, 40), 70_000)]
     with RecordingWriter(tmp_path / "a.rrd", None) as writer:
-        writer.log_depth(0, 0, image)
+        writer.log_image(schema.DEPTH, 0, 0, image)
         writer.log_image(schema.INTENSITY_IMAGE, 0, 0, image)
         for k, count in enumerate(counts):
             writer.log_image(schema.PHOTONS, k, k, count)
@@ -83,7 +83,7 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
         for k in range(2):
             records[:], image[:] = k, k
             writer.log_cloud(k, k, records[:, :3], records[:, 3])
-            writer.log_depth(k, k, image)
+            writer.log_image(schema.DEPTH, k, k, image)
         records[:], image[:] = 99, 99
     reader = RecordingReader(tmp_path / "a.rrd")
     assert [bool((cloud.xyz == k).all() and (cloud.intensity == k).all()) for k, cloud in enumerate(reader.clouds())
@@ -94,10 +94,10 @@ def test_arrays_may_be_reused_after_logging_and_need_not_be_contiguous(tmp_path)
 def test_depth_is_yellow_when_near_and_black_where_there_is_none(tmp_path, ball):
     """The viewer turns its map round for a range that falls, and draws one image over the other."""
     depth_m = ball[0].depth_image(ball[1].projection)
-    far, near = schema.depth_image(depth_m, 1.0, 1.5).depth_range.as_arrow_array()[0].as_py()
+    far, near = schema.image(schema.DEPTH, depth_m, 1.0, 1.5)[schema.DEPTH][0].depth_range.as_arrow_array()[0].as_py()
     assert (far, near) == pytest.approx((1.5 + 0.5 * 45 / 210, 1.0))
     with RecordingWriter(tmp_path / "a.rrd", ball[1], images=(schema.DEPTH,)) as writer:
-        writer.log_depth(0, 0, depth_m)
+        writer.log_image(schema.DEPTH, 0, 0, depth_m)
     stream = RrdReader(tmp_path / "a.rrd").stream()
     batches = [chunk.to_record_batch() for chunk in stream.filter(content=schema.NO_DEPTH)]
     columns = {name.split(":")[-1]: batch.column(name) for batch in batches for name in batch.schema.names}
@@ -147,7 +147,7 @@ def test_a_path_that_cannot_be_written_gives_one_error_and_no_exception(tmp_path
         assert writer.error == f"recording {tmp_path}/absent/a.rrd: No such file or directory"
         for k in range(3):
             writer.log_cloud(k, k, *random_cloud(10))
-            writer.log_depth(k, k, np.ones((2, 2)))
+            writer.log_image(schema.DEPTH, k, k, np.ones((2, 2)))
             writer.log_scalars(k, {"points": 10}, k)
         assert not writer.flush()
     assert errors == [writer.error]
