@@ -117,8 +117,7 @@ def open_npz(path: Path) -> Iterator[zipfile.ZipFile]:
             raise InvalidInput("", why, "a complete .npz file (a zip of arrays)") from None
 
 
-def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None, most: int = MAX_BYTES
-                ) -> dict[str, tuple]:
+def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None) -> dict[str, tuple]:
     """`npy_header` of the arrays of an .npz file, of those of `names` that it has, or of all."""
     members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
     require(len(members) <= MAX_MEMBERS, "members", len(members), f"at most {MAX_MEMBERS}")
@@ -129,7 +128,7 @@ def npz_headers(archive: zipfile.ZipFile, names: tuple[str, ...] | None = None, 
             require(info.compress_type in COMPRESSIONS, name, f"packed by method {info.compress_type}",
                     "an array stored or deflated, as NumPy writes it")
             with archive.open(info) as stream:
-                headers[name] = npy_header(stream, info.file_size, name, most)
+                headers[name] = npy_header(stream, info.file_size, name)
     return headers
 
 

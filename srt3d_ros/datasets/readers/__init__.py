@@ -17,7 +17,7 @@ from srt3d_ros.datasets.options import ASSUMED_FOV, described, outside_note, rep
 from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.recording import Recording, StoredPhotons
 from srt3d_ros.datasets.values import number
-from srt3d_ros.errors import require
+from srt3d_ros.errors import quoted, require
 
 READERS = {".npz": "npz", ".mat": "mat", ".ptu": "ptu", ".sdt": "sdt", ".h5": "hdf5", ".hdf5": "hdf5", ".npy": "cubes",
            ".json": "histogram_logs", ".gz": "histogram_logs"}
@@ -51,6 +51,9 @@ def completed(recording: Recording, options: dict, guess_irf: bool) -> Photons:
     """The photons of a recording, in memory if they are few enough, and their sensor."""
     notes = recording.notes + replaced_note(recording.given, {**options, "gate": recording.given.get("gate")})
     options = recording.given | options
+    for side in ("rows", "cols"):
+        own = getattr(recording, side)
+        require(options.get(side, own) == own, side, quoted(options.get(side)), f"{own}, as in the file")
     bins = int(number("num_bins", options.get("num_bins", recording.num_bins), "a number of bins"))
     first, last = options.get("gate", (0, bins - 1))
     require(1 <= last - first < MAX_BINS, "num_bins", last - first + 1,

@@ -1,6 +1,5 @@
 """Arrays of counts [rows, cols, bins] in .npy and .npz files, streamed by rows."""
 
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from srt3d_ros.core.sensor.model import MAX_BINS
 from srt3d_ros.datasets import irf as irfs
-from srt3d_ros.datasets.files import map_npy, naming_file, npy_header, npz_headers, open_npz, read_npz_arrays
+from srt3d_ros.datasets.files import map_npy, naming_file, npz_headers, open_npz, read_npz_arrays
 from srt3d_ros.datasets.options import ASSUMED_WIDTH, BIN_OF_ONE_METRE_S, few_bins_note
 from srt3d_ros.datasets.recording import Counts, Recording
 from srt3d_ros.datasets.values import number, positive_integer
@@ -74,20 +73,10 @@ def read(path: Path, options: dict) -> Recording:
 def read_npz(path: Path, options: dict) -> Recording:
     """An array of counts in an .npz file; arrays named as in a photon file (irf, bin_width_s, …) are its sensor's."""
     with open_npz(path) as archive:
-        headers = npz_headers(archive, most=MAX_CUBE_BYTES)
-    name = the_cube(path, {name: shape for name, (shape, _, _) in headers.items()})
-    shape, fortran, dtype = headers[name]
-
-    def read_rows(rows: int) -> Iterator[np.ndarray]:
-        with open_npz(path) as archive, archive.open(f"{name}.npy") as stream:
-            npy_header(stream, archive.getinfo(f"{name}.npy").file_size, name, MAX_CUBE_BYTES)
-            if fortran:     # all rows lie in all parts of the file
-                yield from parts_of(np.frombuffer(stream.read(), dtype).reshape(shape, order="F"))(rows)
-            for first in range(0, 0 if fortran else shape[0], rows):
-                part = min(rows, shape[0] - first), *shape[1:]
-                raw = stream.read(math.prod(part) * dtype.itemsize)
-                yield np.frombuffer(raw, dtype).reshape(part)
-    return cube(path, shape, dtype, read_rows, options, given_by(read_npz_arrays(path, GIVEN)), few_bins_note(shape))
+        name = the_cube(path, {name: shape for name, (shape, _, _) in npz_headers(archive).items()})
+    arrays = read_npz_arrays(path, (name, *GIVEN))
+    counts, given = arrays.pop(name), given_by(arrays)
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, few_bins_note(counts.shape))
 
 
 def the_cube(path: Path, shapes: dict[str, tuple[int, ...]]) -> str:
