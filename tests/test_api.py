@@ -96,8 +96,9 @@ def test_the_callers_sensor_wins_over_every_file_and_a_note_says_so(tmp_path, su
 
 def test_what_a_photon_file_lacks_can_be_given(tmp_path):
     np.savez(tmp_path / "a.npz", rows=12, cols=20, num_bins=300, pixel=FRAME.pixel, toa=FRAME.toa)
-    with pytest.raises(srt3d_ros.InvalidInput, match="^a.npz bin_width_s is missing: .*, or options"):
-        srt3d_ros.read(tmp_path / "a.npz")
+    with pytest.raises(srt3d_ros.InvalidInput, match=r"^a.npz irf_ref is 3: expected irf beside it"):
+        srt3d_ros.read(tmp_path / "a.npz", irf_ref=3)
+    assert [note[:9] for note in srt3d_ros.read(tmp_path / "a.npz").notes] == ["IRF estim", "bin width", "geometry "]
     assert srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=20).notes == ()
     estimated = srt3d_ros.read(tmp_path / "a.npz", bin_width_s=5e-11)
     assert [note.split()[0] for note in estimated.notes] == ["IRF", "geometry"]
@@ -235,7 +236,7 @@ def test_a_window_of_a_sketch_sees_its_part_of_the_scene(cloud):
 # ---- What a cloud can do
 
 def test_a_cloud_is_saved_in_every_format(cloud, tmp_path):
-    for suffix in ("npz", "ply", "pcd", "rrd"):
+    for suffix in ("npz", "ply", "pcd"):
         cloud.save(tmp_path / f"cloud.{suffix}")
         assert (tmp_path / f"cloud.{suffix}").stat().st_size > 2000
     noted = replace(cloud, notes=("one: ½",))

@@ -17,11 +17,10 @@ from srt3d_ros.datasets.options import (
     says_geometry,
 )
 from srt3d_ros.datasets.survey import Survey
-from srt3d_ros.datasets.values import array, check_unit, check_within, sendable
+from srt3d_ros.datasets.values import array, check_within, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 
 AXES = "rows cols bins"
-ESTIMATED_IRF = "IRF estimated from the photons, which makes it slightly broad: give irf"
 
 
 class Described(NamedTuple):
@@ -41,6 +40,13 @@ def from_events(row: Any, col: Any, toa: Any, stamp_ns: int, options: dict) -> D
     sensor, notes = _sensor(options)
     pixel = _indices("row", row, sensor.rows) * np.uint32(sensor.cols) + _indices("col", col, sensor.cols)
     return _complete(PhotonEvents(pixel, _times(toa, sensor), stamp_ns), sensor, options, notes)
+
+
+def from_pixels(pixel: np.ndarray, toa: np.ndarray, stamp_ns: int, options: dict) -> Described:
+    """The photons of one entry each, by the index of their pixel."""
+    sensor, notes = _sensor(options)
+    events = PhotonEvents(_indices("pixel", pixel, sensor.pixels), _times(toa, sensor), stamp_ns)
+    return _complete(events, sensor, options, notes)
 
 
 def from_counts(counts: Any, stamp_ns: int, axes: str, options: dict) -> Described:
@@ -87,26 +93,27 @@ def _complete(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel, optio
               notes: tuple[str, ...]) -> Described:
     notes += () if says_geometry(options) else (ASSUMED_FOV,)
     if "irf" not in options:
-        sensor, notes = sensor.replace(irf=_estimated_irf(frame, sensor), irf_ref=None), (ESTIMATED_IRF, *notes)
+        irf, note = _estimated_irf(frame, sensor)
+        sensor, notes = sensor.replace(irf=irf, irf_ref=None), (note, *notes)
     return Described(sensor, frame, notes)
 
 
-def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> np.ndarray:
-    """The IRF that the photons show, see `irf.estimate`."""
+def _estimated_irf(frame: PhotonEvents | PhotonHistograms, sensor: SensorModel) -> tuple[np.ndarray, str]:
+    """The IRF that the photons show, see `irf.estimate`, and a note."""
     if isinstance(frame, PhotonHistograms):
         require(sensor.histograms is None, "irf", "missing", "the impulse response, as wide as these bins make it")
         survey = Survey(sensor.pixels, sensor.num_bins)
         survey.add_histograms(frame.counts.reshape(sensor.pixels, -1), 0)
         require(survey.countable, "irf", "missing", "the impulse response: it can be estimated from whole photons only")
         frame = survey.sample
-    return irfs.estimate(frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel]),
-                         sensor.num_bins)
+    seen = frame if sensor.mask is None else frame.part(sensor.mask.reshape(-1)[frame.pixel])
+    return irfs.estimated(seen, sensor.num_bins)
 
 
 def _indices(name: str, values: np.ndarray, end: int) -> np.ndarray:
     """Whole numbers from 0 to below `end`, as uint32."""
     check_within(name, values, end)
-    whole = values.astype(np.uint32)
+    whole = values.astype(np.uint32, copy=False)
     odd = np.flatnonzero(whole != values)
     require(len(odd) == 0, name, values[odd[:1]].tolist(), "whole numbers")
     return whole
@@ -116,8 +123,9 @@ def _times(toa: np.ndarray, sensor: SensorModel) -> np.ndarray:
     """ToA in bins, uint16 or float32."""
     check_within("toa", toa, sensor.num_bins)
     if toa.dtype.kind != "f":
-        return toa.astype(np.uint16)
-    check_unit(toa)
+        return toa.astype(np.uint16, copy=False)
+    in_seconds = toa.size > 1 and toa.max() < 1 and toa.any()
+    require(not in_seconds, "toa", "below 1 everywhere", "times in bins: divide seconds by bin_width_s")
     if sensor.first_bin_center == 0 and (toa == np.floor(toa)).all():       # means the same, and is faster to sketch
         return toa.astype(np.uint16)
     return np.minimum(toa.astype(np.float32), np.nextafter(np.float32(sensor.num_bins), np.float32(0)))

@@ -39,12 +39,6 @@ def check_within(name: str, values: np.ndarray, end: int) -> None:
         require(0 <= low and high < end, name, low if high < end else high, f"0 to below {end}")
 
 
-def check_unit(toa: np.ndarray) -> None:
-    """Refuse float ToA that all lie in the first bin: they are seconds."""
-    in_seconds = toa.dtype.kind == "f" and toa.size > 1 and toa.max() < 1 and toa.any()
-    require(not in_seconds, "toa", "below 1 everywhere", "times in bins: divide seconds by bin_width_s")
-
-
 def number(field: str, value: object, expected: str) -> float:
     """`value` as a finite float, or InvalidInput."""
     try:

@@ -8,7 +8,8 @@ from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
 from srt3d_ros.core.sketching.photons import PhotonEvents
-from srt3d_ros.datasets import Photons, arrays
+from srt3d_ros.datasets import Photons
+from srt3d_ros.datasets.irf import ESTIMATED
 from srt3d_ros.datasets.options import ASSUMED_FOV
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
@@ -110,7 +111,7 @@ def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pi
     row, col = np.divmod(np.concatenate([photons.pixel, np.zeros(len(noise), np.uint32)]), 30)
     toa, given = np.concatenate([photons.toa, noise]), {"bin_width_s": 1e-10, "mask": mask}
     by_events = Photons.from_events(row, col, toa, **given, shape=(30, 30), num_bins=400)
-    assert by_events.notes == (arrays.ESTIMATED_IRF, ASSUMED_FOV)
+    assert by_events.notes == (ESTIMATED, ASSUMED_FOV)
     found, ref = by_events.sensor.irf, by_events.sensor.irf_ref
     assert np.sqrt((found * (np.arange(len(found)) - ref)**2).sum()) == pytest.approx(3, abs=1)
     cube = np.zeros((30, 30, 400), np.float64)
