@@ -10,8 +10,8 @@ from srt3d_ros.datasets.bags.writer import BagWriter
 from srt3d_ros.errors import require
 from srt3d_ros.nodes import topics
 from srt3d_ros.nodes.base import PipelineNode
+from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
-from srt3d_ros.nodes.runtime import run
 from srt3d_ros.nodes.topics import NodeSpec
 
 MB = 10**6

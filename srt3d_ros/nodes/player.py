@@ -14,7 +14,7 @@ from srt3d_ros.nodes.base import PipelineNode
 from srt3d_ros.nodes.diagnostics import all_acknowledged
 from srt3d_ros.nodes.lifecycle import run
 from srt3d_ros.nodes.parameters import Parameter
-from srt3d_ros.nodes.sources import PACKETS, SIMULATOR, MovingSource, open_source
+from srt3d_ros.nodes.sources import PACKETS, RATE_HZ, SIMULATOR, MovingSource, open_source
 from srt3d_ros.nodes.topics import NodeSpec
 
 ACKNOWLEDGE_S = 5.0
@@ -27,7 +27,7 @@ PARAMETERS = (
               form="a path"),
     Parameter("output", "photons", "File and simulator: topic to publish. gates suit small arrays with few photons "
               "per pixel, histograms few bins with many photons.", choices=tuple(CODECS)),
-    Parameter("rate_hz", 10.0, "File and simulator: frames per second.", "Hz", 1e-3, 10_000),
+    Parameter("rate_hz", RATE_HZ, "File and simulator: frames per second.", "Hz", 1e-3, 10_000),
     Parameter("loop", True, "File: repeat its frame. The simulator never ends; a bag is played once."),
     Parameter("frames", 0, "Exit after this number of frames; 0: no limit.", low=0, high=10**9),
     Parameter("ppp", 15.0, "Simulator: mean photons per pixel and frame.", low=0, high=10**6),
@@ -56,8 +56,7 @@ class PlayerNode(PipelineNode):
     spec = SPEC
 
     def configure(self) -> None:
-        moves = self.parameters["motion"] != "off"
-        self._source = (MovingSource if moves else open_source)(self.parameters.as_dict())
+        self._source = open_source(self.parameters.as_dict())
         for note in self._source.notes:
             self.get_logger().info(f"{self.parameters['input']}: {note}")
         # Before the others, for best effort: whoever has the description has found what was advertised before it.

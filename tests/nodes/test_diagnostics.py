@@ -82,12 +82,14 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     says(ERROR, "dropped: 3 lost on the way here, of 3")
     diagnostics.error("ZeroDivisionError: division by zero")
     says(ERROR, "ZeroDivisionError: division by zero")
-    for how in ("find_warning", "find_contradiction"):
-        setattr(diagnostics, how, lambda: "rows is 3: expected 4")
-        for _ in range(2):          # as long as it lasts
-            says(WARN if how == "find_warning" else ERROR, "rows is 3: expected 4")
-    diagnostics.find_warning = diagnostics.find_contradiction = str
-    assert latest()["last_error"] == "ZeroDivisionError: division by zero"
+    diagnostics.warn("frames go on undeskewed")
+    says(WARN, "frames go on undeskewed")       # once
+    diagnostics.unusable("rows is 3: expected 4")
+    for _ in range(2):                          # as long as it lasts
+        says(ERROR, "rows is 3: expected 4")
+    diagnostics.unusable("")
+    report = latest()
+    assert (report["level"], report["last_error"]) == (OK, "ZeroDivisionError: division by zero")
     assert "waiting_for" not in latest()
     monkeypatch.setattr(module, "PATIENCE_S", -1.0)
     for topic in ("/photons", "/gates", "/histograms"):

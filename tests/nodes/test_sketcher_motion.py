@@ -1,7 +1,6 @@
 """The sketcher of a sensor that moves: what a SketchStream does with the same packets, `odom` or `imu`."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from srt3d_ros.messages import photons as photons_message
 from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.nodes import sources
 
-PATIENT = str(Path(__file__).with_name("patient") / "sketcher.py")
 MS = 1_000_000
 START_NS = 1_700_000_000_000 * MS
 SPEED_M_S, TURN_RAD_S = np.array([0.3, 0.0, 1.0]), np.array([0.0, 0.5, 0.0])
@@ -52,7 +50,7 @@ class Moving:
         self.sketches, motion = graph.collect(PointCloud2, "sketch"), "odom" if kind is Odometry else "imu"
         # Best effort loses what is sent before the reader, too, has matched: tests send some things once.
         reliable = {f"qos_overrides.{graph.namespace}/{motion}.subscription.reliability": "reliable"}
-        self.process = graph.start(PATIENT, motion=motion, packets_per_frame=PACKETS, frequencies="1,3",
+        self.process = graph.start("sketcher", motion=motion, packets_per_frame=PACKETS, frequencies="1,3",
                                    **reliable | parameters).ready()
         graph.introduce(sensor)
         self.photons = graph.matched(graph.publisher(PointCloud2, "photons"))
