@@ -50,24 +50,6 @@ def test_big_endian_cdr_is_read(codec):
     assert raw[:2] == b"\x00\x00" and same(codec.decode_cdr(raw), codec.decode_cdr(codec.encode_cdr()))
 
 
-def test_big_endian_data_is_read(codec):
-    message = codec.message()
-    if hasattr(message, "fields"):
-        widths = (0, 1, 1, 2, 2, 4, 4, 4, 8)        # of PointField's datatypes
-        step = message.point_step
-        places = [(at, widths[field.datatype]) for field in message.fields for at in
-                  range(field.offset, field.offset + widths[field.datatype] * field.count, widths[field.datatype])]
-    else:
-        step = int(message.encoding.split("C")[0][:-1]) // 8
-        places = [(0, step)]
-    data = np.frombuffer(message.data, np.uint8).reshape(-1, step).copy()
-    for at, width in places:
-        data[:, at:at + width] = data[:, at:at + width][:, ::-1]
-    message.data = data.tobytes()
-    message.is_bigendian = type(message.is_bigendian)(1)
-    assert same(codec.decode(message), codec.decode_cdr(codec.encode_cdr()))
-
-
 def test_padded_rows_are_read(codec):
     message = codec.message()
     step = "row_step" if hasattr(message, "row_step") else "step"
