@@ -9,7 +9,7 @@ from srt3d_ros.datasets.files import naming_file
 from srt3d_ros.datasets.options import few_bins_note, refuse_channel
 from srt3d_ros.datasets.readers import hdf5, mat_child
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, parts_of
-from srt3d_ros.datasets.readers.mat_layouts import CELLS, COUNTS, LAYOUTS, WANTED, Layout
+from srt3d_ros.datasets.readers.mat_layouts import CELLS, LAYOUTS, WANTED, Layout
 from srt3d_ros.datasets.recording import Events, Recording
 from srt3d_ros.datasets.values import MAX_PHOTONS, number
 from srt3d_ros.errors import require
@@ -52,24 +52,15 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     width_s, notes = _bin_width(layout, options)
     require(bool(((photons >= 0) & (photons == np.floor(photons))).all()), name, "negative or fractional in places",
             "photons per bin")
-    pixels, bins = photons.shape[::-1] if layout.form == COUNTS else found[f"{name}.shape"].tolist()
+    bins, pixels = photons.shape
     _check_bins(options, bins)
     require(layout.reference in found, layout.reference, "missing", "reference depths [rows, cols]")
     reference = found[layout.reference].astype(np.float32) - np.float32(1)
     require(reference.ndim == 2 and reference.size == pixels <= MAX_PIXELS, f"{layout.reference} shape",
             reference.shape, f"the {pixels} pixels of {name}, {MAX_PIXELS} at most")
     rows, cols = reference.shape
-    given = {"bin_width_s": width_s}
-    if layout.form == COUNTS:
-        counts = photons.reshape(bins, cols, rows).transpose(2, 1, 0)
-        return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes, reference)
-    require(photons.sum(dtype=np.float64) <= MAX_PHOTONS, f"{name} photons", "too many", f"at most {MAX_PHOTONS}")
-    photons = photons.astype(np.int64)
-    col, row = np.divmod(found[f"{name}.row"].repeat(photons), rows)
-    toa, pixel = found[f"{name}.col"].repeat(photons), row * cols + col
-    order = np.lexsort((toa, pixel))
-    events = Events(pixel[order], toa[order], 1.0)
-    return Recording(rows, cols, bins, width_s, lambda: iter([events]), path.stem, notes, given, reference)
+    counts, given = photons.reshape(bins, cols, rows).transpose(2, 1, 0), {"bin_width_s": width_s}
+    return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes, reference)
 
 
 def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Recording:
