@@ -79,6 +79,7 @@ def test_malformed_message_gives_one_error_that_names_the_field(codec, what, val
 @pytest.mark.parametrize(("change", "named"), [
     (lambda raw: b"", "CDR header"),
     (lambda raw: b"\x00\x03" + raw[2:], "CDR header"),         # of mutable types
+    (lambda raw: b"\x00\x00" + raw[2:], "CDR header"),         # big-endian
     (lambda raw: raw[:4], "header.stamp.sec"),
     (lambda raw: raw[:8] + (10**9).to_bytes(4, "little") + raw[12:], "header.stamp.nanosec"),
     (lambda raw: raw[:12] + b"\xff\xff\xff\xff" + raw[16:], "header.frame_id"),
