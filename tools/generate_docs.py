@@ -6,7 +6,8 @@
 from pathlib import Path
 
 from srt3d_ros.nodes import all_specs
-from tools.node_reference import as_yaml, topics_table
+from tools.node_reference import as_yaml, nodes_tables
+from tools.rooms import drawing
 from tools.schema_tables import filled, readme
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -22,7 +23,8 @@ def generated() -> dict[str, str]:
     """The text of every generated file, by its path in the source tree."""
     specs = all_specs().values()
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
-            "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda _: topics_table(specs)),
+            "docs/images/rooms.svg": drawing(),
+            "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda name: nodes_tables(specs)[name]),
             "msg_schemas/README.md": readme()}
 
 

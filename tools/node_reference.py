@@ -1,4 +1,4 @@
-"""What is made from the specs of the nodes: the table of topics in docs/nodes.md, and config/srt3d.yaml."""
+"""What is made from the specs of the nodes: the tables of docs/nodes.md, and config/srt3d.yaml."""
 
 import textwrap
 from collections.abc import Iterable
@@ -10,6 +10,18 @@ from tools.schema_tables import table
 OUTSIDE = dict.fromkeys(("sensor", *(topic.name for topic in FRAMES)), "your driver") | {
     topic.name: "your robot" for topic in MOTION}
 EVERY_NODE = "every node"
+
+
+def nodes_tables(specs: Iterable[NodeSpec]) -> dict[str, str]:
+    """The tables of docs/nodes.md by name: the topics of all nodes, and the parameters of each."""
+    return {"topics": topics_table(specs)} | {spec.name: parameters_table(spec) for spec in specs}
+
+
+def parameters_table(spec: NodeSpec) -> str:
+    """The parameters of a node; `autostart`, which all have, is told once."""
+    return table(("parameter", "default", "may be", "live", "meaning"),
+                 [(f"`{one.name}`", f"`{_yaml_value(one.default)}`", one.expected, "yes" if one.live else "",
+                   one.description) for one in spec.parameters])
 
 
 def topics_table(specs: Iterable[NodeSpec]) -> str:
