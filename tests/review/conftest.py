@@ -56,7 +56,7 @@ def write_recording():
 
 def _write(path, cloud, sensor, frames=FRAMES, shift_m=0.0, first_ns=FIRST_NS, missing=MISSING, frame_offset=0,
            more=lambda stream: None):
-    """Write with rerun alone what docs/recording.md describes; `more` adds to it."""
+    """Write with rerun alone what docs/bags.md describes; `more` adds to it."""
     stream = rr.RecordingStream("srt3d_ros")
     stream.save(path)
     schema.log_properties(stream, "sensor", {"description": sensor_message.to_json(sensor)})
