@@ -1,6 +1,7 @@
 """`srt3d demo`, which `make demo` runs: photons to clouds to a recording, by ROS 2 nodes in processes of their own."""
 
 import argparse
+import importlib
 import json
 import re
 import signal
@@ -69,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     require(0 < args.rate_hz <= 1000, "--rate-hz", args.rate_hz, "a rate above 0, at most 1000 Hz")
     frames = round(min(args.duration_s * args.rate_hz, 1e6))
     require(1 <= frames < 1e6, "--duration-s", args.duration_s, "time for 1 to 1e6 frames")
+    importlib.import_module("rclpy")        # it may not be installed: before anything is written
     source = (_from_file(args.photons) if args.photons else _moving(args.motion) if args.motion
               else _simulated(args.rate_hz))
     args.out.mkdir(parents=True, exist_ok=True)
