@@ -116,9 +116,7 @@ def redescribed(sensor: SensorModel, notes: tuple[str, ...], options: Mapping[st
         InvalidInput: an option would change a field that is `fixed`.
     """
     refuse_channel(options)
-    for name in fixed:
-        own = getattr(sensor, name)
-        require(options.get(name, own) == own, name, quoted(options.get(name)), f"{own}, as in the file")
+    check_same({name: getattr(sensor, name) for name in fixed}, options)
     changed = described(sensor, options)
     own, now = ({name: getattr(one, name) for name in OF_SENSOR} for one in (sensor, changed))
     for name, begin in ASSUMPTIONS.items():
@@ -146,6 +144,12 @@ def replaced_note(own: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[str, 
 def pinhole(rows: int, cols: int, fov_deg: object) -> Pinhole:
     """A pinhole with `fov_deg` across the larger side."""
     return Pinhole.from_fov(rows, cols, number("fov_deg", fov_deg, "an angle between 0 and 180 degrees"))
+
+
+def check_same(own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+    """Raise InvalidInput if an option is not what the file has."""
+    for name, value in own.items():
+        require(options.get(name, value) == value, name, quoted(options.get(name)), f"{value}, as in the file")
 
 
 def refuse_channel(options: Mapping[str, Any]) -> None:

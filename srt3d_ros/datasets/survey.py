@@ -29,15 +29,6 @@ class Survey:
         toa = np.concatenate([part.toa for part in self._parts] or [np.zeros(0, np.uint16)])
         return PhotonEvents(pixel, toa)
 
-    def add_events(self, events: PhotonEvents) -> None:
-        """Add photons."""
-        self.photons += events.photons
-        self.histogram += np.bincount(events.toa, minlength=len(self.histogram))
-        low = int(events.pixel.min(initial=self._pixels))       # a chunk has the photons of few rows
-        here = np.bincount(events.pixel - np.uint32(low))
-        self.counts[low:low + len(here)] += here
-        self._keep(self._sampled(events))
-
     def add_histograms(self, counts: np.ndarray, first: int) -> None:
         """Add counts [n, bins] of the pixels from `first` on."""
         own = counts.sum(axis=1, dtype=np.float64)
@@ -56,13 +47,9 @@ class Survey:
         self._parts.append(part)
         while (kept := sum(part.photons for part in self._parts)) > MAX_KEPT and self.step < self._pixels:
             self.step *= 2
-            self._parts = [self._sampled(part) for part in self._parts]
+            self._parts = [part.part(part.pixel & np.uint32(self.step - 1) == 0) for part in self._parts]
         if kept > MAX_KEPT:
             self._parts.pop()
-
-    def _sampled(self, events: PhotonEvents) -> PhotonEvents:
-        """The photons of every step-th pixel."""
-        return events if self.step == 1 else events.part(events.pixel & np.uint32(self.step - 1) == 0)
 
 
 def events_of(counts: np.ndarray, first: int = 0, step: int = 1) -> PhotonEvents:

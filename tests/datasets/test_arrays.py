@@ -63,15 +63,6 @@ def test_times_between_bins_stay_and_one_below_t_stays_below_it():
     assert events(toa=[1, 2, 3, 4], toa_reference="bin_edge").frame.toa.dtype == np.uint16
 
 
-def test_the_options_describe_the_sensor():
-    found = events(gain=np.full((3, 4), 2), toa_offset_bins=7, irf_ref=0, frame_id="mast").sensor
-    assert (found.rows, found.cols, found.num_bins, found.bin_width_s) == (3, 4, 50, 1e-10)
-    assert (found.irf_ref, found.toa_offset_bins, found.frame_id) == (0, 7, "mast") and (found.gain == 2).all()
-    assert found.projection == Pinhole.from_fov(3, 4, 20)
-    scan = AngularScan(0, 0.1, 0, 0.1)
-    assert events(fov_deg=None, projection=scan).sensor.projection == scan
-
-
 def test_a_sensor_says_all_and_options_win_over_it():
     sensor = events(irf_ref=0).sensor
     assert events(sensor=sensor).sensor.same_as(sensor) and events(sensor=sensor).notes == ()
@@ -140,7 +131,6 @@ def test_axes_say_which_is_which_and_a_cube_that_may_be_turned_is_noted():
 @pytest.mark.parametrize(("values", "options", "expected"), [
     (np.zeros((3, 4, 50)), {}, "photons is 0: expected some pixels .*: give irf"),
     (np.full((3, 4, 50), 0.5), {}, "irf is missing: .*it can be estimated from whole photons only"),
-    (np.full((3, 4, 50), -1), {}, "irf is missing: .*it can be estimated from whole photons only"),
     (np.ones((3, 4, 10)), {"num_bins": 50, "histograms": HistogramBins(10, 3, 4)},
      "irf is missing: .*as wide as these bins make it")])
 def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
@@ -152,8 +142,7 @@ def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
     ({"row": None}, "row dtype is object: expected numbers"),
     ({"toa": TOA[:3]}, r"row, col and toa shapes is \(4,\), \(4,\), \(3,\): expected the same \[N\], one a photon"),
     ({"row": [0, 1, 2, 3]}, "row is 3: expected 0 to below 3"), ({"col": [0, 1, 2, -1]}, "col is -1: expected 0 to"),
-    ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"row": [0, 1, 2, np.nan]}, "row is nan: "),
-    ({"col": [0, 1, 2, 2**32]}, "col is 4294967296: "), ({"row": list("0120")}, "row dtype is <U1: expected numbers"),
+    ({"row": [0, 1.5, 2, 2]}, r"row is \[1.5\]: expected whole numbers"), ({"col": [0, 1, 2, 2**32]}, "col is 4294"),
     ({"col": [[0], [1, 2]]}, r"col is list \(setting an array element"), ({"toa": [1j] * 4}, "toa dtype is complex128"),
     ({"toa": [0, 1, 2, 50]}, "toa is 50: expected 0 to below 50"), ({"toa": [0, 1, 2, np.nan]}, "toa is nan: "),
     ({"shape": None}, r"shape is missing: expected \(rows, cols\), or sensor"), ({"shape": 12}, "shape is 12: "),
@@ -162,7 +151,6 @@ def test_of_counts_that_show_no_irf_it_is_asked_for(values, options, expected):
     ({"irf_sigma_bins": 2}, "irf_sigma_bins is 2: expected irf_sigma_bins or irf, not both"),
     ({"irf": None, "irf_ref": 2}, "irf_ref is 2: expected irf beside it"),
     ({"projection": AngularScan(0, 1, 0, 1)}, "fov_deg is 20: expected fov_deg or projection, not both"),
-    ({"irff": [1]}, 'option name is "irff": expected one of shape, rows, cols, gate, '),
     ({"sensor": SensorModel(3, 4, 50, 1e-10, IRF, gain=np.ones((3, 4))), "shape": (4, 3)}, "gain shape is "),
 ])
 def test_a_mistake_is_one_line_that_names_it(changes, said):
@@ -176,7 +164,6 @@ def test_a_mistake_is_one_line_that_names_it(changes, said):
     (np.full((3, 4, 50), np.nan), {}, "counts is nan: expected "),
     (np.full((3, 4, 50), 2**40), {}, "counts is 1099511627776: expected 32-bit numbers"),
     (np.ones((3, 4, 50)), {"num_bins": 60}, r"counts shape is \(3, 4, 50\): expected .* = \(3, 4, 60\)"),
-    (np.ones((3, 4, 50)), {"shape": (4, 3)}, r"counts shape is \(3, 4, 50\)"),
     (np.ones((3, 4, 10)), {"histograms": HistogramBins(10)}, "num_bins is missing: ")])
 def test_counts_that_cannot_be_are_refused(values, changes, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):

@@ -119,7 +119,7 @@ def test_what_was_assumed_is_said(tmp_path):
 @pytest.mark.parametrize(("variables", "options", "field"), [
     ({"X": np.ones((3, 3))}, {}, ".mat variables"), ({"Ts": np.ones((3, 3))}, {}, ".mat variables"),
     ({"Y": cells(LISTS)}, {}, ".mat variables"), ({"Y": np.full((8, 4), 0.5)}, {}, ".mat Y"),
-    ({"Y": np.ones((8, 5))}, {}, ".mat DepthImage"), ({"Ts": cells(LISTS)}, {"rows": 9}, None),
+    ({"Y": np.ones((8, 5))}, {}, ".mat DepthImage"), ({"Ts": cells(LISTS)}, {"rows": 9}, ".mat rows"),
     ({"Y": np.ones((8, 5)), "DepthImage": np.ones((2, 2))}, {}, ".mat DepthImage shape"),
     ({"spad": csc_matrix(np.eye(4) / 2)}, {}, ".mat spad"), ({"Ts": cells(LISTS)}, {"channel": 1}, None),
     ({"data_processed": cells(LISTS), "mm": np.ones(0), "MM": 3}, {}, ".mat mm"),
@@ -129,7 +129,7 @@ def test_what_was_assumed_is_said(tmp_path):
     ({"data_processed": cells([[[np.nan]]], float)}, {}, ".mat data_processed ToA"),
     ({"Ts": np.array([[np.ones(1), "d"]], object)}, {}, ".mat Ts cells"),
     ({"Ts": cells(LISTS)}, {"num_bins": 1}, ".mat num_bins"),
-    ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, None),
+    ({"Ts": cells(LISTS)}, {"num_bins": 10**6}, ".mat num_bins"),
     ({"Ts": cells(LISTS)}, {"bin_width_s": 0}, ".mat bin_width_s")])
 def test_what_cannot_be_used_is_named(tmp_path, variables, options, field):
     with pytest.raises(InvalidInput) as caught:

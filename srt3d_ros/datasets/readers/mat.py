@@ -4,20 +4,22 @@ from pathlib import Path
 
 import numpy as np
 
-from srt3d_ros.core.sensor.model import MAX_PIXELS
+from srt3d_ros.core.sensor.model import MAX_BINS, MAX_PIXELS
+from srt3d_ros.datasets.arrays import from_pixels
 from srt3d_ros.datasets.files import naming_file
-from srt3d_ros.datasets.options import few_bins_note, refuse_channel
+from srt3d_ros.datasets.options import check_same, few_bins_note, outside_note, refuse_channel
+from srt3d_ros.datasets.photons import Photons
 from srt3d_ros.datasets.readers import hdf5, mat_child
 from srt3d_ros.datasets.readers.cubes import GIVEN, cube, given_by, parts_of
 from srt3d_ros.datasets.readers.mat_layouts import CELLS, LAYOUTS, WANTED, Layout
-from srt3d_ros.datasets.recording import Events, Recording
+from srt3d_ros.datasets.recording import Recording
 from srt3d_ros.datasets.values import MAX_PHOTONS, number
 from srt3d_ros.errors import require
 
 EDGE = 1e-6     # of a bin: a time on a bin's edge belongs to the bin that begins there, whatever the rounding
 
 
-def read(path: Path, options: dict) -> Recording:
+def read(path: Path, options: dict) -> Photons | Recording:
     """The photons of a .mat file; of its ToA, bins of the window that the file states, or those that have photons.
 
     Raises:
@@ -63,7 +65,7 @@ def _of_counts(path: Path, layout: Layout, found: dict[str, np.ndarray], options
     return cube(path, counts.shape, counts.dtype, parts_of(counts), options, given, notes, reference)
 
 
-def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Recording:
+def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options: dict) -> Photons:
     """Lists of ToA, a cell for each pixel."""
     name, toa, lengths = layout.variable, found[layout.variable], found[f"{layout.variable}.lengths"]
     width_s, notes = _bin_width(layout, options)
@@ -78,9 +80,16 @@ def _of_cells(path: Path, layout: Layout, found: dict[str, np.ndarray], options:
             "times of arrival from 0")
     toa = np.floor(toa * unit + EDGE).astype(np.int64)
     first, bins = _window(layout, found, unit, toa, options)
-    events = Events(np.arange(lengths.size).repeat(lengths.ravel()), toa, 1.0)
-    given = {"bin_width_s": width_s, "gate": (first, first + bins - 1)}
-    return Recording(*lengths.shape, bins, width_s, lambda: iter([events]), path.stem, notes, given)
+    first, last = options.get("gate", (first, first + bins - 1))
+    require(last - first < MAX_BINS, "num_bins", last - first + 1, f"at most {MAX_BINS}: give a gate or bin_width_s")
+    inside, pixel = (toa >= first) & (toa <= last), np.arange(lengths.size).repeat(lengths.ravel())
+    shape = dict(zip(("rows", "cols"), lengths.shape))
+    check_same(shape, options)
+    own = shape | {"num_bins": last - first + 1, "bin_width_s": width_s,
+                   "toa_offset_bins": options.get("toa_offset_bins", 0) + first}
+    sensor, events, more = from_pixels(pixel[inside], toa[inside] - first, 0, options | own)
+    outside = outside_note(len(toa) - events.photons, len(toa), first, last)
+    return Photons(sensor, events, None, path.stem, notes + more + outside)
 
 
 def _window(layout: Layout, found: dict[str, np.ndarray], unit: float, toa: np.ndarray, options: dict
