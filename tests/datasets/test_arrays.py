@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-import srt3d_ros
 from srt3d_ros.core.sensor.bins import HistogramBins
 from srt3d_ros.core.sensor.model import SensorModel
-from srt3d_ros.core.sensor.projection import AngularScan, Pinhole
-from srt3d_ros.core.sketching.photons import PhotonEvents
+from srt3d_ros.core.sensor.projection import AngularScan
 from srt3d_ros.datasets import Photons
 from srt3d_ros.datasets.irf import ESTIMATED
 from srt3d_ros.datasets.options import ASSUMED_FOV
@@ -63,15 +61,6 @@ def test_times_between_bins_stay_and_one_below_t_stays_below_it():
     assert events(toa=[1, 2, 3, 4], toa_reference="bin_edge").frame.toa.dtype == np.uint16
 
 
-def test_a_sensor_says_all_and_options_win_over_it():
-    sensor = events(irf_ref=0).sensor
-    assert events(sensor=sensor).sensor.same_as(sensor) and events(sensor=sensor).notes == ()
-    assert events(sensor=sensor, toa_offset_bins=9).sensor.same_as(sensor.replace(toa_offset_bins=9))
-    assert events(sensor=sensor, irf=[1, 3, 1]).sensor.irf_ref == 1     # the old one's mark does not stay
-    assert events(sensor=sensor.replace(gain=np.ones((3, 4))), gain=None).sensor.gain is not None
-    assert counts(cube(), sensor=sensor).sensor.same_as(sensor)
-
-
 @pytest.mark.parametrize(("values", "dtype"), [((0, 256), np.uint16), ((-1, 9), np.int32), ((0, 70_000), np.int32)])
 def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     large = np.zeros((3, 4, 50), np.int64)
@@ -80,17 +69,6 @@ def test_counts_get_the_smallest_type_that_holds_them(values, dtype):
     assert counts(large.astype(np.float64)).frame.counts.dtype == np.float32
     kept = large.astype(np.int32)
     assert counts(kept).frame.counts is kept        # without a copy
-
-
-def test_photons_that_are_there_already_get_the_options():
-    seen = events(toa=[1, 2, 3, 4])
-    assert srt3d_ros.read(seen).sensor.same_as(seen.sensor) and srt3d_ros.read(seen).notes == ()
-    assert srt3d_ros.read(seen, fov_deg=5).sensor.projection == Pinhole.from_fov(3, 4, 5)
-    frame = PhotonEvents(np.array([11], np.uint32), np.array([49], np.uint16), 5)
-    assert srt3d_ros.read(frame, sensor=seen.sensor).frame is frame
-    with pytest.raises(InvalidInput, match="^toa is 49: expected bins in "):
-        srt3d_ros.read(frame, sensor=seen.sensor, num_bins=40)
-    assert np.array_equal(srt3d_ros.read(cube(), **KNOWN | {"shape": None}).frame.counts, cube())
 
 
 def test_an_irf_that_is_not_given_is_that_of_the_photons_but_for_those_of_hot_pixels():

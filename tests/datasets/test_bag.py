@@ -76,12 +76,6 @@ def test_a_bag_gives_back_the_bytes_and_the_times_that_it_was_given(bag):
 
 def test_metadata_and_definitions_say_what_rosbag2_needs(bag, storage):
     """The keys that rosbag2 of Jazzy reads (rosbag2_storage/yaml.hpp)."""
-    from rosbags.highlevel import AnyReader
-
-    with AnyReader([bag]) as reader:
-        read = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
-    assert sensor_message.from_json(read["/sensor"].data).same_as(SENSOR)
-    assert (read["/photons"].width, read["/photons"].header.frame_id) == (3, "spad")
     info = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert (info["version"], info["storage_identifier"], info["message_count"]) == (9, storage, 4)
     forever = {"sec": 9_223_372_036, "nsec": 854_775_807}
@@ -120,10 +114,7 @@ def write_compressed(path: Path, storage: str, mode: str, messages: list[tuple[s
     return path
 
 
-COMPRESSED = [("mcap", "FILE"), ("sqlite3", "FILE"), ("sqlite3", "MESSAGE"), ("mcap", "STORAGE")]
-
-
-@pytest.mark.parametrize("storage, mode", COMPRESSED)
+@pytest.mark.parametrize("storage, mode", [("mcap", "FILE"), ("sqlite3", "MESSAGE"), ("mcap", "STORAGE")])
 def test_compressed_bags_are_read(tmp_path, storage, mode):
     whole = write_compressed(tmp_path / "whole", storage, mode, RECORDED[:2])
     assert read(whole).frame.toa.tolist() == [0, 7, 9]
@@ -242,7 +233,6 @@ def with_topics(path: Path, topics: dict[str, str]) -> Path:
 
 @pytest.mark.parametrize("topics, given, found", [
     ({"/spad/raw": "photons", "/spad/info": "sensor"}, {}, ("photons", "/spad/raw", "/spad/info")),
-    ({"/a/gates": "gates", "/a/sensor": "sensor", "/b/sensor": "sensor"}, {}, ("gates", "/a/gates", "/a/sensor")),
     ({"/photons": "photons", "/old": "photons", "/points": "points", "/sensor": "sensor", "/log": "map"}, {},
      ("photons", "/photons", "/sensor")),
     ({"/a/photons": "photons", "/b/photons": "photons", "/a/sensor": "sensor", "/b/sensor": "sensor"},
@@ -250,8 +240,6 @@ def with_topics(path: Path, topics: dict[str, str]) -> Path:
     ({"/tof/raw": "histograms", "/image": "picture"}, {}, ("histograms", "/tof/raw", None)),
     ({"/a/sketch": "sketch", "/a/sketch/sensor": "sensor", "/b/sketch/sensor": "sensor",
       "/a/sensor": "sensor"}, {}, ("sketch", "/a/sketch", "/a/sketch/sensor")),
-    ({"/sketch": "sketch", "/sketch/sensor": "sensor", "/raw": "photons", "/sensor": "sensor"}, {},
-     ("photons", "/raw", "/sensor")),
     ({"/sketch": "sketch", "/sketch/sensor": "sensor", "/raw": "photons"}, {"photons_topic": "/sketch"},
      ("sketch", "/sketch", "/sketch/sensor"))])
 def test_the_photons_are_found_under_whatever_name(tmp_path, topics, given, found):
@@ -294,8 +282,6 @@ BROKEN = {
     "cut off": rewritten("", lambda data: data[:-200]), "empty": rewritten("", lambda data: b""),
     "no storage file": rewritten("", lambda data: None), "not ended": rewritten("metadata.yaml", lambda data: None),
     "foreign metadata": rewritten("metadata.yaml", lambda data: b"a: [1, 2\n"),
-    "metadata of nothing": rewritten("metadata.yaml", lambda data: b"{}"),
-    "other suffix": lambda bag: storage_file(bag).rename(bag / "messages.bag"),
     "not there": lambda bag: bag.with_name("no such folder"),
 }
 
@@ -308,11 +294,8 @@ def test_a_broken_bag_is_one_line(bag, name):
     assert path.name[-15:] in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("place, words", [
-    ("bag", "bag is .*: expected a folder that is not there"),
-    ("a file/bag", "expected a folder that can be made .Not a directory")])
-def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path, place, words):
-    (tmp_path / "bag").mkdir()
-    (tmp_path / "a file").touch()
-    with pytest.raises(InvalidInput, match=words):
-        BagWriter(tmp_path / place)
+def test_a_place_where_no_bag_can_be_made_is_one_line(tmp_path):
+    (tmp_path / "file").touch()
+    for place, words in ((tmp_path, "folder that is not there"), (tmp_path / "file/bag", "made .Not a directory")):
+        with pytest.raises(InvalidInput, match=words):
+            BagWriter(place)
