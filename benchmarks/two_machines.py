@@ -78,7 +78,7 @@ def sketches(folder: Path, seconds: float, mbit: float, case: tuple, loss: float
             machines.wait(lambda: name in watch.reports, name)
         before = link.wire_bytes()
         machines.start_on(SENSOR, "player", input=photon_file(folder, side), rate_hz=rate_hz, frames=sent)
-        machines.wait(lambda: watch.total("player", "frames_sent") >= sent, "the player", 10 * seconds + SILENCE_S)
+        machines.wait(lambda: watch.total("player", "frames_out") >= sent, "the player", 10 * seconds + SILENCE_S)
         arrived = -1
         while arrived < len(watch.arrivals):
             arrived = len(watch.arrivals)

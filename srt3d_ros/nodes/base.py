@@ -165,14 +165,14 @@ class PipelineNode(ManagedNode):
         self.diagnostics.wait_for("")
         self.worker.release_frames()
 
-    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int, **amounts: int) -> None:
-        """Publish the CDR bytes of the frame acquired at `stamp_ns`; `amounts` are totals to which it adds."""
+    def publish_frame(self, publisher: Publisher, data: bytes, stamp_ns: int) -> None:
+        """Publish the CDR bytes of the frame acquired at `stamp_ns`."""
         publisher.publish(data)
-        self.sent(stamp_ns, **amounts)
+        self.sent(stamp_ns)
 
-    def sent(self, stamp_ns: int, **amounts: int) -> None:
-        """Count a frame acquired at `stamp_ns` as sent now; `amounts` are totals to which it adds."""
-        self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9, **amounts)
+    def sent(self, stamp_ns: int) -> None:
+        """Count a frame acquired at `stamp_ns` as sent now."""
+        self.diagnostics.sent((self.now_ns() - stamp_ns) * 1e-9)
 
     def now_ns(self) -> int:
         """Nanoseconds of the node's clock, which may be a simulated one."""

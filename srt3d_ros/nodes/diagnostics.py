@@ -100,10 +100,10 @@ class Diagnostics:
         """Report this warning once."""
         self._warning = text
 
-    def sent(self, latency_s: float, **amounts: int) -> None:
-        """Count a frame that went out `latency_s` after its stamp, and add to totals of these names."""
+    def sent(self, latency_s: float) -> None:
+        """Count a frame that went out `latency_s` after its stamp."""
         with self._lock:
-            self._totals.update(amounts, frames_out=1)
+            self._totals["frames_out"] += 1
             self._latencies_s.append(latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:

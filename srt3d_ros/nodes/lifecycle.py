@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable
 
 import rclpy
@@ -27,7 +26,6 @@ from srt3d_ros.nodes.topics import OVERRIDABLE, NodeSpec, Topic
 
 PUBLISH_DEPTH = 8       # messages of 10 ms for as long as a thread may wait for the processor
 WAKE_S = 0.1            # longest time until a signal is seen
-SWALLOWED_S = 2.0       # a start that goes on for so long after an interrupt has swallowed it
 BAD_INPUT = 2
 LIBRARY = logging.getLogger("srt3d_ros")
 
@@ -204,34 +202,11 @@ class LogForwarding(logging.Handler):
             self._logger.info(record.getMessage())
 
 
-class _Stop:
-    """True once SIGINT or SIGTERM came. While `starting`, either interrupts at once: compiling may take long."""
-
-    def __init__(self):
-        self.requested = False
-        self.starting = True
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, number, frame) -> None:
-        self.requested = True
-        if self.starting:
-            # A compiler may swallow the interrupt and go on: print nothing about it, and do not wait for it.
-            sys.unraisablehook = lambda _: None
-            threading.Thread(target=self._leave, daemon=True).start()
-            raise KeyboardInterrupt
-
-    def _leave(self) -> None:
-        time.sleep(SWALLOWED_S)
-        if self.starting:
-            os._exit(0)
-
-
 def run(node_class: type[ManagedNode]) -> int:
     """Make the node, start it unless `autostart` is false, spin it until it is done or a signal comes, close it.
 
-    rclpy's own signal handlers invalidate the context at once; these let the node finish its frames, its recording and
-    its last diagnostics first.
+    A signal ends the process at once while the node starts, as the caller has it, and in order from then on: rclpy's
+    own handlers would invalidate the context while the node finishes its frames and its recording.
 
     Returns:
         The node's exit code, 0 unless it failed, also after SIGINT and SIGTERM; 2 with one line on stderr if a
@@ -241,37 +216,29 @@ def run(node_class: type[ManagedNode]) -> int:
         print(node_class.spec.help)
         return 0
     os.nice(node_class.niceness)        # before there are other threads, which inherit it
-    stop = _Stop()
     transport.prepare_process()
-    node = None
+    node, stop = None, threading.Event()
     try:
         node = _make(node_class)
         LogForwarding(node.get_logger())
         for line in file_warnings(sys.argv, node.get_fully_qualified_name()):
             node.get_logger().warning(line)
-        _start(node)
-        stop.starting = False
+        _start(node, stop.set)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not (stop.requested or node.finished.is_set()):
+        while not (stop.is_set() or node.finished.is_set()):
             try:
                 executor.spin_once(timeout_sec=WAKE_S)
             except rclpy_implementation.InvalidHandle:
                 continue    # the worker destroyed a subscription whose events rclpy was about to wait for
-    except KeyboardInterrupt:
-        pass
     except InvalidInput as error:
         print(f"srt3d: error: {error}", file=sys.stderr)
         return BAD_INPUT
-    except Exception:
-        if not stop.requested:      # a compiler that is interrupted swallows the interrupt and then fails with anything
-            raise
     finally:
-        stop.starting = False
         if node is not None:
             node.close()
         rclpy.try_shutdown()
-    return node.exit_code if node is not None else 0
+    return node.exit_code
 
 
 def _make(node_class: type[ManagedNode]) -> ManagedNode:
@@ -288,12 +255,14 @@ def _make(node_class: type[ManagedNode]) -> ManagedNode:
                            f"({' '.join(str(error).split())})") from None
 
 
-def _start(node: ManagedNode) -> None:
-    """Configure and activate the node if `autostart` is true."""
+def _start(node: ManagedNode, on_signal: Callable[[], None]) -> None:
+    """Configure and activate the node if `autostart` is true; from then on a signal calls `on_signal`."""
+    said = "ready"
     if node.parameters["autostart"]:
         node.start()
-        node.get_logger().info("ready")
     else:
-        node.get_logger().info(f"unconfigured, as autostart is false: ros2 lifecycle set "
-                               f"{node.get_fully_qualified_name()} configure")
+        said = f"unconfigured, as autostart is false: ros2 lifecycle set {node.get_fully_qualified_name()} configure"
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: on_signal())
+    node.get_logger().info(said)
     node.diagnostics.report()

@@ -82,7 +82,9 @@ class PlayerNode(PipelineNode):
 
     def _play(self) -> None:
         try:
-            self._wait_for_a_subscriber()
+            self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
+            if self._sensors is not None:
+                self._wait_until_acknowledged(self._sensors)
             self._send_all()
             self._wait_until_acknowledged(self._publisher)
         except Exception:
@@ -91,11 +93,6 @@ class PlayerNode(PipelineNode):
         finally:
             if not self.halted.is_set():        # else the node was only deactivated
                 self.finished.set()
-
-    def _wait_for_a_subscriber(self) -> None:
-        self.wait_until(self._publisher.get_subscription_count, f"a subscriber on {self._publisher.topic_name}")
-        if self._sensors is not None:
-            self._wait_until_acknowledged(self._sensors)
 
     def _wait_until_acknowledged(self, publisher: Publisher) -> None:
         self.wait_until(lambda: all_acknowledged(publisher), f"those who read {publisher.topic_name}", ACKNOWLEDGE_S)
@@ -124,8 +121,7 @@ class PlayerNode(PipelineNode):
             if not sent:
                 self.get_logger().info(f"the first frame's stamp is {stamp_ns}")
             self.diagnostics.count(frames_in=1)
-            self.publish_frame(self._publisher, data, stamp_ns, frames_sent=1,
-                               **({} if item.photons is None else {"photons_sent": item.photons}))
+            self.publish_frame(self._publisher, data, stamp_ns)
             sent += 1
             if sent == total:
                 return

@@ -70,11 +70,6 @@ def check_together(values: dict[str, Value]) -> None:
     require(farthest == 0 or nearest < farthest, "min_range_m", nearest, f"less than max_range_m, {farthest:g} m")
 
 
-def limits_m(values: dict[str, Value]) -> tuple[float, float]:
-    """The least and the greatest range of a point, metres."""
-    return values["min_range_m"], values["max_range_m"] or np.inf
-
-
 def options(values: dict[str, Value]) -> dict[str, Value]:
     """The values on which the reconstruction itself depends."""
     names = ("method", "surfaces", "device", *METHODS[values["method"]].options)
@@ -216,7 +211,8 @@ class ReconstructorNode(PipelineNode):
 
     def _publish(self, seen: Cloud, sketch: Sketch, frame_id: str) -> None:
         settings = self._settings
-        cloud = seen.within(*limits_m(settings)).ordered(settings["surface_order"])
+        near = seen.within(settings["min_range_m"], settings["max_range_m"] or np.inf)
+        cloud = near.ordered(settings["surface_order"])
         data = points_message.encode_cdr(cloud, frame_id, settings["fields"], sketch.sensor, settings["organised"])
         self.publish_frame(self._points, data, cloud.stamp_ns)
         self.diagnostics.count(points=len(cloud), points_out_of_range=len(seen) - len(cloud),

@@ -4,7 +4,6 @@ Both sources have `items()`, the messages from the beginning, with a sensor only
     output      the topic of the frames: "photons", "gates", "histograms" or "sketch"
     describes   "sensor", or of sketches "sketch/sensor"
     others      topics of other messages, which report how the sensor moves
-    packets     messages of a frame; 1 if that is not known
     sensor      the serialised description to begin with, or None
     recorded_ns when the recording began; 0 if nothing was recorded
     notes       a line for each assumption
@@ -45,14 +44,12 @@ class Item(NamedTuple):
         raw: serialised.
         due_ns: when, from the beginning.
         stamp_ns: as recorded; of what was not recorded, from the beginning.
-        photons: in it; None if not counted.
     """
 
     topic: str
     raw: bytes
     due_ns: int
     stamp_ns: int = 0
-    photons: int | None = None
 
 
 def open_source(parameters: Mapping) -> "FrameSource | BagSource":
@@ -89,7 +86,6 @@ class FrameSource:
     recorded_ns = 0
     describes = "sensor"
     others: tuple[str, ...] = ()
-    packets = 1
 
     def __init__(self, sensor: SensorModel, frame: Callable[[int], PhotonFrame], frames: int | None,
                  parameters: Mapping, notes: tuple[str, ...] = ()):
@@ -109,7 +105,7 @@ class FrameSource:
                 return
             frame = self._frame(k)
             due_ns = round(k * NS_PER_S / self._rate_hz)
-            yield Item(self.output, self._encode(frame), due_ns, due_ns, photons=frame.photons)
+            yield Item(self.output, self._encode(frame), due_ns, due_ns)
 
     def close(self) -> None:
         """Nothing is open."""
@@ -130,7 +126,6 @@ class BagSource:
         InvalidInput: the bag cannot be read, or has no photons, or several topics of them.
     """
 
-    packets = 1
 
     def __init__(self, path: str):
         self._bag = Bag(path)
@@ -198,7 +193,6 @@ class MovingSource(FrameSource):
     """
 
     others = ("odom",)
-    packets = PACKETS
 
     def __init__(self, parameters: Mapping):
         rate_hz = PACKETS * parameters["rate_hz"]

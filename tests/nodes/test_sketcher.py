@@ -147,7 +147,7 @@ def test_live_changes_which_the_sensor_may_refuse(sketcher, sensor, photons_at):
     sketcher.wait_for(1)
     assert sketcher.decoded()[0][1].frequencies == (1, 4, 9)
     assert sketcher.sketches[0].header.frame_id == "mast" and sketcher.sketches[0].point_step == 4 + 4 * 3
-    for k, (value, bins, first) in enumerate((("20:79", 60, 20), ([40, 89], 50, 40), (False, 100, 0)), 2):
+    for k, (value, bins, first) in enumerate((("20-79", 60, 20), ([40, 89], 50, 40), (False, 100, 0)), 2):
         assert sketcher.graph.set("sketcher", gate=value) == ""             # as YAML reads off, too
         sketcher.graph.reports("sketcher", "num_bins", bins)
         sketcher.send(photons_at(STAMP_NS + k))
@@ -155,6 +155,9 @@ def test_live_changes_which_the_sensor_may_refuse(sketcher, sensor, photons_at):
         described = sketcher.decoded()[-1][1].sensor
         assert (described.num_bins, described.toa_offset_bins) == (bins, first)
 
+    for value, shown in (([1, 2, 5], "1 2 5"), (3, "3")):           # as YAML reads 1,2,5 in brackets, and one number
+        assert sketcher.graph.set("sketcher", frequencies=value) == ""
+        sketcher.graph.reports("sketcher", "frequencies", shown)
     for values, reason in (({"frequencies": "auto", "sketch_size": 60}, "sketch_size is 60: expected 1 to 49 for T"),
                            ({"frequencies": "1,50"}, "frequencies is 50: expected integers from 1 to 49"),
                            ({"frequencies": "banana"}, "frequencies is banana: expected auto"),

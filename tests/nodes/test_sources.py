@@ -70,7 +70,7 @@ def test_the_frame_of_a_file_is_repeated_at_its_rate(source, photon_file, events
     items = list(islice(played.items(), 3))
     assert [(item.topic, item.due_ns, item.stamp_ns) for item in items] == [
         ("photons", k * 20 * MS, k * 20 * MS) for k in range(3)]
-    assert {item.photons for item in items} == {events.photons} and len({id(item.raw) for item in items}) == 1
+    assert len({id(item.raw) for item in items}) == 1
 
 
 def same_photons(one: PhotonEvents, other: PhotonEvents) -> bool:
@@ -83,7 +83,7 @@ def test_without_loop_a_file_is_one_frame_also_in_other_forms(source, photon_fil
     played = source(input=photon_file, loop=False, output=output)
     frame, = played.items()
     described = sensor_message.decode_cdr(played.sensor)
-    assert (frame.topic, frame.photons) == (output, events.photons)
+    assert frame.topic == output
     assert same_photons(CODECS[output].decode_cdr(frame.raw, described)[1].to_events(described), events)
 
 
@@ -199,7 +199,6 @@ def test_packets_come_when_they_are_acquired_among_odometry_that_covers_them(mov
     packets = [item for item in items if item.topic == "photons"]
     assert [item.stamp_ns for item in packets] == [BEFORE_NS + k * 5 * MS for k in range(PACKETS)]
     assert [item.due_ns - item.stamp_ns for item in packets] == [5 * MS] * PACKETS
-    assert sum(item.photons for item in packets) == pytest.approx(2 * 141 * 141, rel=0.05)
     stamps = [item.stamp_ns for item in items if item.topic == "odom"]
     assert stamps[0] == 0 and stamps[-1] >= BEFORE_NS + 100 * MS and set(np.diff(stamps)) == {10 * MS}
 
