@@ -18,7 +18,7 @@ from srt3d_ros.core.sensor.projection import Pinhole
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.photons import PhotonEvents, PhotonGates
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets import photon_file, survey
+from srt3d_ros.datasets import photon_file, recording
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 
@@ -113,7 +113,7 @@ def test_what_a_photon_file_lacks_can_be_given(tmp_path):
 
 
 def test_a_file_of_too_many_photons_to_keep_is_sketched_as_a_stream(cloud, tmp_path, monkeypatch):
-    monkeypatch.setattr(survey, "MAX_KEPT", 3_000)
+    monkeypatch.setattr(recording, "MAX_KEPT", 3_000)
     np.save(tmp_path / "counts.npy", COUNTS.astype(np.uint16))
     opened = srt3d_ros.read(tmp_path / "counts.npy", bin_width_s=5e-11, irf=SENSOR.irf, fov_deg=30)
     assert isinstance(opened, srt3d_ros.Photons) and not opened.is_loaded

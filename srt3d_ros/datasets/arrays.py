@@ -16,7 +16,7 @@ from srt3d_ros.datasets.options import (
     few_bins_note,
     says_geometry,
 )
-from srt3d_ros.datasets.survey import Survey
+from srt3d_ros.datasets.recording import Survey
 from srt3d_ros.datasets.values import array, check_within, sendable
 from srt3d_ros.errors import InvalidInput, quoted, require
 

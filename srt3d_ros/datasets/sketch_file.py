@@ -19,7 +19,6 @@ from srt3d_ros.new_files import atomic_write, check_replaceable
 # Each array, its kind of dtype and its number of dimensions. `sensor` is the JSON of the sensor message, in UTF-8.
 FORM = {"frequencies": ("iu", 1), "sums": ("c", 3), "photons": ("iu", 2), "stamp_ns": ("iu", 0),
         "added_variance": ("f", 0), "sensor": ("u", 1), "notes": ("U", 1)}
-SINCE = {"added_variance": np.float64(0), "notes": np.array([], str)}       # what files of the version before lack
 
 
 def is_sketch(path: Path) -> bool:
@@ -55,7 +54,7 @@ def read(path: str | Path) -> tuple[Sketch, SensorModel, tuple[str, ...]]:
         InvalidInput: naming the file and the array that cannot be used.
     """
     path = Path(path)
-    arrays = SINCE | read_npz_arrays(path, tuple(FORM), "sketch file")
+    arrays = read_npz_arrays(path, tuple(FORM), "sketch file")
     with naming_file(path):
         for name, (kinds, sides) in FORM.items():
             require(name in arrays, name, "missing", f"the arrays {', '.join(FORM)} of a sketch file")

@@ -7,7 +7,7 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.design import design_for
 from srt3d_ros.core.sketching.gate import Gate
 from srt3d_ros.core.sketching.sketcher import sketch_photons
-from srt3d_ros.datasets import read, recording, survey
+from srt3d_ros.datasets import read, recording
 from srt3d_ros.datasets.simulation.scene import StaticScene
 from srt3d_ros.datasets.simulation.simulator import Simulator
 from srt3d_ros.errors import InvalidInput
@@ -32,7 +32,7 @@ def cube(events):
 @pytest.fixture
 def few_kept(monkeypatch):
     """Files of more than 2000 photons stay files, read in several chunks."""
-    monkeypatch.setattr(survey, "MAX_KEPT", 2000)
+    monkeypatch.setattr(recording, "MAX_KEPT", 2000)
     monkeypatch.setattr("srt3d_ros.datasets.readers.cubes.CHUNK_BYTES", 5 * 24 * 200 * 2)
 
 
@@ -96,7 +96,7 @@ def test_negative_and_fractional_counts_are_sketched(cube, tmp_path):
 
 
 def test_a_single_pixel_of_too_many_photons_is_sampled_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(survey, "MAX_KEPT", 2000)
+    monkeypatch.setattr(recording, "MAX_KEPT", 2000)
     counts = np.zeros((1, 2, 50), np.uint32)
     counts[0, 0, 20:23] = 1_000_000
     np.save(tmp_path / "bright.npy", counts)

@@ -10,7 +10,7 @@ from srt3d_ros.datasets import irf as irfs
 from srt3d_ros.datasets.files import map_npy, naming_file, npz_headers, open_npz, read_npz_arrays
 from srt3d_ros.datasets.options import ASSUMED_WIDTH, BIN_OF_ONE_METRE_S, few_bins_note
 from srt3d_ros.datasets.recording import Counts, Recording
-from srt3d_ros.datasets.values import number, positive_integer
+from srt3d_ros.datasets.values import number
 from srt3d_ros.errors import require
 
 CHUNK_BYTES = 2**25         # of counts that are read at once, or one row if that is more
@@ -35,7 +35,7 @@ def cube(path: Path, shape: tuple[int, ...], dtype: np.dtype, read: Callable[[in
     require(dtype.kind in "iufb" and len(shape) in (2, 3) and min(shape) > 0, field, f"{dtype} {shape}",
             "numbers [rows, cols, bins] or [pixels, bins]")
     own = shape[:2] if len(shape) == 3 else (1, shape[0])
-    rows, cols = (positive_integer(name, options.get(name, size)) for name, size in zip(("rows", "cols"), own))
+    rows, cols = (int(number(name, options.get(name, size), "an integer")) for name, size in zip(("rows", "cols"), own))
     require(rows * cols == own[0] * own[1] and (len(shape) == 2 or rows == own[0]), "rows, cols", f"{rows}, {cols}",
             f"those of the file's array, {' × '.join(map(str, shape[:-1]))}")
     bins = shape[-1]
