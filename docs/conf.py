@@ -14,16 +14,5 @@ default_role = "code"                       # of docstrings' single backticks
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"                  # the text of the arguments says shape, type and unit
 napoleon_use_ivar = True
-
-# Pages of other folders are pages of the site, too.
-PAGES = {"../msg_schemas/README.md": "messages.md", "../benchmarks/RESULTS.md": "results.md"}
-
-
-def links_within_the_site(app, name: str, source: list[str]) -> None:
-    if name not in ("messages", "results"):
-        for path, page in PAGES.items():
-            source[0] = source[0].replace(f"]({path}", f"]({page}")
-
-
-def setup(app) -> None:
-    app.connect("source-read", links_within_the_site)
+# ROS's own tool, rosdoc2, builds this site (rosdoc2.yaml): neither with its theme nor with its parser beside MyST-NB.
+rosdoc2_settings = {"override_theme": False, "support_markdown": False}

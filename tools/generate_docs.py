@@ -8,7 +8,7 @@ from pathlib import Path
 from srt3d_ros.nodes import all_specs
 from tools.node_reference import as_yaml, nodes_tables
 from tools.rooms import drawing
-from tools.schema_tables import filled, readme
+from tools.schema_tables import filled, tables
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADING = """\
@@ -25,7 +25,7 @@ def generated() -> dict[str, str]:
     return {"config/srt3d.yaml": HEADING + as_yaml({spec.name: spec.table for spec in specs}),
             "docs/images/rooms.svg": drawing(),
             "docs/nodes.md": filled(ROOT / "docs/nodes.md", lambda name: nodes_tables(specs)[name]),
-            "msg_schemas/README.md": readme()}
+            "docs/messages.md": filled(ROOT / "docs/messages.md", tables)}
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PATHS = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("msg_schemas/*.md")]
+PATHS = {ROOT / "README.md", *ROOT.glob("docs/*.md")} - {ROOT / "docs/RESULTS.md"}      # whose revisions are older
 PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in sorted(PATHS)}
 FENCE = re.compile(r"^```([\w{}-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+")
