@@ -143,9 +143,10 @@ class Sketch(core_sketch.Sketch):
     def __post_init__(self) -> None:
         _check_sensor(self.sensor)
         frequencies, sums = _array("frequencies", self.frequencies, 1, "iuf"), _array("sums", self.sums, 3, "c")
-        photons, most = _array("photons", self.photons, 2, "iuf"), np.iinfo(np.uint32).max
-        whole = bool(((photons >= 0) & (photons <= most)).all()) and bool((photons == np.floor(photons)).all())
-        require(whole, "photons", "negative or fractional in places", "whole numbers")
+        photons = _array("photons", self.photons, 2, "iuf")
+        if photons.dtype != np.uint32:
+            whole = ((photons >= 0) & (photons < 2**32) & (photons == np.floor(photons))).all()
+            require(bool(whole), "photons", "negative or fractional in places", "whole numbers")
         pixels = self.sensor.rows, self.sensor.cols
         require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
         for name, value in (("frequencies", core_sketch.check_frequencies(frequencies, self.sensor.num_bins)),
