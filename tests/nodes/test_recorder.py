@@ -1,7 +1,6 @@
 """The recorder: what it makes of clouds, of the nodes' log and of disks, and recordings that services begin."""
 
 import signal
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
 from srt3d_ros.nodes.topics import LATCHED
 from srt3d_ros.recording.reader import RecordingReader
-from srt3d_ros.recording.rrd_file import copy_readable
 
 
 @pytest.mark.parametrize("check, value, expected", [
@@ -144,24 +142,6 @@ def test_photon_counts_are_of_all_sketches_also_of_those_without_a_cloud(graph, 
     series = {name: one.values.tolist() for name, one in reader.series().items()}
     assert (series["photons"], series["ppp"]) == ([192 * k for k in range(6)], list(range(6)))
     assert series["points"] == [50] * 3 and series["frame_rate_hz"] == pytest.approx([50] * 2)
-
-
-def test_a_killed_recorder_leaves_a_file_with_all_but_the_end(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
-    speaker.ready()
-    stamps = [speaker.frame(2000, sketch=True) for _ in range(20)]
-    copy = tmp_path / "copy.rrd"
-
-    def written() -> bool:
-        with suppress(InvalidInput, FileNotFoundError):         # in the middle of a chunk, not begun
-            copy.write_bytes((tmp_path / "a.rrd").read_bytes())
-            seen = RecordingReader(copy)
-            return frames_of(copy) == stamps and seen.series().keys() >= {"points", "photons", "latency_ms"}
-
-    graph.wait(written, "all clouds in the file")
-    recorder.kill()
-    copy_readable(tmp_path / "a.rrd", copy)
-    assert RecordingReader(copy).is_finished and frames_of(copy) == stamps
 
 
 # ---- With the other nodes
