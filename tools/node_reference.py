@@ -29,7 +29,7 @@ def topics_table(specs: Iterable[NodeSpec]) -> str:
     specs = list(specs)
     topics = {topic.name: topic for spec in specs for topic in (*spec.inputs, *spec.outputs)} | {
         DIAGNOSTICS.name: DIAGNOSTICS}
-    rows = [(f"`{topic.name}`", f"`{topic.type}`", topic.about + ", latched" * topic.latched,
+    rows = [(f"`{topic.name}`", f"`{topic.type.replace('/msg/', '/')}`", topic.about + ", latched" * topic.latched,
              ", ".join(_publishers(topic, specs)),
              ", ".join(spec.name for spec in specs if topic.name in {one.name for one in spec.inputs}))
             for topic in topics.values()]
