@@ -23,6 +23,21 @@ OF_OTHERS = {"octomap_server", "sensor_frame", "bond_timeout", "ROS_STATIC_PEERS
              "--ros-args", "use_sim_time", "__ns", "cloud_in", "max_range", "--system-site-packages"}
 LIKE_CODE = re.compile(r"[a-z]_[a-z]|[A-Z]_[A-Z]|^[A-Z]\w+\.")
 
+# Where a page repeats figures of docs/RESULTS.md: the page, what stands around them there, and in the results.
+HEAD = r"^\| polystyrene head, .*?\| 1 \| "
+REPEATED = (
+    ("README.md", r"\*\*([\d.]+) %\*\* \| \*\*([\d.]+) %\*\* \| \*\*([\d.]+)\*\*",
+     HEAD + r"\*\*(\S+) / (\S+) / ([\d.]+)"),
+    ("README.md", r"srt3d, the.*?([\d.]+) %.*?([\d.]+) %.*?([\d.]+) \|", HEAD + r"[^|]*\| (\S+) / (\S+) / (\S+)"),
+    ("README.md", r"xcorr takes (\d+) times and rt3d (\d+)", r"takes (\d+) times as long, `xcorr` (\d+)"),
+    ("docs/evaluation.md", r"141² pixels takes (\d+) ms", r"^\| 141² (?:\|[^|]+){3}\| \*\*(\d+) ms"),
+    ("docs/evaluation.md", r"705² pixels (\d+) ms and (\d+) MB",
+     r"^\| 705² (?:\|[^|]+){3}\| \*\*(\d+) ms(?:[^|]+\|){3} (\d+)"),
+    ("docs/evaluation.md", r"take (\d+) ms \(median; 95 %: (\d+)\)", r"30 Hz \| (\d+) / (\d+) ms"),
+    ("docs/motion.md", r"have ([\d.]+) to ([\d.]+) times the depth", r"have ([\d.]+) to ([\d.]+) times the depth"),
+    ("docs/deployment.md", r"(\d+) ms with int16.*?(\d+) ms coded", r"(\d+) ms \(m = 10\) at 10 Hz, coded (\d+) ms"),
+)
+
 
 @pytest.fixture(scope="module")
 def known() -> set[str]:
@@ -74,6 +89,14 @@ def test_what_the_page_names_exists(page, known):
     for language, parse in (("json", json.loads), ("yaml", yaml.safe_load)):
         for block in fenced(PAGES[page], language):
             parse(block)
+
+
+@pytest.mark.parametrize("page, there, here", REPEATED)
+def test_a_page_repeats_the_results(page, there, here):
+    results = (ROOT / "docs/RESULTS.md").read_text(encoding="utf-8")
+    told, measured = (re.search(text, found, re.DOTALL | re.MULTILINE) for text, found in (
+        (there, PAGES[page]), (here, results)))
+    assert sorted(told.groups()) == sorted(measured.groups())
 
 
 def test_the_site_builds_without_a_warning_and_reads_offline(tmp_path):
