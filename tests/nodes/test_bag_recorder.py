@@ -119,25 +119,3 @@ def test_what_the_disk_is_too_slow_for_is_dropped_and_what_waits_is_written_at_t
     assert recorder.end(signal.SIGINT) == 0
     written = len(read(tmp_path / "bag"))
     assert 2 <= written < 4 and recorder.lines[-1].endswith(f"{4 - written} lost"), recorder.text
-
-
-@pytest.mark.parametrize("parameters, line", [
-    ({"topics": "photons, gps"}, "topics is gps: expected some of sensor, sketch/sensor, photons, gates, "),
-    ({"path": "/proc/bag"}, "bag is /proc/bag: expected a folder that can be made"),
-])
-def test_what_cannot_be_recorded_is_one_line_and_exit_code_2(graph, tmp_path, parameters, line):
-    recorder = graph.start("bag_recorder", **{"path": tmp_path / "bag"} | parameters)
-    assert recorder.code() == 2
-    assert len(recorder.lines) == 1 and line in recorder.text
-    assert not (tmp_path / "bag").exists()
-
-
-def test_deactivated_it_completes_the_bag_and_overwrites_none(graph, frames, tmp_path):
-    recorder = graph.start("bag_recorder", path=tmp_path / "bag", topics="photons").ready()
-    graph.matched(graph.publisher(PointCloud2, "photons")).publish(frames[0])
-    graph.reports("bag_recorder", "frames_out", 1)
-    assert graph.change("bag_recorder", "deactivate")
-    assert len(read(tmp_path / "bag")) == 1
-    assert not graph.change("bag_recorder", "activate")
-    recorder.says("expected a folder that is not there")
-    assert recorder.end(signal.SIGINT) == 0

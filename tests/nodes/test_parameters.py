@@ -64,27 +64,6 @@ def test_a_bad_value_is_one_line_that_names_it(declare, name, value, line):
     assert str(caught.value) == line
 
 
-def test_descriptors_carry_description_range_and_read_only(declare):
-    node, _ = declare()
-    size, rate = node.describe_parameter("size"), node.describe_parameter("rate_hz")
-    assert (size.description, size.read_only) == ("How many. [pixels]", True)
-    assert (size.integer_range[0].from_value, size.integer_range[0].to_value) == (1, 100)
-    assert not rate.read_only and rate.floating_point_range[0].to_value == 1000.0
-    assert node.describe_parameter("layout").additional_constraints == "float32 or int16"
-
-
-def test_live_changes_are_applied_or_refused_with_a_reason(declare):
-    node, parameters = declare()
-    changes = []
-    parameters.on_change = lambda: changes.append(parameters["layout"])
-    results = node.set_parameters([RosParameter("layout", value="int16"), RosParameter("layout", value="int8"),
-                                   RosParameter("size", value=5), RosParameter("rate_hz", value=2000.0)])
-    assert [result.successful for result in results] == [True, False, False, False]
-    assert results[1].reason == "layout is int8: expected float32 or int16"
-    assert "read-only" in results[2].reason and "out of range" in results[3].reason
-    assert changes == ["int16"] and parameters["size"] == 10 and parameters["rate_hz"] == 5.0
-
-
 # ---- Parameter files
 
 

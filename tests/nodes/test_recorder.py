@@ -7,11 +7,9 @@ import pytest
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import PointCloud2
 
-from srt3d_ros.core.sketching.sketch import Sketch
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.messages import points as points_message
 from srt3d_ros.messages import sensor as sensor_message
-from srt3d_ros.messages import sketch as sketch_message
 from srt3d_ros.messages.cdr import Header, write_cloud
 from srt3d_ros.messages.packing import pack_cloud
 from srt3d_ros.nodes.recorder import checked_images, checked_path
@@ -34,12 +32,12 @@ def test_parameters_that_cannot_be_used_are_one_line(check, value, expected):
 
 
 class Speaker:
-    """Says what sketcher and reconstructor would: the sensor, then clouds, and sketches where asked for."""
+    """Says what sketcher and reconstructor would: the sensor, then clouds."""
 
     def __init__(self, graph, sensor):
         self.graph, self.sensor, self.sent = graph, sensor, 0
         self._described = graph.latched("sketch/sensor")
-        self._points, self._sketches = graph.publisher(PointCloud2, "points"), graph.publisher(PointCloud2, "sketch")
+        self._points = graph.publisher(PointCloud2, "points")
         self.describe(sensor)
 
     def describe(self, sensor) -> None:
@@ -47,19 +45,13 @@ class Speaker:
 
     def ready(self) -> "Speaker":
         self.graph.matched(self._points)
-        self.graph.matched(self._sketches)
         return self
 
-    def frame(self, points: int | None = 50, sketch: bool = False) -> int:
-        """Send the next frame, 10 ms after the last: its sketch, and a cloud of so many points; its stamp."""
+    def frame(self) -> int:
+        """Send the next frame, 10 ms after the last: a cloud of 50 points; its stamp."""
         stamp_ns = 10**18 + self.sent * 10**7
-        if sketch:
-            counts = np.full((self.sensor.rows, self.sensor.cols), self.sent, np.uint32)
-            made = Sketch((1, 2), np.zeros((*counts.shape, 2), np.complex64), counts, stamp_ns)
-            self._sketches.publish(sketch_message.encode_cdr(made, self.sensor, "spad"))
-        if points is not None:
-            cloud = np.ones(points, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-            self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
+        cloud = np.ones(50, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+        self._points.publish(write_cloud(pack_cloud(Header(stamp_ns, "spad"), cloud)))
         self.sent += 1
         return stamp_ns
 
@@ -127,21 +119,6 @@ def test_a_full_disk_ends_the_recording_with_one_error_and_not_the_node(graph, s
         assert report["last_error"].startswith(f"recording {tmp_path / 'a.rrd'}: stopped, as the disk has only ")
         graph.reports("recorder", "path", "")
     assert recorder.end(signal.SIGTERM) == 0
-
-
-def test_photon_counts_are_of_all_sketches_also_of_those_without_a_cloud(graph, speaker, tmp_path):
-    recorder = graph.start("recorder", path=tmp_path / "a.rrd").ready()
-    speaker.ready()
-    stamps = [speaker.frame(None if k % 2 else 50, sketch=True) for k in range(6)]
-    graph.reports("recorder", "frames_out", 9)
-    assert recorder.end(signal.SIGTERM) == 0
-    reader = RecordingReader(tmp_path / "a.rrd")
-    images = {stamp: image for stamp, _, image in reader.images("/photons")}
-    assert sorted(images) == stamps
-    assert all((image == (stamp - 10**18) // 10**7).all() for stamp, image in images.items())
-    series = {name: one.values.tolist() for name, one in reader.series().items()}
-    assert (series["photons"], series["ppp"]) == ([192 * k for k in range(6)], list(range(6)))
-    assert series["points"] == [50] * 3 and series["frame_rate_hz"] == pytest.approx([50] * 2)
 
 
 # ---- With the other nodes

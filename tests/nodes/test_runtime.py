@@ -121,7 +121,6 @@ QOS = "qos_overrides.{namespace}/in.subscription."
 @pytest.mark.parametrize("ros_args, line", [
     (["-p", QOS + "reliability:=nonsense"], QOS + "reliability is nonsense: expected system_default or reliable"),
     (["-r", "in:=/rosout"], "topic of in is /rosout: expected one without another type than sensor_msgs"),
-    (["-p", "x:=[1, a"], "command line is "),
     (["--", "-p", "x:=5"], "command line is --ros-args -r __ns:={namespace} -- -p x:=5: expected nothing but"),
 ])
 def test_arguments_that_cannot_be_used_are_one_line_and_exit_code_2(graph, start, ros_args, line):

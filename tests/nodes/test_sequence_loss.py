@@ -18,9 +18,6 @@ def test_gaps_between_numbers_are_misses(numbers, missed):
     assert gaps.numbered == (numbers[0] is not None)
 
 
-def test_two_that_speak_at_rates_of_their_own_are_not_mistaken_either():
+def test_of_two_publishers_whose_numbers_look_alike_nothing_is_counted():
     gaps = SequenceLoss(lambda: 2)
-    numbers = []
-    for k in range(1, 300):                 # the second speaks once for ten messages of the first, from afar
-        numbers += [k] if k % 10 else [k, 5_000 + k // 10]
-    assert sum(map(gaps.after, numbers)) == 0
+    assert [gaps.after(number) for number in (1, 5, 2, 9)] == [0, 0, 0, 0]
